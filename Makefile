@@ -1,0 +1,41 @@
+PYTHON ?= python3.11
+BIN := .venv/bin
+# Threads of numerical libraries fight with the processes of the cell for two cores.
+export OMP_NUM_THREADS ?= 1
+export OPENBLAS_NUM_THREADS ?= 1
+
+.PHONY: demo cell test lint bench run format clean
+
+.venv: pyproject.toml constraints.txt
+	$(PYTHON) -m venv .venv
+	$(BIN)/pip install --quiet --upgrade pip
+	$(BIN)/pip install --quiet --constraint constraints.txt --editable '.[dev]'
+	touch .venv
+
+demo: .venv
+	$(BIN)/python -m fakes demo
+
+cell: .venv
+	$(BIN)/python -m fakes cell
+
+run: .venv
+	$(BIN)/vgrd run $(CONFIG)
+
+test: .venv
+	$(BIN)/pytest -n 2 $(ARGS)
+
+lint: .venv
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+	$(BIN)/mypy
+	$(BIN)/lint-imports
+
+format: .venv
+	$(BIN)/ruff check --fix .
+	$(BIN)/ruff format .
+
+bench: .venv
+	$(BIN)/python -m tests.benchmarks $(ARGS)
+
+clean:
+	rm -rf .venv build

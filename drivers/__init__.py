@@ -1,0 +1,1 @@
+"""Adapters to real devices: one module each, with `open(settings, clock)`."""

@@ -1,0 +1,74 @@
+"""What the daemon asks of devices. A driver module has `open(settings, clock)`.
+
+A driver object is opened connected or its `open` raises; it is thrown away when it fails. It has no
+connect, reconnect or is_connected. Vendor errors become `vgrd.errors.DeviceError` inside the driver.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vgrd.geometry import Pose
+
+Settings = Mapping[str, object]
+Pixels = NDArray[np.uint8] | NDArray[np.uint16]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class FlangeReading:
+    """One sample of the robot.
+
+    base_from_wrist: the flange, whatever TCP is active on the pendant.
+    wrist_from_tcp: the active TCP in the controller, None where the robot does not tell.
+    stamp_s: cell clock (monotonic) at which the pose was true; controller_s: the controller's own time.
+    digital_inputs: bit field. running: the controller is powered, in normal mode, not stopped by safety.
+    """
+
+    base_from_wrist: Pose
+    wrist_from_tcp: Pose | None
+    stamp_s: float
+    controller_s: float
+    digital_inputs: int = 0
+    running: bool = True
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class CameraImage:
+    """One picture: grey `pixels` (height, width), mid-exposure time on the cell clock, advancing frame number."""
+
+    pixels: Pixels
+    stamp_s: float
+    frame: int
+
+
+class Robot(Protocol):
+    """A robot that tells where its flange is."""
+
+    def read_flange(self, timeout_s: float) -> FlangeReading:
+        """Block for a sample newer than the last one.
+
+        Raises DeviceUnavailable after `timeout_s` or on a lost link, BadReading for one bad sample.
+        """
+        ...
+
+    def close(self) -> None:
+        """Release the link; may be called more than once."""
+        ...
+
+
+class Camera(Protocol):
+    """A camera that takes one picture per trigger."""
+
+    def grab(self, timeout_s: float) -> CameraImage:
+        """Trigger, and return a picture exposed after the call.
+
+        Raises DeviceUnavailable after `timeout_s` or on a lost link, BadReading for an incomplete picture.
+        """
+        ...
+
+    def close(self) -> None:
+        """Release the camera; may be called more than once."""
+        ...

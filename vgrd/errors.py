@@ -1,0 +1,142 @@
+"""Every error the project raises.
+
+::
+
+    VgrdError
+      ConfigError            every fault of a file in one message
+      InputError             a dataset, a pose list or an argument cannot be used
+      DeviceError
+        DeviceUnavailable    link down, timeout: retry with back-off
+        DeviceRefused        wrong model, licence or version: retry slowly, tell the operator
+        BadReading           not a rotation, not finite, clock went back: drop the sample, count it
+      ObservationError
+        TagNotSeen           the tag is not in the picture
+        NotSteady            the robot moved during the exposure
+        TooOld               the observation is older than allowed
+      CalibrationError
+        TooFewObservations   fewer samples than the method needs
+        NotObservable        the data leave something undetermined
+        DidNotConverge       the iteration found no minimum
+      StoreError
+        SchemaTooNew         written by a newer version
+        Corrupt              the checksum or the structure is wrong
+        NoCurrentCalibration nothing has been activated yet
+      ControlError           the daemon refused a command
+        DaemonUnreachable    no daemon answers on the control socket
+
+Retrying is decided by type. Messages name what, where and the remedy.
+"""
+
+from collections.abc import Sequence
+
+
+class VgrdError(Exception):
+    """Root of the tree; `exit_code` is what the command line returns (sysexits)."""
+
+    exit_code = 1
+
+
+class ConfigError(VgrdError):
+    """A configuration file has faults; `faults` holds them all, one line each."""
+
+    exit_code = 78
+
+    def __init__(self, source: str, faults: Sequence[str]) -> None:
+        self.source = source
+        self.faults = tuple(faults)
+        super().__init__("\n".join([f"{source}: {len(self.faults)} fault(s)", *self.faults]))
+
+
+class InputError(VgrdError):
+    """A file or an argument given by the user cannot be used."""
+
+    exit_code = 65
+
+
+class DeviceError(VgrdError):
+    """A device failed; the object is of no further use."""
+
+    exit_code = 69
+
+
+class DeviceUnavailable(DeviceError):
+    """The link is down or timed out: try again with back-off."""
+
+    exit_code = 75
+
+
+class DeviceRefused(DeviceError):
+    """The device is there and says no: wrong model, licence, version, parameter."""
+
+    exit_code = 69
+
+
+class BadReading(DeviceError):
+    """One sample is unusable: drop and count it, keep the device."""
+
+
+class ObservationError(VgrdError):
+    """Nothing usable was observed; shown to the operator, not stored."""
+
+
+class TagNotSeen(ObservationError):
+    """The tag is not in the picture."""
+
+
+class NotSteady(ObservationError):
+    """The robot or the object moved during the exposure."""
+
+
+class TooOld(ObservationError):
+    """The observation is older than allowed."""
+
+
+class CalibrationError(VgrdError):
+    """The data cannot give what was asked for."""
+
+    exit_code = 65
+
+
+class TooFewObservations(CalibrationError):
+    """Fewer samples than the method needs."""
+
+
+class NotObservable(CalibrationError):
+    """The data leave something undetermined; `rank` of `unknowns` columns are determined."""
+
+    def __init__(self, message: str, *, rank: int, unknowns: int) -> None:
+        self.rank = rank
+        self.unknowns = unknowns
+        super().__init__(message)
+
+
+class DidNotConverge(CalibrationError):
+    """The iteration ended without a minimum."""
+
+
+class StoreError(VgrdError):
+    """A stored file cannot be used."""
+
+    exit_code = 74
+
+
+class SchemaTooNew(StoreError):
+    """Written by a newer version of the program."""
+
+
+class Corrupt(StoreError):
+    """The checksum or the structure of a stored file is wrong."""
+
+
+class NoCurrentCalibration(StoreError):
+    """Nothing has been activated yet."""
+
+
+class ControlError(VgrdError):
+    """The daemon refused a command."""
+
+
+class DaemonUnreachable(ControlError):
+    """No daemon answers on the control socket."""
+
+    exit_code = 69

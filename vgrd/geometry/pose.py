@@ -1,0 +1,218 @@
+"""Rigid motions: `Pose`, an immutable element of SE(3).
+
+Tangent vectors are (v, w), translation first; perturbations act on the left (paper, Eq. 12-14).
+Lengths are millimetres and angles radians throughout the package.
+"""
+
+from dataclasses import dataclass
+from typing import Any, Self
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.spatial.transform import Rotation
+
+from vgrd.errors import InputError
+
+Array = NDArray[np.float64]
+
+_SMALL_ANGLE = 1e-2
+_SMALL_ANGLE_FIFTH_ORDER = 0.1
+_ORTHONORMAL_TOLERANCE = 1e-6
+
+
+def hat(vector: Array) -> Array:
+    """Cross-product matrices, shape (..., 3) -> (..., 3, 3): `hat(a) @ b == cross(a, b)`."""
+    x, y, z = np.moveaxis(np.asarray(vector, dtype=np.float64), -1, 0)
+    zero = np.zeros_like(x)
+    return np.stack(
+        [np.stack(row, -1) for row in ((zero, -z, y), (z, zero, -x), (-y, x, zero))], -2
+    )
+
+
+def _coefficients(angle: float) -> tuple[float, float, float, float]:
+    """(sin a / a, (1 - cos a) / a^2, (a - sin a) / a^3, (a^2/2 - 1 + cos a) / a^4), by series near zero.
+
+    Eight-digit cancellation would start far above the machine epsilon, so the series takes over at 1e-2,
+    where its first neglected term is below 1e-16.
+    """
+    s = angle * angle
+    if angle < _SMALL_ANGLE:
+        return (
+            1 - s / 6 * (1 - s / 20 * (1 - s / 42)),
+            0.5 - s / 24 * (1 - s / 30 * (1 - s / 56)),
+            1 / 6 - s / 120 * (1 - s / 42 * (1 - s / 72)),
+            1 / 24 - s / 720 * (1 - s / 56 * (1 - s / 90)),
+        )
+    sine = np.sin(angle)
+    versine = 2 * np.sin(angle / 2) ** 2
+    return (
+        sine / angle,
+        versine / s,
+        (angle - sine) / (s * angle),
+        (s / 2 - versine) / (s * s),
+    )
+
+
+def exp_rotation(rotvec: ArrayLike) -> Array:
+    """Rotation matrix (3, 3) of a rotation vector (3,) in radians (Rodrigues)."""
+    w = np.asarray(rotvec, dtype=np.float64)
+    sinc, half, _, _ = _coefficients(float(np.linalg.norm(w)))
+    W = hat(w)
+    return np.eye(3) + sinc * W + half * (W @ W)
+
+
+def log_rotation(rotation: ArrayLike) -> Array:
+    """Rotation vector (3,), radians in [0, pi], of a rotation matrix (3, 3); through the quaternion."""
+    return Rotation.from_matrix(np.asarray(rotation, dtype=np.float64)).as_rotvec()
+
+
+def left_jacobian_rotation(rotvec: ArrayLike) -> Array:
+    """Left Jacobian (3, 3) of SO(3) at a rotation vector (3,)."""
+    w = np.asarray(rotvec, dtype=np.float64)
+    _, half, third, _ = _coefficients(float(np.linalg.norm(w)))
+    W = hat(w)
+    return np.eye(3) + half * W + third * (W @ W)
+
+
+def _left_jacobian_coupling(v: Array, w: Array) -> Array:
+    """Translation-rotation block Q (3, 3) of the left Jacobian of SE(3) (Barfoot 2017, Eq. 7.86)."""
+    angle = float(np.linalg.norm(w))
+    _, _, third, fourth = _coefficients(angle)
+    s = angle * angle
+    fifth = (
+        1 / 120 - s / 2520 * (1 - s / 48 * (1 - s / 82.5))
+        if angle < _SMALL_ANGLE_FIFTH_ORDER
+        else (2 * angle - 3 * np.sin(angle) + angle * np.cos(angle)) / (2 * angle**5)
+    )
+    V, W = hat(v), hat(w)
+    WV, VW, WVW = W @ V, V @ W, W @ V @ W
+    return (
+        0.5 * V
+        + third * (WV + VW + WVW)
+        + fourth * (W @ WV + VW @ W - 3 * WVW)
+        + fifth * (WVW @ W + W @ WVW)
+    )
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Pose:
+    """`target_from_source`: maps points of the source frame to the target frame.
+
+    rotation: (3, 3) proper orthonormal; translation: (3,) mm. Both arrays are copied and frozen.
+    Raises InputError on anything that is not a finite rigid motion.
+    """
+
+    rotation: Array
+    translation: Array
+
+    def __post_init__(self) -> None:
+        R = np.array(self.rotation, dtype=np.float64)
+        t = np.array(self.translation, dtype=np.float64)
+        if R.shape != (3, 3) or t.shape != (3,):
+            raise InputError(f"a pose needs shapes (3, 3) and (3,), got {R.shape} and {t.shape}")
+        if not (np.isfinite(R).all() and np.isfinite(t).all()):
+            raise InputError("a pose must be finite")
+        if np.abs(R @ R.T - np.eye(3)).max() > _ORTHONORMAL_TOLERANCE or np.linalg.det(R) < 0:
+            raise InputError(
+                "not a rotation matrix: rows must be orthonormal with determinant +1"
+            )
+        R.setflags(write=False)
+        t.setflags(write=False)
+        object.__setattr__(self, "rotation", R)
+        object.__setattr__(self, "translation", t)
+
+    @classmethod
+    def identity(cls) -> Self:
+        """The motion that does nothing."""
+        return cls(np.eye(3), np.zeros(3))
+
+    @classmethod
+    def from_matrix(cls, matrix: ArrayLike) -> Self:
+        """From a homogeneous matrix (4, 4); its rotation is projected onto SO(3) if within 1e-3 of it."""
+        M = np.asarray(matrix, dtype=np.float64)
+        if M.shape != (4, 4) or not np.isfinite(M).all():
+            raise InputError(f"a homogeneous matrix is finite and (4, 4), got shape {M.shape}")
+        if np.abs(M[3] - (0, 0, 0, 1)).max() > 1e-9:
+            raise InputError("the last row of a homogeneous matrix is 0 0 0 1")
+        return cls(nearest_rotation(M[:3, :3]), M[:3, 3])
+
+    @classmethod
+    def from_rotvec(cls, rotvec: ArrayLike, translation: ArrayLike = (0.0, 0.0, 0.0)) -> Self:
+        """From a rotation vector (3,) in radians and a translation (3,) in mm."""
+        return cls(exp_rotation(rotvec), np.asarray(translation, dtype=np.float64))
+
+    @classmethod
+    def exp(cls, tangent: ArrayLike) -> Self:
+        """Exponential of a tangent vector (6,): (v, w), mm and rad."""
+        xi = np.asarray(tangent, dtype=np.float64)
+        return cls(exp_rotation(xi[3:]), left_jacobian_rotation(xi[3:]) @ xi[:3])
+
+    def log(self) -> Array:
+        """Tangent vector (6,): the inverse of `exp`."""
+        w = log_rotation(self.rotation)
+        return np.concatenate([np.linalg.solve(left_jacobian_rotation(w), self.translation), w])
+
+    def inverse(self) -> "Pose":
+        """`source_from_target`."""
+        return Pose(self.rotation.T, -self.rotation.T @ self.translation)
+
+    def matrix(self) -> Array:
+        """Homogeneous matrix (4, 4)."""
+        M = np.eye(4)
+        M[:3, :3] = self.rotation
+        M[:3, 3] = self.translation
+        return M
+
+    def adjoint(self) -> Array:
+        """Adjoint (6, 6): `T exp(xi) T^-1 == exp(T.adjoint() @ xi)`."""
+        A = np.zeros((6, 6))
+        A[:3, :3] = A[3:, 3:] = self.rotation
+        A[:3, 3:] = hat(self.translation) @ self.rotation
+        return A
+
+    @staticmethod
+    def left_jacobian(tangent: ArrayLike) -> Array:
+        """Left Jacobian (6, 6): `exp(xi + d) ~ exp(left_jacobian(xi) @ d) exp(xi)`."""
+        xi = np.asarray(tangent, dtype=np.float64)
+        J = np.zeros((6, 6))
+        J[:3, :3] = J[3:, 3:] = left_jacobian_rotation(xi[3:])
+        J[:3, 3:] = _left_jacobian_coupling(xi[:3], xi[3:])
+        return J
+
+    def compose(self, other: "Pose") -> "Pose":
+        """`a_from_b.compose(b_from_c)` is `a_from_c`."""
+        return Pose(
+            self.rotation @ other.rotation, self.rotation @ other.translation + self.translation
+        )
+
+    def apply(self, points: ArrayLike) -> Array:
+        """Points (..., 3) of the source frame, in the target frame; mm."""
+        return np.asarray(points, dtype=np.float64) @ self.rotation.T + self.translation
+
+    def __matmul__(self, other: Any) -> Any:
+        """`pose @ pose` composes, `pose @ points` applies."""
+        return self.compose(other) if isinstance(other, Pose) else self.apply(other)
+
+    def rotvec(self) -> Array:
+        """Rotation vector (3,) in radians."""
+        return log_rotation(self.rotation)
+
+    def distance(self, other: "Pose") -> tuple[float, float]:
+        """(mm between the origins, rad between the orientations)."""
+        return (
+            float(np.linalg.norm(self.translation - other.translation)),
+            float(np.linalg.norm(log_rotation(self.rotation.T @ other.rotation))),
+        )
+
+
+def nearest_rotation(matrix: ArrayLike, *, tolerance: float = 1e-3) -> Array:
+    """Proper rotation (3, 3) nearest to `matrix` in the Frobenius norm; InputError when farther than `tolerance`."""
+    M = np.asarray(matrix, dtype=np.float64)
+    U, _, Vt = np.linalg.svd(M)
+    R = U @ np.diag([1.0, 1.0, np.sign(np.linalg.det(U @ Vt))]) @ Vt
+    if not np.abs(R - M).max() <= tolerance:
+        raise InputError(
+            "not a rotation matrix: rows must be orthonormal with determinant +1 "
+            f"(off by {np.abs(R - M).max():.2g})"
+        )
+    return R
