@@ -21,6 +21,8 @@
         SchemaTooNew         written by a newer version
         Corrupt              the checksum or the structure is wrong
         NoCurrentCalibration nothing has been activated yet
+      IpcError               shared memory or a message between processes cannot be used
+        RingUnavailable      the ring's file is not there (yet) or is another kind of ring
       ControlError           the daemon refused a command
         DaemonUnreachable    no daemon answers on the control socket
 
@@ -132,8 +134,24 @@ class NoCurrentCalibration(StoreError):
     """Nothing has been activated yet."""
 
 
+class IpcError(VgrdError):
+    """Shared memory or a message between processes cannot be used."""
+
+    exit_code = 70
+
+
+class RingUnavailable(IpcError):
+    """The ring's file is not there (yet) or holds another kind of ring: try again later."""
+
+    exit_code = 75
+
+
 class ControlError(VgrdError):
-    """The daemon refused a command."""
+    """The daemon refused a command; `error` names the error as the daemon saw it."""
+
+    def __init__(self, message: str, *, error: str = "ControlError") -> None:
+        self.error = error
+        super().__init__(message)
 
 
 class DaemonUnreachable(ControlError):

@@ -1,0 +1,67 @@
+"""Client of the daemon's control socket: one request, one reply, as JSON lines."""
+
+import socket
+import time
+from pathlib import Path
+
+from vgrd.errors import ControlError, DaemonUnreachable
+from vgrd.ipc.messages import MAX_LINE_BYTES, decode_line, encode_line
+
+
+class ControlClient:
+    """Asks the daemon whose control socket is at `path`; a connection of its own per call."""
+
+    def __init__(self, path: Path | str) -> None:
+        self._path = Path(path)
+
+    def call(self, op: str, *, timeout_s: float = 10.0, **args: object) -> dict[str, object]:
+        """Return the result of `op`.
+
+        Raises ControlError when the daemon refuses or answers nonsense, DaemonUnreachable when
+        nobody answers within `timeout_s`.
+        """
+        line = self._exchange(encode_line({"id": 1, "op": op, **args}), timeout_s)
+        reply = decode_line(line)
+        if reply.get("id") != 1 or not isinstance(reply.get("ok"), bool):
+            raise ControlError(f"{self._path}: the daemon's reply to '{op}' has no id or no ok")
+        if not reply["ok"]:
+            error = str(reply.get("error", "ControlError"))
+            raise ControlError(str(reply.get("message", error)), error=error)
+        result = reply.get("result")
+        if not isinstance(result, dict):
+            raise ControlError(f"{self._path}: the daemon's reply to '{op}' holds no result")
+        return result
+
+    def _exchange(self, request: bytes, timeout_s: float) -> bytes:
+        end_s = time.monotonic() + timeout_s
+        try:
+            with socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as link:
+                link.settimeout(timeout_s)
+                link.connect(str(self._path))
+                link.sendall(request)
+                return _read_line(link, end_s)
+        except OSError as error:
+            raise DaemonUnreachable(
+                f"{self._path}: no answer ({_reason(error)}); is `vgrd run` active?"
+            ) from error
+
+
+def _read_line(link: socket.socket, end_s: float) -> bytes:
+    received = bytearray()
+    while not received.endswith(b"\n"):
+        link.settimeout(max(1e-3, end_s - time.monotonic()))
+        chunk = link.recv(65536)
+        if not chunk:
+            raise ConnectionResetError("closed before the reply was whole")
+        received += chunk
+        if len(received) > MAX_LINE_BYTES:
+            raise ControlError(f"reply of more than {MAX_LINE_BYTES} bytes")
+        if time.monotonic() > end_s:
+            raise TimeoutError
+    return bytes(received)
+
+
+def _reason(error: OSError) -> str:
+    if isinstance(error, TimeoutError):
+        return "timed out"
+    return error.strerror or str(error)

@@ -1,0 +1,70 @@
+"""What travels beside poses and pixels: health of a process, and commands as JSON lines."""
+
+import json
+from dataclasses import asdict, dataclass
+from typing import Final, Literal, get_args
+
+from vgrd.errors import ControlError, IpcError
+
+HealthState = Literal["starting", "ok", "unavailable", "refused", "failed"]
+
+HEALTH_KIND: Final = "health"
+HEALTH_SLOTS: Final = 4
+HEALTH_BYTES: Final = 1024
+MAX_LINE_BYTES: Final = 1 << 20
+
+_DETAIL_BYTES = 512
+
+
+@dataclass(frozen=True, slots=True)
+class Health:
+    """What a process says about itself; `progress` counts loops of real work, not of a timer."""
+
+    process: str
+    state: HealthState
+    progress: int
+    detail: str = ""
+    pid: int = 0
+
+    def pack(self) -> bytes:
+        """JSON for a health ring; a long `detail` is cut to fit the slot."""
+        fields = asdict(self) | {"detail": _cut(self.detail)}
+        return json.dumps(fields, ensure_ascii=False, separators=(",", ":")).encode()
+
+    @classmethod
+    def unpack(cls, payload: bytes) -> "Health":
+        """Inverse of `pack`. Raises IpcError when it is not a health message."""
+        try:
+            health = cls(**json.loads(payload))
+        except (ValueError, TypeError) as error:
+            raise IpcError(f"not a health message: {error}") from error
+        if health.state not in get_args(HealthState) or not isinstance(health.progress, int):
+            raise IpcError(f"not a health message: {health}")
+        return health
+
+
+def _cut(text: str) -> str:
+    """`text` shortened until its JSON fits; control characters would grow sixfold."""
+    plain = "".join(c if c.isprintable() else " " for c in text)
+    return plain.encode()[:_DETAIL_BYTES].decode(errors="ignore")
+
+
+def encode_line(message: dict[str, object]) -> bytes:
+    """One JSON line. Raises ControlError for what JSON cannot hold (NaN among it)."""
+    try:
+        return json.dumps(message, allow_nan=False, separators=(",", ":")).encode() + b"\n"
+    except (ValueError, TypeError) as error:
+        raise ControlError(f"message cannot be sent: {error}") from error
+
+
+def decode_line(line: bytes) -> dict[str, object]:
+    """Inverse of `encode_line`. Raises ControlError naming the fault."""
+    if len(line) > MAX_LINE_BYTES:
+        raise ControlError(f"message of {len(line)} bytes, at most {MAX_LINE_BYTES} are taken")
+    try:
+        message = json.loads(line)
+    except (ValueError, RecursionError) as error:
+        raise ControlError(f"message is not JSON: {error}") from error
+    if not isinstance(message, dict):
+        raise ControlError(f"message is a JSON {type(message).__name__}, not an object")
+    return message

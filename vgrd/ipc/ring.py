@@ -1,0 +1,356 @@
+"""One writer, many readers, n slots in a memory-mapped file: how data travel between processes.
+
+Layout, native byte order (a ring never leaves its machine)::
+
+    header (one page)   magic, slots, slot_bytes, kind, crc | generation, last index, retired
+    slot (64-aligned)   sequence, index, stamp_s, length, crc | payload
+
+Message i (1, 2, ...) goes to slot i % slots. Its sequence is 2 i - 1 while it is written and 2 i
+when it is whole; the header's last index follows. A reader copies the payload between two looks at
+the sequence: it never blocks the writer, and a writer killed half-way leaves the previous message
+newest.
+
+Sequence, last index and retired are loaded and stored through `memoryview.cast("Q")`, one aligned
+8-byte access each (`struct` with "<Q" goes byte by byte). x86 keeps stores in order and loads in
+order (TSO), which is what a sequence lock needs. ARM may reorder both, and Python has no fence:
+there small payloads stay safe through their CRC-32 (over index, stamp, length and payload). For
+pixels (crc=False) the CRC covers the slot's header only; what protects them is that the writer
+comes back to a slot `slots - 1` messages later: milliseconds against a store buffer's nanoseconds.
+
+A restarted writer makes a new file, renames it over the old one and marks the old one retired:
+readers move over at their next look. The index counts on, so `since(index)` holds across it.
+"""
+
+import mmap
+import os
+import secrets
+import struct
+import zlib
+from dataclasses import dataclass
+from pathlib import Path
+from types import TracebackType
+from typing import Self
+
+from vgrd.clock import Clock
+from vgrd.errors import IpcError, RingUnavailable
+
+Buffer = bytes | bytearray | memoryview
+
+_MAGIC = b"VGRDRNG1"
+_FILE = struct.Struct("=8sQQQ16s")
+_HEADER_BYTES = 4096
+_GENERATION, _LAST, _RETIRED = 128 // 8, 192 // 8, 256 // 8  # words, a cache line each
+_SLOT = struct.Struct("=QdQ")  # index, stamp_s, length; follows the sequence
+_SLOT_HEADER_BYTES = 64
+_CRC_AT = 8 + _SLOT.size
+_ATTEMPTS = 1000
+_POLL_S = 0.001
+
+
+@dataclass(frozen=True, slots=True)
+class Message:
+    """One published payload, copied out: `index` counts from 1, `stamp_s` is the writer's."""
+
+    index: int
+    stamp_s: float
+    payload: bytes
+
+
+@dataclass(frozen=True, slots=True)
+class Receipt:
+    """What `newest_into` put into the buffer: `length` bytes of message `index`."""
+
+    index: int
+    stamp_s: float
+    length: int
+
+
+class _Mapping:
+    """The mapped file with its geometry."""
+
+    def __init__(self, path: Path, *, write: bool) -> None:
+        self.path = path
+        flags = os.O_RDWR if write else os.O_RDONLY
+        try:
+            fd = os.open(path, flags | os.O_CLOEXEC)
+        except OSError as error:
+            raise RingUnavailable(f"{path}: cannot open the ring: {error.strerror}") from error
+        try:
+            size = os.fstat(fd).st_size
+            if size < _HEADER_BYTES:
+                raise RingUnavailable(f"{path}: {size} bytes are too few for a ring")
+            access = mmap.ACCESS_WRITE if write else mmap.ACCESS_READ
+            self._mmap = mmap.mmap(fd, size, access=access)
+        finally:
+            os.close(fd)
+        magic, self.slots, self.slot_bytes, self.crc, kind = _FILE.unpack_from(self._mmap, 0)
+        self.kind = kind.rstrip(b"\0").decode("ascii", "replace")
+        self.stride = _stride(self.slot_bytes)
+        if magic != _MAGIC or size != _HEADER_BYTES + self.slots * self.stride:
+            self._mmap.close()
+            raise RingUnavailable(f"{path}: not a ring of this version")
+        self.bytes = memoryview(self._mmap)
+        self.words = self.bytes.cast("Q")
+
+    def slot_at(self, index: int) -> int:
+        """Offset of the slot of message `index`."""
+        return int(_HEADER_BYTES + (index % self.slots) * self.stride)
+
+    def close(self) -> None:
+        self.words.release()
+        self.bytes.release()
+        self._mmap.close()
+
+
+def _stride(slot_bytes: int) -> int:
+    return -(-(_SLOT_HEADER_BYTES + slot_bytes) // 64) * 64
+
+
+class RingWriter:
+    """The one writer of a ring."""
+
+    def __init__(self, mapping: _Mapping) -> None:
+        self._map = mapping
+        self._index: int = mapping.words[_LAST]
+
+    @classmethod
+    def create(
+        cls, path: Path | str, slots: int, slot_bytes: int, kind: str, *, crc: bool = True
+    ) -> Self:
+        """Make the ring's file, in place of an earlier one whose readers will move over.
+
+        `kind` (at most 16 ASCII characters) must be asked for by readers. `crc=False` for pixels.
+        Raises IpcError when the file cannot be made.
+        """
+        if slots < 2 or slot_bytes < 1 or len(kind.encode("ascii")) > 16:
+            raise IpcError(f"{path}: a ring needs 2 slots of 1 byte and a kind of 16 characters")
+        path = Path(path)
+        fresh = path.with_name(f".{path.name}.{os.getpid()}.{secrets.token_hex(4)}")
+        old = _open_or_none(path)
+        try:
+            _allocate(fresh, slots, slot_bytes)
+            head = _FILE.pack(_MAGIC, slots, slot_bytes, int(crc), kind.encode("ascii"))
+            with fresh.open("r+b") as file:
+                file.write(head)
+            mapping = _Mapping(fresh, write=True)
+            mapping.words[_GENERATION] = secrets.randbits(63) | 1
+            mapping.words[_LAST] = old.words[_LAST] if old else 0
+            fresh.replace(path)
+        except OSError as error:
+            fresh.unlink(missing_ok=True)
+            raise IpcError(f"{path}: cannot make the ring: {error.strerror}") from error
+        mapping.path = path
+        if old:
+            old.words[_RETIRED] = 1
+            old.close()
+        return cls(mapping)
+
+    @property
+    def index(self) -> int:
+        """Index of the last message published."""
+        return self._index
+
+    def publish(self, *buffers: Buffer, stamp_s: float) -> int:
+        """Write one message, `buffers` end to end, and return its index.
+
+        Raises IpcError when it does not fit a slot.
+        """
+        views = [memoryview(b).cast("B") for b in buffers]
+        length = sum(v.nbytes for v in views)
+        ring = self._map
+        if length > ring.slot_bytes:
+            raise IpcError(
+                f"{ring.path}: message of {length} bytes, the slots hold {ring.slot_bytes}"
+            )
+        index = self._index + 1
+        start = ring.slot_at(index)
+        ring.words[start // 8] = 2 * index - 1
+        head = _SLOT.pack(index, stamp_s, length)
+        crc = zlib.crc32(head)
+        at = start + _SLOT_HEADER_BYTES
+        for view in views:
+            ring.bytes[at : at + view.nbytes] = view
+            at += view.nbytes
+            crc = zlib.crc32(view, crc) if ring.crc else crc
+        ring.bytes[start + 8 : start + _CRC_AT] = head
+        ring.words[(start + _CRC_AT) // 8] = crc
+        ring.words[start // 8] = 2 * index
+        ring.words[_LAST] = index
+        self._index = index
+        return index
+
+    def close(self) -> None:
+        """Release the mapping; the file stays, readers keep the last messages."""
+        self._map.close()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self.close()
+
+
+def _open_or_none(path: Path) -> _Mapping | None:
+    try:
+        return _Mapping(path, write=True)
+    except RingUnavailable:
+        return None
+
+
+def _allocate(path: Path, slots: int, slot_bytes: int) -> None:
+    """Reserve the whole file now: a full disk is an error here, not a SIGBUS later."""
+    fd = os.open(path, os.O_RDWR | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC, 0o600)
+    try:
+        os.posix_fallocate(fd, 0, _HEADER_BYTES + slots * _stride(slot_bytes))
+    finally:
+        os.close(fd)
+
+
+class RingReader:
+    """A reader of a ring; follows the writer across its restarts."""
+
+    def __init__(self, mapping: _Mapping) -> None:
+        self._map = mapping
+
+    @classmethod
+    def open(cls, path: Path | str, kind: str) -> Self:
+        """Open the ring at `path`. Raises RingUnavailable if it is absent or of another kind."""
+        return cls(_open_kind(Path(path), kind))
+
+    @property
+    def generation(self) -> int:
+        """A random number that changes when the writer was restarted."""
+        return int(self._current().words[_GENERATION])
+
+    @property
+    def index(self) -> int:
+        """Index of the last message published, 0 before the first."""
+        return int(self._current().words[_LAST])
+
+    def newest(self) -> Message | None:
+        """Return the last message, None before this writer's first.
+
+        Raises IpcError when no copy is whole (a damaged file).
+        """
+        for _ in range(_ATTEMPTS):
+            ring = self._current()
+            index = ring.words[_LAST]
+            if ring.words[ring.slot_at(index) // 8] == 0:
+                return None
+            message = self._copy(ring, index)
+            if message:
+                return message
+        raise IpcError(f"{self._map.path}: no whole message in {_ATTEMPTS} attempts")
+
+    def newest_into(self, buffer: bytearray | memoryview) -> Receipt | None:
+        """Copy the last payload into `buffer` (one memcpy). Raises IpcError if it does not fit."""
+        target = memoryview(buffer).cast("B")
+        for _ in range(_ATTEMPTS):
+            ring = self._current()
+            index = ring.words[_LAST]
+            start = ring.slot_at(index)
+            if ring.words[start // 8] == 0:
+                return None
+            head = _whole_header(ring, start, index)
+            if head is None:
+                continue
+            stamp_s, length, crc = head
+            if length > target.nbytes:
+                raise IpcError(
+                    f"{ring.path}: message of {length} bytes, buffer of {target.nbytes}"
+                )
+            at = start + _SLOT_HEADER_BYTES
+            target[:length] = ring.bytes[at : at + length]
+            if _is_whole(ring, start, index, crc, target[:length]):
+                return Receipt(index, stamp_s, length)
+        raise IpcError(f"{self._map.path}: no whole message in {_ATTEMPTS} attempts")
+
+    def since(self, index: int) -> list[Message]:
+        """Return the messages after `index` that are still there, oldest first.
+
+        An `index` beyond the last one published belongs to an earlier ring: all messages are new.
+        """
+        ring = self._current()
+        last = int(ring.words[_LAST])
+        first = max(index + 1 if index <= last else 1, last - ring.slots + 2)
+        copies = [self._copy(ring, i) for i in range(max(first, 1), last + 1)]
+        return [message for message in copies if message]
+
+    def wait_newer(self, index: int, timeout_s: float, clock: Clock) -> Message | None:
+        """Return the last message once it is not `index`, None after `timeout_s`; polls."""
+        end_s = clock.monotonic() + timeout_s
+        while True:
+            if self.index != index:
+                message = self.newest()
+                if message and message.index != index:
+                    return message
+            if clock.monotonic() >= end_s:
+                return None
+            clock.sleep(_POLL_S)
+
+    def close(self) -> None:
+        """Release the mapping."""
+        self._map.close()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self.close()
+
+    def _current(self) -> _Mapping:
+        if self._map.words[_RETIRED]:
+            fresh = _open_kind(self._map.path, self._map.kind)
+            self._map.close()
+            self._map = fresh
+        return self._map
+
+    def _copy(self, ring: _Mapping, index: int) -> Message | None:
+        start = ring.slot_at(index)
+        head = _whole_header(ring, start, index)
+        if head is None:
+            return None
+        stamp_s, length, crc = head
+        at = start + _SLOT_HEADER_BYTES
+        payload = bytes(ring.bytes[at : at + length])
+        if not _is_whole(ring, start, index, crc, payload):
+            return None
+        return Message(index, stamp_s, payload)
+
+
+def _open_kind(path: Path, kind: str) -> _Mapping:
+    mapping = _Mapping(path, write=False)
+    if mapping.kind != kind:
+        mapping.close()
+        raise RingUnavailable(f"{path}: holds '{mapping.kind}', not '{kind}'")
+    return mapping
+
+
+def _whole_header(ring: _Mapping, start: int, index: int) -> tuple[float, int, int] | None:
+    """(stamp_s, length, CRC of the header) of message `index`, None if its slot is not whole."""
+    if ring.words[start // 8] != 2 * index:
+        return None
+    head = bytes(ring.bytes[start + 8 : start + _CRC_AT])
+    stored = ring.words[(start + _CRC_AT) // 8]
+    found, stamp_s, length = _SLOT.unpack(head)
+    crc = zlib.crc32(head)
+    if found != index or length > ring.slot_bytes or (not ring.crc and crc != stored):
+        return None
+    return stamp_s, length, crc
+
+
+def _is_whole(ring: _Mapping, start: int, index: int, crc: int, payload: Buffer) -> bool:
+    stored = ring.words[(start + _CRC_AT) // 8]
+    if ring.crc and zlib.crc32(payload, crc) != stored:
+        return False
+    return bool(ring.words[start // 8] == 2 * index)
