@@ -202,13 +202,15 @@ class TaughtPoint:
     """A target as it was taught, robot frame, object standing as in the reference picture.
 
     flange_in_base: (3,) where the flange is when the work tip is on the target with orientation base_from_work;
-    covariance: (3, 3) mm^2 of flange_in_base.
+    covariance: (3, 3) mm^2 of flange_in_base; pivot_cross_covariance: (3, 3) mm^2 of (flange_in_base, pivot_in_base),
+    rows of the flange, None where the calibration has no pivot.
     """
 
     target: Target
     flange_in_base: Array
     base_from_work: Array
     covariance: Array
+    pivot_cross_covariance: Array | None = None
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -219,8 +221,10 @@ class Calibration:
     tcp_covariance: (3, 3). base_from_camera: from hand-eye; its covariance (6, 6), left tangent.
     camera_from_tag_b_ref: tag B in the reference picture (0), at which `taught` holds. pivot: a point of the object
     that stays where it is when the object turns (rotation centre), in tag B and in the base, or None where none was
-    recorded; it replaces the hand-eye translation. wrist_from_tag_a: live check that nothing moved, None if tag A is
-    not used.
+    recorded; it replaces the hand-eye translation. Method "special" knows no TCP: its pivot_in_base is where the
+    flange stands when the work tip is on the pivot. pivot_covariance: (6, 6) mm^2 of (pivot_in_tag_b, pivot_in_base);
+    reference_covariance: (6, 6), left tangent, of camera_from_tag_b_ref. wrist_from_tag_a: live check that nothing
+    moved, None if tag A is not used.
     """
 
     id: str
@@ -239,6 +243,8 @@ class Calibration:
     taught: Mapping[str, TaughtPoint]
     residuals: Mapping[str, float]
     verdict: Verdict
+    pivot_covariance: Array | None = None
+    reference_covariance: Array | None = None
 
 
 @dataclass(frozen=True, slots=True, eq=False)
