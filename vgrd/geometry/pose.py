@@ -5,7 +5,7 @@ Lengths are millimetres and angles radians throughout the package.
 """
 
 from dataclasses import dataclass
-from typing import Any, Self
+from typing import Self, overload
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -189,7 +189,13 @@ class Pose:
         """Points (..., 3) of the source frame, in the target frame; mm."""
         return np.asarray(points, dtype=np.float64) @ self.rotation.T + self.translation
 
-    def __matmul__(self, other: Any) -> Any:
+    @overload
+    def __matmul__(self, other: "Pose") -> "Pose": ...
+
+    @overload
+    def __matmul__(self, other: ArrayLike) -> Array: ...
+
+    def __matmul__(self, other: "Pose | ArrayLike") -> "Pose | Array":
         """`pose @ pose` composes, `pose @ points` applies."""
         return self.compose(other) if isinstance(other, Pose) else self.apply(other)
 

@@ -1,0 +1,162 @@
+"""Camera model: pinhole with OpenCV's distortion, its Jacobians, and rays from pixels.
+
+Pixels as in OpenCV: the centre of the first pixel is (0, 0). z of the camera frame looks forward.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from vgrd.errors import InputError
+from vgrd.geometry.pose import Array
+
+_NEWTON_STEPS = 20
+_COEFFICIENTS = (0, 4, 5, 8)
+INTRINSICS = ("fx", "fy", "cx", "cy", "k1", "k2")
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class CameraModel:
+    """matrix: (3, 3) px without skew; distortion: 0, 4, 5 or 8 numbers in OpenCV's order.
+
+    (k1, k2, p1, p2[, k3[, k4, k5, k6]]); size_px: (width, height). Raises InputError naming the
+    fault.
+    """
+
+    matrix: Array
+    distortion: Array
+    size_px: tuple[int, int]
+
+    def __post_init__(self) -> None:
+        K = np.array(self.matrix, dtype=np.float64)
+        d = np.array(self.distortion, dtype=np.float64).ravel()
+        if K.shape != (3, 3) or not np.isfinite(K).all() or not np.isfinite(d).all():
+            raise InputError("a camera matrix is (3, 3) and finite, as its distortion is")
+        shape = np.array([[K[0, 0], 0, K[0, 2]], [0, K[1, 1], K[1, 2]], [0, 0, 1]])
+        if K[0, 0] <= 0 or K[1, 1] <= 0 or np.abs(K - shape).max() > 1e-9:
+            raise InputError(
+                "a camera matrix is [[fx, 0, cx], [0, fy, cy], [0, 0, 1]], fx, fy > 0"
+            )
+        if d.size not in _COEFFICIENTS:
+            raise InputError(f"distortion has {d.size} numbers, one of {_COEFFICIENTS} is known")
+        K.setflags(write=False)
+        d.setflags(write=False)
+        object.__setattr__(self, "matrix", K)
+        object.__setattr__(self, "distortion", d)
+
+    def intrinsics(self) -> Array:
+        """Refinable numbers (6,): fx, fy, cx, cy in px, k1, k2."""
+        K, d = self.matrix, self._coefficients()
+        return np.array([K[0, 0], K[1, 1], K[0, 2], K[1, 2], d[0], d[1]])
+
+    def with_intrinsics(self, values: ArrayLike) -> "CameraModel":
+        """Replace fx, fy, cx, cy, k1, k2 by `values` (6,)."""
+        fx, fy, cx, cy, k1, k2 = np.asarray(values, dtype=np.float64)
+        rest = self.distortion[2:] if self.distortion.size else np.zeros(2)
+        K = np.array([[fx, 0, cx], [0, fy, cy], [0, 0, 1]])
+        return CameraModel(K, np.concatenate([[k1, k2], rest]), self.size_px)
+
+    def project(self, points_in_camera: ArrayLike) -> Array:
+        """Pixels (n, 2) of points (n, 3), mm; NaN for points that are not in front."""
+        normalized = _normalized(np.asarray(points_in_camera, dtype=np.float64))
+        return self._pixels(self._distort(normalized)[0])
+
+    def linearize(self, points_in_camera: ArrayLike) -> tuple[Array, Array]:
+        """Pixels (n, 2) and their derivative (n, 2, 3) by the point, px / mm."""
+        p = np.asarray(points_in_camera, dtype=np.float64)
+        xy = _normalized(p)
+        distorted, D = self._distort(xy)
+        focal = np.array([self.matrix[0, 0], self.matrix[1, 1]])
+        D = D * focal[:, None] / p[:, 2, None, None]
+        J = np.empty((len(p), 2, 3))
+        J[:, :, :2] = D
+        J[:, :, 2] = -np.einsum("nij,nj->ni", D, xy)
+        return self._pixels(distorted), J
+
+    def intrinsics_jacobian(self, points_in_camera: ArrayLike) -> Array:
+        """How the pixels change, (n, 2, 6), with fx, fy, cx, cy, k1, k2."""
+        xy = _normalized(np.asarray(points_in_camera, dtype=np.float64))
+        distorted = self._distort(xy)[0]
+        k = self._coefficients()
+        s = np.einsum("ni,ni->n", xy, xy)
+        denominator = 1 + s * (k[5] + s * (k[6] + s * k[7]))
+        J = np.zeros((len(xy), 2, 6))
+        for i in range(2):
+            J[:, i, i] = distorted[:, i]
+            J[:, i, 2 + i] = 1.0
+            J[:, i, 4] = self.matrix[i, i] * xy[:, i] * s / denominator
+            J[:, i, 5] = J[:, i, 4] * s
+        return J
+
+    def normalize(self, pixels: ArrayLike) -> Array:
+        """Undistorted x / z, y / z (n, 2) of pixels (n, 2); NaN where no ray maps to the pixel.
+
+        A fixed-point step, then Newton.
+        """
+        p = np.asarray(pixels, dtype=np.float64)
+        wanted = np.column_stack(
+            [
+                (p[:, 0] - self.matrix[0, 2]) / self.matrix[0, 0],
+                (p[:, 1] - self.matrix[1, 2]) / self.matrix[1, 1],
+            ]
+        )
+        if not self.distortion.any():
+            return wanted
+        xy = wanted - (self._distort(wanted)[0] - wanted)
+        for _ in range(_NEWTON_STEPS):
+            distorted, D = self._distort(xy)
+            step = _solve2(D, wanted - distorted)
+            xy = xy + step
+            if not np.abs(step).max(initial=0) > 1e-14:
+                break
+        fits = np.abs(self._distort(xy)[0] - wanted).max(axis=1) < 1e-9
+        return np.where(fits[:, None], xy, np.nan)
+
+    def _coefficients(self) -> Array:
+        return np.concatenate([self.distortion, np.zeros(8 - self.distortion.size)])
+
+    def _pixels(self, distorted: Array) -> Array:
+        return distorted * np.diag(self.matrix)[:2] + self.matrix[:2, 2]
+
+    def _distort(self, xy: Array) -> tuple[Array, Array]:
+        """Distorted coordinates (n, 2) and their derivative (n, 2, 2)."""
+        if not self.distortion.any():
+            return xy, np.broadcast_to(np.eye(2), (len(xy), 2, 2))
+        k1, k2, p1, p2, k3, k4, k5, k6 = self._coefficients()
+        x, y = xy[:, 0], xy[:, 1]
+        s = x * x + y * y
+        above, below = 1 + s * (k1 + s * (k2 + s * k3)), 1 + s * (k4 + s * (k5 + s * k6))
+        gain = above / below
+        slope = (k1 + s * (2 * k2 + 3 * s * k3) - gain * (k4 + s * (2 * k5 + 3 * s * k6))) / below
+        out = np.column_stack(
+            [
+                x * gain + 2 * p1 * x * y + p2 * (s + 2 * x * x),
+                y * gain + p1 * (s + 2 * y * y) + 2 * p2 * x * y,
+            ]
+        )
+        D = np.empty((len(xy), 2, 2))
+        D[:, 0, 0] = gain + 2 * x * x * slope + 2 * p1 * y + 6 * p2 * x
+        D[:, 0, 1] = D[:, 1, 0] = 2 * x * y * slope + 2 * p1 * x + 2 * p2 * y
+        D[:, 1, 1] = gain + 2 * y * y * slope + 6 * p1 * y + 2 * p2 * x
+        return out, D
+
+
+def _normalized(points: Array) -> Array:
+    front = np.where(points[:, 2] > 1e-6, points[:, 2], np.nan)
+    return points[:, :2] / front[:, None]
+
+
+def _solve2(A: Array, b: Array) -> Array:
+    """Solutions (n, 2) of n systems of two equations; NaN where singular."""
+    determinant = A[:, 0, 0] * A[:, 1, 1] - A[:, 0, 1] * A[:, 1, 0]
+    determinant = np.where(np.abs(determinant) > 1e-12, determinant, np.nan)
+    return (
+        np.column_stack(
+            [
+                A[:, 1, 1] * b[:, 0] - A[:, 0, 1] * b[:, 1],
+                A[:, 0, 0] * b[:, 1] - A[:, 1, 0] * b[:, 0],
+            ]
+        )
+        / determinant[:, None]
+    )

@@ -1,0 +1,85 @@
+"""Uncertainty: covariances of least squares, what the data leave undetermined, 95 % radii, means.
+
+Covariances of poses are (6, 6) of a left tangent perturbation (v, w), mm and rad: `exp(xi) @ pose`.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.special import gammaincinv
+
+from vgrd.errors import NotObservable
+from vgrd.geometry.pose import Array, Pose
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Observability:
+    """rank of the columns; undetermined: (n - rank, n) directions, each row a unit vector."""
+
+    rank: int
+    undetermined: Array
+
+
+def observability(jacobian: Array, scales: Array, tolerance: float) -> Observability:
+    """Rank of a Jacobian (m, n) whose columns are multiplied by `scales` (n,) first.
+
+    A direction counts when it moves the residuals by more than `tolerance` times the square root
+    of the number of rows, in the unit of the residuals.
+    """
+    m, n = jacobian.shape
+    _, s, Vt = np.linalg.svd(jacobian * scales, full_matrices=True)
+    rank = int(np.sum(s > tolerance * np.sqrt(max(m, 1))))
+    return Observability(rank, Vt[rank:n])
+
+
+def covariance_from(jacobian: Array) -> Array:
+    """Covariance (n, n) of a least-squares estimate from its whitened Jacobian (m, n).
+
+    Raises NotObservable when the columns are dependent to working precision.
+    """
+    scale = np.sqrt(np.einsum("ij,ij->j", jacobian, jacobian))
+    scale[scale == 0] = 1.0
+    s, Vt = np.linalg.svd(jacobian / scale, full_matrices=False)[1:]
+    n = jacobian.shape[1]
+    rank = int(np.sum(s > 1e-9 * s[0])) if s.size else 0
+    if rank < n:
+        raise NotObservable(
+            f"only {rank} of {n} unknowns are determined by the data", rank=rank, unknowns=n
+        )
+    half = (Vt.T / s) / scale[:, None]
+    return half @ half.T
+
+
+def whitener(covariance: Array) -> Array:
+    """Matrix W with `W.T @ W == inverse(covariance)`."""
+    identity = np.eye(len(covariance))
+    out: Array = np.linalg.solve(np.linalg.cholesky(covariance), identity)
+    return out
+
+
+def radius95(covariance: Array) -> float:
+    """Radius that holds 95 % of a centred normal vector; same unit as the square root.
+
+    The squared length is taken as g chi2(v) with the right mean and variance (Satterthwaite):
+    exact when all eigenvalues that count are equal, within 2 % otherwise.
+    """
+    total = float(np.trace(covariance))
+    if total <= 0:
+        return 0.0
+    squares = float(np.einsum("ij,ji->", covariance, covariance))
+    g, freedom = squares / total, total * total / squares
+    return float(np.sqrt(g * 2 * gammaincinv(freedom / 2, 0.95)))
+
+
+def mean_pose(poses: Sequence[Pose], covariances: Sequence[Array]) -> tuple[Pose, Array]:
+    """Weighted mean in the tangent space and its covariance (6, 6)."""
+    informations = [np.linalg.inv(c) for c in covariances]
+    covariance = np.linalg.inv(np.sum(informations, axis=0))
+    mean = poses[0]
+    for _ in range(4):
+        inverse = mean.inverse()
+        logs = [(pose @ inverse).log() for pose in poses]
+        step = covariance @ sum(info @ xi for info, xi in zip(informations, logs, strict=True))
+        mean = Pose.exp(step) @ mean
+    return mean, covariance
