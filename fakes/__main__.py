@@ -1,0 +1,32 @@
+"""Start a fake device: `python -m fakes NAME [OPTIONS]`; `--help` lists the names."""
+
+import argparse
+import importlib
+
+import typer
+
+# Name: (module with a function `main` that typer turns into a command line, what it is).
+COMMANDS = {
+    "rtde": ("fakes.commands.rtde", "Universal Robots controller, RTDE on port 30004"),
+}
+
+
+def main() -> None:
+    """Run the command that is named first; imports only that command's module."""
+    names = "\n".join(f"  {name:14} {what}" for name, (_, what) in COMMANDS.items())
+    parser = argparse.ArgumentParser(
+        prog="python -m fakes",
+        description="Devices that do not exist, speaking the real protocols.",
+        epilog=f"commands:\n{names}\n\npython -m fakes COMMAND --help tells its options.",
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    parser.add_argument("command", choices=COMMANDS, metavar="COMMAND")
+    parser.add_argument("options", nargs=argparse.REMAINDER, metavar="OPTIONS")
+    chosen = parser.parse_args()
+    app = typer.Typer(add_completion=False, pretty_exceptions_enable=False)
+    app.command()(importlib.import_module(COMMANDS[chosen.command][0]).main)
+    app(args=chosen.options, prog_name=f"python -m fakes {chosen.command}")
+
+
+if __name__ == "__main__":
+    main()
