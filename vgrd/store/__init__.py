@@ -1,0 +1,1 @@
+"""What survives the process: recorded sessions and calibrations."""

@@ -1,0 +1,164 @@
+"""Calibrations on the disk: immutable numbered files, one of which is in use.
+
+::
+
+    STATE_DIR/calibrations/
+      cal-000001.json     sealed by a checksum, never changed
+      CURRENT             which one serves, with its checksum
+      activations.jsonl   who put which one in use, when, in place of which
+"""
+
+import os
+import re
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+from filelock import FileLock
+
+from vgrd.clock import Clock, SystemClock
+from vgrd.errors import Corrupt, InputError, NoCurrentCalibration
+from vgrd.model import Calibration
+from vgrd.store.encoding import decode, encode
+from vgrd.store.files import digest, guarded, read_document, write_document
+from vgrd.store.journal import Journal, read_journal
+
+SCHEMA = 1
+_ID = re.compile(r"cal-(\d{6})")
+
+
+@dataclass(frozen=True, slots=True)
+class Activation:
+    """One change of the calibration in use; previous: id, empty at the first."""
+
+    calibration: str
+    previous: str
+    by: str
+    unix_s: float
+
+
+@dataclass(frozen=True, slots=True)
+class _Current:
+    id: str
+    sha256: str
+
+
+def register_id(calibration: Calibration) -> int:
+    """Give the number by which robots know it: 32 bits of its checksum, never 0."""
+    return int(_checksum(calibration)[:8], 16) or 1
+
+
+class CalibrationStore:
+    """Calibrations of one cell; a failure is a StoreError that leaves all files as they were."""
+
+    def __init__(self, state_dir: Path, clock: Clock | None = None) -> None:
+        self.path = state_dir / "calibrations"
+        self._clock = clock or SystemClock()
+
+    def save(self, calibration: Calibration) -> str:
+        """Store under the next number, which becomes its id and is returned; does not activate."""
+        with self._locked():
+            used = [int(name.removeprefix("cal-")) for name in self.list()]
+            name = f"cal-{max(used, default=0) + 1:06d}"
+            body = encode(replace(calibration, id=name), name)
+            write_document(self._file(name), body, SCHEMA)
+        return name
+
+    def load(self, name: str) -> Calibration:
+        """Calibration `name`, exactly as saved.
+
+        Raises InputError (no such calibration), Corrupt, SchemaTooNew.
+        """
+        path = self._file(name)
+        if not path.exists():
+            known = ", ".join(self.list()) or "none"
+            raise InputError(f"no calibration {name!r} in {self.path}; there are: {known}")
+        remedy = "restore it from a backup or solve its session again"
+        calibration = decode(Calibration, read_document(path, SCHEMA, remedy), str(path))
+        if calibration.id != name:
+            raise Corrupt(f"{path} holds {calibration.id}: the file was renamed; name it back")
+        return calibration
+
+    def list(self) -> tuple[str, ...]:
+        """Ids of all stored calibrations, oldest first."""
+        return tuple(sorted(p.stem for p in self.path.glob("cal-*.json") if _ID.fullmatch(p.stem)))
+
+    def current_id(self) -> str:
+        """Id of the calibration in use, its file not read; as `current`."""
+        return self._read_current().id
+
+    def current(self) -> Calibration:
+        """Calibration in use, verified to be the very one that was activated.
+
+        Raises NoCurrentCalibration, Corrupt, SchemaTooNew; never falls back to another one.
+        """
+        current = self._read_current()
+        try:
+            calibration = self.load(current.id)
+        except InputError as error:
+            raise Corrupt(f"{error}; {self._way_out(current.id)}") from error
+        except Corrupt as error:
+            raise Corrupt(f"{error}; or {self._way_out(current.id)}") from error
+        if _checksum(calibration) != current.sha256:
+            raise Corrupt(
+                f"{self._file(current.id)} is not the file that was activated; "
+                f"{self._way_out(current.id)}"
+            )
+        return calibration
+
+    def activate(self, name: str, by: str = "") -> Calibration:
+        """Put a stored calibration in use and log who did it; returns it, verified."""
+        calibration = self.load(name)
+        with self._locked():
+            try:
+                previous = self.current_id()
+            except (NoCurrentCalibration, Corrupt):
+                previous = self._last_activated()
+            author = by or f"uid {os.getuid()}"
+            activation = Activation(name, previous, author, self._clock.wall())
+            journal = Journal(self.path / "activations.jsonl")
+            try:
+                journal.append(encode(activation, "activation"))
+            finally:
+                journal.close()
+            current = _Current(name, _checksum(calibration))
+            write_document(self.path / "CURRENT", encode(current, "CURRENT"), SCHEMA)
+        return calibration
+
+    def activations(self) -> tuple[Activation, ...]:
+        """Every activation ever asked for, in order."""
+        path = self.path / "activations.jsonl"
+        return tuple(
+            decode(Activation, record, str(path)) for record in read_journal(path).records
+        )
+
+    def _locked(self) -> FileLock:
+        with guarded("create", self.path):
+            self.path.mkdir(parents=True, exist_ok=True)
+        return FileLock(self.path / ".lock")
+
+    def _file(self, name: str) -> Path:
+        if not _ID.fullmatch(name):
+            raise InputError(f"{name!r} is not a calibration id such as cal-000001")
+        return self.path / f"{name}.json"
+
+    def _read_current(self) -> _Current:
+        path = self.path / "CURRENT"
+        if not path.exists():
+            raise NoCurrentCalibration(
+                f"no calibration is in use in {self.path}; solve a session and run `vgrd activate`"
+            )
+        remedy = "activate a calibration again: `vgrd activate`"
+        return decode(_Current, read_document(path, SCHEMA, remedy), str(path))
+
+    def _last_activated(self) -> str:
+        log = self.activations()
+        return log[-1].calibration if log else ""
+
+    def _way_out(self, name: str) -> str:
+        earlier = [a.calibration for a in self.activations() if a.calibration != name]
+        other = earlier[-1] if earlier else "another one"
+        return f"activate {other} (`vgrd activate`) if it is still right for the cell"
+
+
+def _checksum(calibration: Calibration) -> str:
+    return digest(encode(calibration, calibration.id), SCHEMA)
