@@ -1,7 +1,8 @@
 """Pictures as they are stored: a small header and lossless JPEG-XL.
 
 Layout of a message on topic `/image` (little endian): magic "VGI1", frame number int64,
-mid-exposure time on the cell clock float64 s; then one JPEG-XL code stream (grey, 8 or 16 bits, lossless).
+mid-exposure time on the cell clock float64 s; then one JPEG-XL code stream (grey, 8 or 16 bits,
+lossless).
 """
 
 import struct
