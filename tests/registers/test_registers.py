@@ -1,0 +1,326 @@
+import math
+import struct
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+from hypothesis import assume, given
+from hypothesis import strategies as st
+
+from vgrd.errors import IpcError
+from vgrd.registers import (
+    PACKED_BYTES,
+    REQUEST,
+    RESPONSE,
+    Answer,
+    Frame,
+    Policy,
+    RegisterImage,
+    Request,
+    RotationFormat,
+    Scale16,
+    State,
+    Status,
+    View,
+    view,
+)
+from vgrd.registers.document import document
+from vgrd.registers.layout import Block, Field, crc_of
+
+DEADLINE_S = 0.25
+NOW_S = 1000.0
+OK = (Status.OK, Status.OK_DEGRADED)
+AXES = ("X", "Y", "Z", "RX", "RY", "RZ")
+
+u16 = st.integers(0, 0xFFFF)
+i32 = st.integers(-(2**31), 2**31 - 1)
+near = st.floats(NOW_S - 2, NOW_S + 2)
+any_float = st.floats(allow_nan=True, allow_infinity=True)
+angles = st.floats(-180, 180)
+answers = st.builds(
+    Answer,
+    status=st.sampled_from(Status) | st.sampled_from(OK),
+    echo=u16,
+    seq=u16,
+    detail=u16,
+    point=u16,
+    object=u16,
+    captured_s=near | any_float,
+    captured_unix_us=st.integers(0, 2**63),
+    valid_until_s=near | any_float,
+    position_um=st.tuples(i32, i32, i32) | st.tuples(*[st.integers(-3_000_000, 3_000_000)] * 3),
+    rotation=st.tuples(angles, angles, angles) | st.tuples(any_float, any_float, any_float),
+    u95_um=st.integers(0, 2**31 - 1),
+    u95_rot_10urad=u16,
+    tags=u16,
+    calibration_id=st.integers(0, 2**32 - 1),
+    rotation_format=st.sampled_from(RotationFormat),
+    frame=st.sampled_from(Frame),
+    scale=st.sampled_from(Scale16),
+)
+images = st.builds(
+    RegisterImage,
+    answer=answers,
+    state=st.integers(0, 0xFFFF).map(State),
+    beat=u16,
+    published_s=near | any_float,
+)
+requests = st.binary(min_size=64, max_size=64).map(Request.parse)
+
+GOOD = Answer(
+    status=Status.OK,
+    echo=7,
+    seq=3,
+    point=4,
+    object=1,
+    captured_s=NOW_S - 0.125,
+    captured_unix_us=1_700_000_000_000_000,
+    valid_until_s=NOW_S + 0.375,
+    position_um=(412_345, -100_060, 350_000),
+    rotation=(1.1, -2.2, 0.5),
+    u95_um=180,
+    u95_rot_10urad=25,
+    tags=2,
+    calibration_id=0xDEADBEEF,
+)
+LIVE = State.READY | State.CAMERA_OK | State.ROBOT_OK | State.CALIBRATED
+IMAGE = RegisterImage(GOOD, LIVE, beat=11, published_s=NOW_S - 0.02)
+ASKED = Request.parse(struct.pack(">3H", 9, 2, 5) + bytes(58))
+
+
+def look(image: RegisterImage | None = IMAGE, now_s: float = NOW_S, **more) -> View:
+    return view(image, now_s, deadline_s=DEADLINE_S, **more)
+
+
+def values(seen: View) -> dict[str, float]:
+    return RESPONSE.decode(seen.response)
+
+
+def holds_only_sentinels(v: dict[str, float]) -> bool:
+    return (
+        all(v[f"EC16_{a}"] == -0x8000 and v[f"EC32_{a}"] == -(2**31) for a in AXES)
+        and all(math.isnan(v[f"ECF_{a}"]) for a in AXES)
+        and v["EC32_U95"] == -(2**31)
+        and math.isnan(v["ECF_U95"])
+        and v["U95P"] == v["U95R"] == 0xFFFF
+    )
+
+
+def test_a_valid_answer_stands_in_all_three_encodings():
+    v = values(look())
+    assert [v[f"EC32_{a}"] for a in AXES] == [412345, -100060, 350000, 1100000, -2200000, 500000]
+    assert [v[f"EC16_{a}"] for a in AXES] == [4123, -1001, 3500, 1100, -2200, 500]
+    assert [v[f"ECF_{a}"] for a in AXES] == pytest.approx([412.345, -100.06, 350, 1.1, -2.2, 0.5])
+    assert (v["STATUS"], v["ECHO"], v["AGE"], v["U95P"], v["EC32_U95"]) == (1, 7, 125, 180, 180)
+    assert (v["HB"], v["CALID"], v["TCAP"]) == (11, 0xDEADBEEF, 1_700_000_000_000_000)
+    assert v["STATE"] == LIVE | State.VALID
+    for block in ("EC16", "EC32", "ECF"):
+        assert [v[f"{block}_{n}"] for n in ("ECHO", "STATUS", "SEQ")] == [7, 1, 6]
+
+
+def test_the_addresses_on_the_wire_are_those_of_the_map():
+    block = look().response
+    at = {a: struct.unpack_from(">i", block, 2 * (a - 100))[0] for a in (130, 134, 142)}
+    assert at == {130: 412345, 134: 350000, 142: 180}
+    assert struct.unpack_from(">H", block, 0)[0] == 0x0100
+    assert struct.unpack_from(">f", block, 2 * 54)[0] == 350.0
+    low, high = struct.unpack_from(">2H", look().swapped, 2 * 30)
+    assert high << 16 | low == 412345
+
+
+@pytest.mark.parametrize(
+    ("scale", "fmt", "rotation", "expected"),
+    [
+        (Scale16.MRAD, RotationFormat.ROTVEC, (1.1, -2.2, 0.5), (1100, -2200, 500)),
+        (
+            Scale16.CENTIDEGREE,
+            RotationFormat.RPY,
+            (-175.587, -42.477, 90.0),
+            (-17559, -4248, 9000),
+        ),
+        (Scale16.FINE, RotationFormat.ROTVEC, (math.pi, 0.0, -0.5), (31416, 0, -5000)),
+        (Scale16.MRAD, RotationFormat.KUKA_ABC, (180.0, -90.0, 1.0), (3142, -1571, 17)),
+    ],
+)
+def test_the_int16_block_is_in_the_units_that_fmt_names(scale, fmt, rotation, expected):
+    answer = replace(GOOD, scale=scale, rotation_format=fmt, rotation=rotation)
+    v = values(look(replace(IMAGE, answer=answer)))
+    assert (v["EC16_RX"], v["EC16_RY"], v["EC16_RZ"]) == expected
+    assert v["EC16_X"] == (8247 if scale == Scale16.FINE else 4123)
+    assert v["FMT"] == fmt | scale << 8
+
+
+def test_euler_angles_are_ten_thousandths_of_a_degree_in_the_int32_block():
+    answer = replace(GOOD, rotation_format=RotationFormat.ZYZ, rotation=(-122.0661, 137.3384, 1.0))
+    v = values(look(replace(IMAGE, answer=answer)))
+    assert [v[f"EC32_{a}"] for a in AXES[3:]] == [-1220661, 1373384, 10000]
+    assert v["ECF_RX"] == pytest.approx(-122.0661)
+
+
+def test_an_answer_expires_while_nobody_publishes():
+    before = look(now_s=NOW_S + 0.2)
+    assert before.valid
+    fresh = replace(IMAGE, published_s=GOOD.valid_until_s)
+    after = look(fresh, now_s=GOOD.valid_until_s)
+    v = values(after)
+    assert (v["STATUS"], v["ECHO"], v["AGE"]) == (Status.IMAGE_TOO_OLD, 7, 500)
+    assert holds_only_sentinels(v)
+    assert v["SEQ"] != values(before)["SEQ"]
+
+
+def test_age_runs_on_and_saturates():
+    ages = [values(look(replace(IMAGE, published_s=t), now_s=t))["AGE"] for t in (1000.0, 1000.25)]
+    assert ages == [125, 375]
+    old = replace(IMAGE, published_s=NOW_S + 100)
+    assert values(look(old, now_s=NOW_S + 100))["AGE"] == 0xFFFF
+
+
+def test_a_pending_request_shows_busy_and_no_coordinate():
+    v = values(look(pending=ASKED))
+    assert (v["STATUS"], v["POINT"], v["ECHO"]) == (Status.BUSY, 5, 0)
+    assert State(int(v["STATE"])) == LIVE | State.BUSY
+    assert holds_only_sentinels(v)
+
+
+def test_a_lost_cell_is_invalid_with_a_standing_heartbeat():
+    late = look(now_s=IMAGE.published_s + DEADLINE_S)
+    v = values(late)
+    assert (v["STATUS"], v["HB"], v["STATE"]) == (Status.INTERNAL_ERROR, 11, State.ERROR)
+    assert holds_only_sentinels(v)
+    asked = values(look(now_s=NOW_S + 9, pending=ASKED))
+    assert (asked["STATUS"], asked["ECHO"]) == (Status.INTERNAL_ERROR, ASKED.trig)
+
+
+def test_before_the_first_image_the_daemon_is_starting():
+    v = values(look(None))
+    assert (v["STATUS"], v["STATE"], v["HB"]) == (Status.STARTING, State.ERROR, 0)
+    assert holds_only_sentinels(v)
+    assert values(look(None, pending=ASKED))["ECHO"] == ASKED.trig
+
+
+def test_a_simulated_cell_says_so_also_when_it_is_lost():
+    simulated = replace(IMAGE, state=LIVE | State.SIMULATION)
+    assert look(simulated).state & State.SIMULATION
+    assert look(simulated, now_s=NOW_S + 9).state == State.SIMULATION | State.ERROR
+
+
+@pytest.mark.parametrize(
+    ("change", "detail"),
+    [
+        ({"position_um": (3_276_800, 0, 0)}, 1),
+        ({"position_um": (0, 0, -3_276_800)}, 3),
+        ({"position_um": (0, 1_700_000, 0), "scale": Scale16.FINE}, 2),
+        ({"rotation": (0.0, 33.0, 0.0)}, 5),
+    ],
+)
+def test_a_coordinate_that_does_not_fit_the_registers_is_refused(change, detail):
+    v = values(look(replace(IMAGE, answer=replace(GOOD, **change))))
+    assert (v["STATUS"], v["DETAIL"]) == (Status.ENCODING_OVERFLOW, detail)
+    assert holds_only_sentinels(v)
+
+
+def test_the_largest_coordinate_that_fits_is_served_and_u95_saturates():
+    answer = replace(GOOD, position_um=(3_276_700, -3_276_700, 0), u95_um=70_000)
+    v = values(look(replace(IMAGE, answer=answer)))
+    assert (v["STATUS"], v["EC16_X"], v["EC16_Y"]) == (Status.OK, 32767, -32767)
+    assert (v["U95P"], v["EC32_U95"], v["ECF_U95"]) == (0xFFFF, 70_000, 70.0)
+
+
+@given(images, st.floats(NOW_S - 2, NOW_S + 2), st.none() | requests, st.none() | answers)
+def test_no_pose_is_ever_in_a_view_that_is_not_ok(image, now_s, pending, refusal):
+    seen = look(image, now_s, pending=pending, refusal=refusal)
+    v = values(seen)
+    a = image.answer
+    may_be_valid = (
+        abs(now_s - image.published_s) < DEADLINE_S
+        and pending is None
+        and refusal is None
+        and a.status in OK
+        and now_s < a.valid_until_s < math.inf
+        and all(map(math.isfinite, (a.captured_s, *a.rotation)))
+    )
+    assert seen.valid == (v["STATUS"] in OK) == bool(int(v["STATE"]) & State.VALID)
+    assert seen.valid == (v["SEQ"] % 2 == 0)
+    assert not seen.valid or may_be_valid
+    if seen.valid:
+        assert not any(v[f"EC16_{x}"] == -0x8000 or v[f"EC32_{x}"] == -(2**31) for x in AXES)
+        assert not any(math.isnan(v[f"ECF_{x}"]) for x in AXES)
+    else:
+        assert holds_only_sentinels(v)
+        assert may_be_valid <= (v["STATUS"] == Status.ENCODING_OVERFLOW)
+
+
+@given(images, st.floats(NOW_S - 2, NOW_S + 2))
+def test_until_it_says_so_a_view_does_not_change_but_for_its_age(image, now_s):
+    seen = look(image, now_s)
+    later = math.nextafter(min(seen.good_until_s, now_s + 10), 0)
+    assume(later >= now_s)
+    again = values(look(image, later))
+    assert again.pop("AGE") - values(seen)["AGE"] <= 11
+    before = values(seen)
+    del before["AGE"]
+    assert str(again) == str(before)
+
+
+@given(images, st.floats(NOW_S - 2, NOW_S + 2))
+def test_both_word_orders_hold_the_same_values_and_their_own_crc(image, now_s):
+    seen = look(image, now_s)
+    straight, swapped = values(seen), RESPONSE.decode(RESPONSE.swapped(seen.swapped))
+    assert straight.pop("EC32_CRC") == crc_of(seen.response)
+    assert swapped.pop("EC32_CRC") == crc_of(seen.swapped)
+    assert str(straight) == str(swapped)
+
+
+@given(images)
+def test_an_image_survives_the_ring(image):
+    packed = image.pack()
+    assert len(packed) == PACKED_BYTES
+    assert str(RegisterImage.unpack(packed)) == str(image)
+
+
+def test_what_is_no_image_is_refused():
+    with pytest.raises(IpcError, match="cannot be sent"):
+        replace(IMAGE, answer=replace(GOOD, u95_um=-1)).pack()
+    with pytest.raises(IpcError, match="not a register image"):
+        RegisterImage.unpack(b"short")
+    with pytest.raises(IpcError, match="not a register image"):
+        RegisterImage.unpack(b"\xff" * PACKED_BYTES)
+
+
+@given(st.lists(u16, min_size=32, max_size=32))
+def test_a_request_reads_what_was_written(words):
+    registers = struct.pack(">32H", *words)
+    request = Request.parse(registers)
+    fields = REQUEST.decode(registers)
+    assert (request.trig, request.command, request.point) == tuple(words[:3])
+    assert request.max_age_s == words[7] / 1000
+    assert request.request_pose_um_urad[5] == struct.unpack_from(">i", registers, 40)[0]
+    assert request.refuse_if_moving == bool(words[3] & 1)
+    assert request.policy == Policy((words[3] >> 8) & 3)
+    assert fields["CLHB"] == words[22]
+
+
+@pytest.mark.parametrize(
+    ("options", "written", "radians"),
+    [(0, 1_000_000, 1.0), (1 << 4, 1_800_000, math.pi), (3 << 4, -900_000, -math.pi / 2)],
+)
+def test_the_requested_orientation_is_scaled_by_its_format(options, written, radians):
+    fields = {field.name: 0 for field in REQUEST.fields} | {"OPT": options, "ORI_RX": written}
+    request = Request.parse(REQUEST.encode(fields))
+    assert request.orientation_rad[0] == pytest.approx(radians)
+
+
+def test_an_unknown_rotation_format_is_none():
+    assert Request.parse(struct.pack(">4H", 1, 1, 1, 7 << 4) + bytes(56)).rotation_format is None
+
+
+def test_fields_that_overlap_are_refused():
+    with pytest.raises(ValueError, match="overlaps"):
+        Block(0, 4, [Field("A", 0, "u32", ""), Field("B", 1, "u16", "")])
+
+
+def test_the_documentation_of_the_registers_is_up_to_date():
+    path = Path(__file__).parents[2] / "docs" / "registers.md"
+    assert path.read_text() == document(), (
+        "run: python -m vgrd.registers.document docs/registers.md"
+    )

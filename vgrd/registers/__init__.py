@@ -1,0 +1,53 @@
+"""The register map v1: what a robot controller reads and writes, in pure `struct`.
+
+`layout` declares every register once; `image` turns an answer into registers, valid or sentinels;
+`document` writes docs/registers.md. Shared by the gate, the cell, and robot programs in tests.
+"""
+
+from vgrd.registers.codes import (
+    Command,
+    Frame,
+    Policy,
+    RotationFormat,
+    Scale16,
+    State,
+    Status,
+)
+from vgrd.registers.image import (
+    PACKED_BYTES,
+    Answer,
+    RegisterImage,
+    View,
+    view,
+)
+from vgrd.registers.layout import (
+    MAP_VERSION,
+    REQUEST,
+    RESPONSE,
+    SWAPPED_FROM,
+    Block,
+    Field,
+)
+from vgrd.registers.request import Request
+
+__all__ = [
+    "MAP_VERSION",
+    "PACKED_BYTES",
+    "REQUEST",
+    "RESPONSE",
+    "SWAPPED_FROM",
+    "Answer",
+    "Block",
+    "Command",
+    "Field",
+    "Frame",
+    "Policy",
+    "RegisterImage",
+    "Request",
+    "RotationFormat",
+    "Scale16",
+    "State",
+    "Status",
+    "View",
+    "view",
+]

@@ -1,0 +1,104 @@
+"""Writes docs/registers.md from the declarations: `python -m vgrd.registers.document FILE`."""
+
+import sys
+from collections.abc import Iterable
+from pathlib import Path
+
+from vgrd.registers.codes import Command, Frame, Policy, RotationFormat, Scale16, State, Status
+from vgrd.registers.layout import REQUEST, RESPONSE, SWAPPED_FROM, Block
+
+_INTRODUCTION = """\
+# Register map v1
+
+Generated from `vgrd/registers` by `python -m vgrd.registers.document docs/registers.md`.
+
+Modbus TCP. Addresses are those of the protocol, from 0; PLC notation is address + 40001 (holding)
+or + 30001 (input). Every unit id is answered. The response can be read as holding registers
+(function 3) and as input registers (function 4). Only registers 0-31 and coils 0 and 1 can be
+written. A read must lie inside one block (0-31, 100-167, 300-367), else exception 2.
+
+Values of two or four registers come high word first at 100-167 (ABCD) and **low word first in the
+copy at 300-367** (CDAB): choose the word order by the address.
+
+## How to ask
+
+1. Write CMD, POINT and what else is wanted, and a TRIG that differs from the one before and from
+   0; in one request, or TRIG last. Before the write is answered STATE shows BUSY and the
+   coordinates are sentinels.
+2. Read 100-167 until ECHO is TRIG. While BUSY, ECHO is 0.
+3. Use the coordinate only if STATUS is 1 (or 2), AGE is small enough, and HB has moved since a
+   second ago: a client that goes on showing old registers after the daemon died shows a standing
+   HB.
+
+Without a valid coordinate its registers hold sentinels: 0x8000, 0x80000000, NaN. An answer expires
+in the registers: past its greatest age it turns into sentinels and STATUS 205. SEQ is even while
+the coordinate is valid and changes when it is not any more. A client that reads register by
+register reads SEQ before and after, and takes the coordinate only if both are the same and even.
+vgrd is not a safety function.
+"""
+
+
+def document() -> str:
+    """Return the text of docs/registers.md."""
+    return "\n".join(
+        [
+            _INTRODUCTION,
+            "## Request: holding registers 0-31",
+            "",
+            *_block_table(REQUEST, None),
+            "",
+            "## Response: input and holding registers 100-167, copy 300-367",
+            "",
+            *_block_table(RESPONSE, SWAPPED_FROM - RESPONSE.start),
+            "",
+            "## Coils and discrete inputs",
+            "",
+            "| | address | name | meaning |",
+            "|---|---|---|---|",
+            "| coil | 0 | TRIG | rising edge: TRIG + 1 with the present parameters |",
+            "| coil | 1 | CLEAR | rising edge: drops the answer and the request |",
+            "| discrete input | 0-15 | STATE | bits 0-15 of STATE |",
+            "| discrete input | 16 | ALIVE | changes each 0.5 s while HB counts |",
+            "",
+            "## STATE bits",
+            "",
+            *_table(("bit", "name"), ((bit.value.bit_length() - 1, bit.name) for bit in State)),
+            "",
+            *_codes("STATUS codes", Status),
+            *_codes("CMD", Command),
+            *_codes("Rotation formats (OPT b4-7, FMT b0-3)", RotationFormat),
+            *_codes("Policies (OPT b8-9)", Policy),
+            *_codes("Frames (FMT b4)", Frame),
+            *_codes("Units of the int16 block (FMT b8-15)", Scale16),
+        ]
+    )
+
+
+def _table(head: tuple[str, ...], rows: Iterable[tuple[object, ...]]) -> list[str]:
+    lines = [head, ("---",) * len(head), *rows]
+    return ["| " + " | ".join(str(cell) for cell in line) + " |" for line in lines]
+
+
+def _block_table(block: Block, copy_offset: int | None) -> list[str]:
+    def span(first: int, count: int) -> str:
+        return str(first) if count == 1 else f"{first}-{first + count - 1}"
+
+    rows: list[tuple[object, ...]] = []
+    for field in block.fields:
+        row: list[object] = [span(field.address, field.count)]
+        if copy_offset is not None:
+            row.append(span(field.address + copy_offset, field.count))
+        rows.append((*row, field.name, field.kind, field.meaning))
+    head = ["register"] if copy_offset is None else ["register", "copy"]
+    return _table((*head, "name", "type", "meaning"), rows)
+
+
+def _codes(
+    title: str, codes: type[Status | Command | RotationFormat | Policy | Frame | Scale16]
+) -> list[str]:
+    rows = ((int(code), code.name, code.description) for code in codes)
+    return [f"## {title}", "", *_table(("code", "name", "meaning"), rows), ""]
+
+
+if __name__ == "__main__":
+    Path(sys.argv[1]).write_text(document())
