@@ -1,0 +1,1 @@
+"""Pictures in, points and poses out: the only core user of OpenCV."""
