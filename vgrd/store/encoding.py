@@ -5,6 +5,7 @@ One pair of functions serves every frozen dataclass of `vgrd.model`; its type hi
 
 import json
 import math
+import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import fields, is_dataclass
 from enum import Enum
@@ -124,9 +125,10 @@ def _decode_optional(kind: Hint, data: object, where: str) -> object:
 def _decode_float(data: object, where: str) -> float:
     if isinstance(data, str) and data in _INFINITIES:
         return _INFINITIES[data]
-    if isinstance(data, bool) or not isinstance(data, int | float) or not math.isfinite(data):
-        raise _wrong(data, "a number", where)
-    return float(data)
+    number = data if isinstance(data, int | float) and not isinstance(data, bool) else math.nan
+    if abs(number) <= sys.float_info.max:
+        return float(number)
+    raise _wrong(data, "a number", where)
 
 
 def _decode_array(data: object, where: str) -> Array:
