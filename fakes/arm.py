@@ -1,7 +1,8 @@
 """The fake arm: what it reports, where it truly is, and how it moves.
 
-The truth differs from the report by a smooth error field over the workspace (geometry of the arm) and by a
-deviation that is drawn anew for every move (repeatability). Moves run along a minimum-jerk profile.
+The truth differs from the report by a smooth error field over the workspace (geometry of the arm)
+and by a deviation that is drawn anew for every move (repeatability). Moves run along a
+minimum-jerk profile.
 """
 
 from dataclasses import dataclass
@@ -27,7 +28,7 @@ class ErrorField:
 
     @classmethod
     def random(cls, seed: int, peak_mm: float, workspace_mm: Array) -> "ErrorField":
-        """A field whose largest translation over the box `workspace_mm` (2, 3) is `peak_mm`."""
+        """Draw a field whose largest translation over `workspace_mm` (2, 3) is `peak_mm`."""
         rng = np.random.default_rng((seed, 1))
         directions = rng.standard_normal((_WAVES, 3))
         directions /= np.linalg.norm(directions, axis=1, keepdims=True)
@@ -47,7 +48,7 @@ class ErrorField:
 
 
 def _deviated(pose: Pose, deviation: Array) -> Pose:
-    """`pose` shifted by deviation[:3] and turned about its own origin by deviation[3:], in base axes."""
+    """Shift `pose` by deviation[:3], turn it about its own origin by deviation[3:], base axes."""
     return Pose(
         Pose.from_rotvec(deviation[3:]).rotation @ pose.rotation,
         pose.translation + deviation[:3],
@@ -56,7 +57,7 @@ def _deviated(pose: Pose, deviation: Array) -> Pose:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Move:
-    """A straight minimum-jerk move of the reported flange; `deviation` (6,) fades from start to end."""
+    """A straight minimum-jerk move of the reported flange; deviations (6,) fade over."""
 
     start: Pose
     end: Pose
@@ -66,14 +67,14 @@ class Move:
     duration_s: float
 
     def progress(self, now_s: float) -> float:
-        """Share of the way, 0 to 1 (minimum jerk)."""
+        """Tell the share of the way, 0 to 1 (minimum jerk)."""
         if self.duration_s <= 0:
             return 1.0
         x = min(max((now_s - self.started_s) / self.duration_s, 0.0), 1.0)
         return x**3 * (10 - 15 * x + 6 * x * x)
 
     def flange(self, now_s: float) -> Pose:
-        """Reported flange at a time."""
+        """Tell the reported flange at a time."""
         share = self.progress(now_s)
         if share >= 1:
             return self.end
@@ -97,7 +98,7 @@ class Arm:
     reading_noise_mm: rms noise of a reported position per axis. All times are the caller's clock.
     """
 
-    def __init__(  # noqa: PLR0913
+    def __init__(
         self,
         start: Pose,
         wrist_from_tcp: Pose,
@@ -118,7 +119,7 @@ class Arm:
         self._move = Move(start, start, np.zeros(6), np.zeros(6), -np.inf, 0.0)
 
     def reported_flange(self, now_s: float) -> Pose:
-        """What the encoders and the controller's kinematics say."""
+        """Tell what the encoders and the controller's kinematics say."""
         pose = self._move.flange(now_s)
         if not self._reading_noise:
             return pose
@@ -135,7 +136,7 @@ class Arm:
         return self._true(move.flange(now_s), move.deviation(now_s))
 
     def moving(self, now_s: float) -> bool:
-        """True until the current move has arrived."""
+        """Tell whether the current move has not arrived yet."""
         return now_s < self._move.started_s + self._move.duration_s
 
     def move_flange(self, base_from_wrist: Pose, now_s: float) -> float:
@@ -147,7 +148,7 @@ class Arm:
         return self.move_flange(base_from_tcp.compose(self.wrist_from_tcp.inverse()), now_s)
 
     def jog_to_true(self, true_flange: Pose, now_s: float) -> float:
-        """Jog until the flange truly stands there, whatever the controller shows; returns the arrival."""
+        """Jog until the flange truly stands there, whatever the controller shows; return when."""
         deviation = self._drawn_deviation()
         reported = true_flange
         for _ in range(4):

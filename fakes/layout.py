@@ -2,7 +2,7 @@
 
 ::
 
-        z (base)                      camera: on a post behind the turntable, looks back at the robot,
+        z (base)                      camera: on a post behind the turntable, looks at the robot,
         |                     .--.    32 deg from the vertical, 600 mm from the middle of the work
         |   arm              / c /
      ___|___  _________     '--'
@@ -12,12 +12,12 @@
     |_______|          | tool
     ----+------     ___V_______________   turntable, axis 450 mm in front of the foot,
         0          |  o  o  [B]  o  o  |  top 60 mm above the foot; tag B and six targets on it
-        +-----------------> x (base)      a spike beside the table: the fixed point of the conventional TCP
+        +-----------------> x (base)      a spike beside the table: fixed point of the plain TCP
 
-The base frame is at the robot's foot, x to the turntable, z up. The CAD frame of the object lies on the top of
-the disc, origin on the turntable's axis. Tag frames are x right, y down, z into the paper. The flange's z points
-out of the flange, so down over the table. Nothing is quite straight: axis, bracket, tool and tag B are all a
-little off, as mounted things are.
+The base frame is at the robot's foot, x to the turntable, z up. The CAD frame of the object lies
+on the top of the disc, origin on the turntable's axis. Tag frames are x right, y down, z into the
+paper. The flange's z points out of the flange, so down over the table. Nothing is quite straight:
+axis, bracket, tool and tag B are all a little off, as mounted things are.
 """
 
 from collections.abc import Mapping
@@ -41,7 +41,7 @@ _TAG_A_TILT_RAD = np.radians(34)
 
 
 def _frame(x_axis: Array, z_axis: Array) -> Array:
-    """Rotation (3, 3) whose z column is `z_axis` and whose x column is `x_axis` made orthogonal to it."""
+    """Rotation (3, 3) with z column `z_axis` and x column `x_axis` made orthogonal to it."""
     z = z_axis / np.linalg.norm(z_axis)
     x = x_axis - (x_axis @ z) * z
     x /= np.linalg.norm(x)
@@ -56,7 +56,7 @@ def _base_from_camera() -> Pose:
 
 
 def _wrist_from_tag_a() -> Pose:
-    """On the side of the flange that is turned to the camera, leaning outwards from its line of sight."""
+    """On the flange's side that is turned to the camera, leaning outwards from its sight."""
     lean = _CAMERA_TILT_RAD + _TAG_A_TILT_RAD
     into_paper = np.array([-np.sin(lean), 0.0, np.cos(lean)])
     rotation = _frame(np.array([0.0, -1.0, 0.0]), into_paper)
@@ -87,9 +87,10 @@ def _optics() -> Optics:
 class Layout:
     """Where everything truly is; frames as in the module's drawing.
 
-    base_from_table: the turntable at angle 0, z along its axis. tcp_in_wrist: (3,) the true tip of the tool.
-    wrist_from_pendant_tcp: what the operator left active on the pendant, not the true TCP. fixed_point_in_base:
-    (3,) the spike's tip. workspace_mm: (2, 3) lower and upper corner of where the flange goes.
+    base_from_table: the turntable at angle 0, z along its axis. tcp_in_wrist: (3,) the true tip of
+    the tool. wrist_from_pendant_tcp: what the operator left active on the pendant, not the true
+    TCP. fixed_point_in_base: (3,) the spike's tip. workspace_mm: (2, 3) lower and upper corner of
+    where the flange goes.
     """
 
     base_from_camera: Pose = field(default_factory=_base_from_camera)
@@ -123,11 +124,11 @@ class Layout:
     )
 
     def base_from_object(self, angle_rad: float) -> Pose:
-        """The CAD frame in the base when the turntable stands at `angle_rad`."""
+        """Place the CAD frame in the base, turntable at `angle_rad`."""
         return self.base_from_table.compose(Pose.from_rotvec((0.0, 0.0, angle_rad)))
 
     def target_in_base(self, name: str, angle_rad: float) -> Array:
-        """(3,) of a CAD target at a table angle, or of the spike (`FIXED_POINT`), mm; KeyError if unknown."""
+        """Find a CAD target at a table angle, or the spike (`FIXED_POINT`): (3,) mm."""
         if name == FIXED_POINT:
             return self.fixed_point_in_base
         point = self.targets[name].point_in_object

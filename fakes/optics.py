@@ -1,4 +1,4 @@
-"""The fake camera's optics: pinhole, Brown-Conrady distortion and a thin lens that is sharp at one distance."""
+"""The fake camera's optics: pinhole, Brown-Conrady distortion, thin lens sharp at one distance."""
 
 from dataclasses import dataclass
 
@@ -11,8 +11,8 @@ from vgrd.geometry import Array
 class Optics:
     """Camera matrix (3, 3) px, distortion (5,) in OpenCV order, size (width, height) px.
 
-    focus_mm: distance along the optical axis that is sharp; aperture_mm: diameter of the entrance pupil;
-    psf_px: Gaussian sigma of lens and sensor where it is sharp.
+    focus_mm: distance along the optical axis that is sharp; aperture_mm: diameter of the entrance
+    pupil; psf_px: Gaussian sigma of lens and sensor where it is sharp.
     """
 
     matrix: Array
@@ -23,7 +23,7 @@ class Optics:
     psf_px: float = 0.7
 
     def distort(self, rays: Array) -> Array:
-        """Normalised image coordinates (..., 2) of undistorted ones (Brown-Conrady, OpenCV order)."""
+        """Distort normalised image coordinates (..., 2) (Brown-Conrady, OpenCV order)."""
         k1, k2, p1, p2, k3 = self.distortion
         x, y = rays[..., 0], rays[..., 1]
         r2 = x * x + y * y
@@ -37,9 +37,9 @@ class Optics:
         )
 
     def undistort(self, distorted: Array) -> Array:
-        """Inverse of `distort` by fixed-point iteration, exact to 1e-12 for the mild distortion of this lens."""
+        """Undo `distort` by fixed-point iteration, exact to 1e-12 for this mild distortion."""
         rays = distorted
-        for _ in range(12):
+        for _ in range(7):
             rays = rays + distorted - self.distort(rays)
         return rays
 
@@ -58,5 +58,5 @@ class Optics:
         return float(self.matrix[0, 0]) * self.aperture_mm * shift
 
     def blur_px(self, depth_mm: float) -> float:
-        """Gaussian sigma of PSF and defocus together; a disc of diameter d has a standard deviation of d / 4."""
+        """Combine PSF and defocus to one sigma, px; a disc of diameter d has sigma d / 4."""
         return float(np.hypot(self.psf_px, self.defocus_px(depth_mm) / 4))

@@ -1,7 +1,8 @@
 """One simulated world with known truth: arm, turntable, tags, faults; all fakes read it.
 
-The world has no clock of its own: every call says what time it is (seconds of the caller's monotonic clock).
-A `WorldSnapshot` holds what a picture of one instant needs, and crosses process borders as JSON.
+The world has no clock of its own: every call says what time it is (seconds of the caller's
+monotonic clock). A `WorldSnapshot` holds what a picture of one instant needs, and crosses process
+borders as JSON.
 """
 
 import json
@@ -25,8 +26,9 @@ TagName = Literal["a", "b"]
 class Noise:
     """How imperfect the world is; all zero is a perfect world.
 
-    Touches: normal per axis, truncated (paper: 0.233 in +-0.7 mm). repeatability_mm: rms deviation per move.
-    field_mm: largest deviation of the arm over its workspace. reading_mm: rms per axis of a reported position.
+    Touches: normal per axis, truncated (paper: 0.233 in +-0.7 mm). repeatability_mm: rms deviation
+    per move. field_mm: largest deviation of the arm over its workspace. reading_mm: rms per axis
+    of a reported position.
     """
 
     touch_sigma_mm: float = 0.233
@@ -37,7 +39,7 @@ class Noise:
 
     @classmethod
     def none(cls) -> "Noise":
-        """A perfect arm and a perfect operator."""
+        """Make a perfect arm and a perfect operator."""
         return cls(0.0, 0.7, 0.0, 0.0, 0.0)
 
 
@@ -45,8 +47,8 @@ class Noise:
 class WorldSnapshot:
     """All that a picture of one instant shows.
 
-    flange: true base_from_wrist, (4, 4) row-major as 16 numbers; tag_b_shift: (x mm, y mm, rad) of tag B on the
-    object; covered: tags hidden by a hand; exposure: seed of the picture's noise.
+    flange: true base_from_wrist, (4, 4) row-major as 16 numbers; tag_b_shift: (x mm, y mm, rad) of
+    tag B on the object; covered: tags hidden by a hand; exposure: seed of the picture's noise.
     """
 
     flange: tuple[float, ...]
@@ -62,7 +64,7 @@ class WorldSnapshot:
         return Pose.from_matrix(np.reshape(self.flange, (4, 4)))
 
     def base_from_tag(self, name: TagName, layout: Layout) -> Pose:
-        """True pose of tag "a" or "b" in the base."""
+        """Find the true pose of tag "a" or "b" in the base."""
         if name == "a":
             return self.base_from_wrist.compose(layout.wrist_from_tag_a)
         x, y, turn = self.tag_b_shift
@@ -79,7 +81,7 @@ class WorldSnapshot:
 
     @classmethod
     def from_json(cls, text: str | bytes) -> "WorldSnapshot":
-        """The inverse of `to_json`."""
+        """Undo `to_json`."""
         fields = json.loads(text)
         for name in ("flange", "tag_b_shift", "covered"):
             fields[name] = tuple(fields[name])
@@ -102,7 +104,7 @@ class _Turn:
 
 
 class World:
-    """The truth. `arm` executes moves; seeds make everything repeatable. Calls may come from several threads."""
+    """The truth. `arm` moves; a seed makes everything repeatable; threads may share one world."""
 
     def __init__(self, layout: Layout, seed: int, noise: Noise | None = None) -> None:
         noise = noise or Noise()
@@ -136,7 +138,7 @@ class World:
         return self.layout.targets
 
     def reported_flange(self, now_s: float) -> Pose:
-        """What the robot controller says about its flange."""
+        """Tell what the robot controller says about its flange."""
         with self._lock:
             return self.arm.reported_flange(now_s)
 
@@ -145,7 +147,7 @@ class World:
         return self.arm.true_flange(now_s)
 
     def table_angle(self, now_s: float) -> float:
-        """True angle of the turntable, rad."""
+        """Tell the true angle of the turntable, rad."""
         return self._turn.angle(now_s)
 
     def turn_table(self, angle_rad: float, now_s: float, *, speed_rad_s: float = 1.0) -> float:
@@ -167,10 +169,11 @@ class World:
             return self.arm.move_tcp(base_from_tcp, now_s)
 
     def jog_onto(self, target: str, wrist_rotation: Array, now_s: float) -> float:
-        """The operator jogs until he believes that the true tip is on a target, with the wrist as given.
+        """Jog as an operator does until he believes that the true tip is on a target.
 
-        target: a CAD name or `FIXED_POINT`; wrist_rotation: (3, 3) base from wrist. The tip ends on the target up
-        to the touch noise. Returns the time of arrival; read `reported_flange` then.
+        target: a CAD name or `FIXED_POINT`; wrist_rotation: (3, 3) base from wrist, kept. The tip
+        ends on the target up to the touch noise. Returns the time of arrival; read
+        `reported_flange` then.
         """
         with self._lock:
             angle = self._turn.angle(now_s)
@@ -179,24 +182,24 @@ class World:
             return self.arm.jog_to_true(Pose(wrist_rotation, origin), now_s)
 
     def miss(self, target: str, now_s: float) -> Array:
-        """True tip minus true target (3,), mm, base frame."""
+        """Measure true tip minus true target (3,), mm, base frame."""
         tip = self.true_flange(now_s).apply(self.layout.tcp_in_wrist)
         return np.asarray(tip - self.layout.target_in_base(target, self.table_angle(now_s)))
 
     def cover(self, *tags: TagName) -> None:
-        """A hand lies on these tags; without arguments all are free again."""
+        """Lay a hand on these tags; without arguments all are free again."""
         self._covered = frozenset(tags)
 
     def shift_tag_b(self, x_mm: float, y_mm: float, turn_rad: float = 0.0) -> None:
-        """Tag B has slipped on the object since it was taught (from its place in the layout)."""
+        """Slip tag B on the object, measured from its place in the layout."""
         self._tag_b_shift = (x_mm, y_mm, turn_rad)
 
     def switch_lights(self, *, on: bool) -> None:
-        """Light or darkness."""
+        """Switch the cell's light."""
         self._lights = on
 
     def snapshot(self, now_s: float) -> WorldSnapshot:
-        """What the camera sees now; every call counts as one exposure."""
+        """Freeze what the camera sees now; every call counts as one exposure."""
         with self._lock:
             self._exposures += 1
             return WorldSnapshot(

@@ -1,0 +1,102 @@
+"""The fake camera's pictures: only what changes is drawn, over a cached background.
+
+Tags are drawn exactly (`fakes.raster`), with fresh noise and 8 bits. Everything else (arm, tool, holes, a covering
+hand: `fakes.scenery`) is there to look right and to hide what it stands in front of.
+"""
+
+import cv2
+import numpy as np
+
+from fakes.layout import Layout
+from fakes.raster import BLOCK, coverage
+from fakes.scenery import Scenery
+from fakes.sensor import BLACK, WHITE, Picture, Plane, Region, light, quantised, with_noise
+from fakes.visibility import PLATE_CELLS, TAG_NAMES, Sight, bodies, hides, plate_points, visible
+from fakes.world import TagName, WorldSnapshot
+from vgrd.geometry import Array, Pose
+from vgrd.model import TagSpec
+
+
+class Renderer:
+    """Draws the pictures of one fake camera; holds a background of the size of one picture.
+
+    Not for use by several threads at once.
+    """
+
+    def __init__(self, layout: Layout) -> None:
+        self.layout = layout
+        self._camera_from_base = layout.base_from_camera.inverse()
+        self._scenery = Scenery(layout)
+
+    def visible(self, name: TagName, snapshot: WorldSnapshot) -> Sight:
+        """Judge how the camera sees tag "a" or "b"."""
+        return visible(self.layout, name, snapshot)
+
+    def render(self, snapshot: WorldSnapshot) -> Picture:
+        """Draw the picture (height, width) of a snapshot; the same snapshot gives the same picture."""
+        rng = np.random.default_rng(snapshot.exposure)
+        scenery = self._scenery
+        if not snapshot.lights:
+            return scenery.darkness()
+        picture = scenery.background()
+        scenery.draw_holes(picture, snapshot.table_angle_rad)
+        parts = bodies(self.layout, snapshot.base_from_wrist)
+        tag_a = snapshot.base_from_tag("a", self.layout)
+        points = tag_a.apply(plate_points(self.layout.tag_a.size_mm, n=7))
+        eye = self.layout.base_from_camera.translation
+        in_front = [hides(body, points, eye) for body in parts]
+        self._draw_tag(picture, self.layout.tag_b, snapshot.base_from_tag("b", self.layout), rng)
+        behind = [body for body, front in zip(parts, in_front, strict=True) if not front]
+        scenery.draw_bodies(picture, behind, rng)
+        self._draw_tag(picture, self.layout.tag_a, tag_a, rng)
+        before = [body for body, front in zip(parts, in_front, strict=True) if front]
+        scenery.draw_bodies(picture, before, rng)
+        for name in TAG_NAMES:
+            if name in snapshot.covered:
+                scenery.draw_hand(picture, snapshot.base_from_tag(name, self.layout), rng)
+        return picture
+
+    def _draw_tag(
+        self, picture: Picture, tag: TagSpec, base_from_tag: Pose, rng: np.random.Generator
+    ) -> None:
+        camera_from_tag = self._camera_from_base.compose(base_from_tag)
+        toward_camera = camera_from_tag.rotation[:, 2] @ camera_from_tag.translation
+        if toward_camera <= 0:
+            return
+        outline = self.layout.optics.project(camera_from_tag.apply(_plate_outline(tag)))
+        region = _region_around(outline, picture.shape)
+        if region is None:
+            return
+        white = coverage(self.layout, camera_from_tag, tag, region)
+        sigma = self.layout.optics.blur_px(float(camera_from_tag.translation[2]))
+        plate = _polygon_share(outline, region, sigma)
+        paper = light(self.layout.optics.size_px, region)
+        clean = paper * (np.float32(BLACK) + np.float32(WHITE - BLACK) * white)
+        under = picture[region.slices]
+        picture[region.slices] = quantised(under + plate * (with_noise(clean, rng) - under))
+
+
+def _plate_outline(tag: TagSpec) -> Array:
+    half = tag.size_mm * PLATE_CELLS / 16
+    return half * np.array([[-1, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0.0]])
+
+
+def _region_around(outline: Array, shape: tuple[int, ...]) -> Region | None:
+    """Whole blocks around an outline (n, 2), cut to the picture; None when nothing is left."""
+    low = np.floor(outline.min(0)).astype(int) - 10
+    high = np.ceil(outline.max(0)).astype(int) + 10
+    low = np.maximum(low, 0) // BLOCK * BLOCK
+    high = np.minimum(high, (shape[1], shape[0])) // BLOCK * BLOCK
+    width, height = (high - low).tolist()
+    if width < BLOCK or height < BLOCK:
+        return None
+    return Region(int(low[0]), int(low[1]), width, height)
+
+
+def _polygon_share(outline: Array, region: Region, sigma: float) -> Plane:
+    """Blurred share (height, width), 0 to 1, of a polygon's inside."""
+    mask = np.zeros((region.height, region.width), np.uint8)
+    corners = np.rint((outline - (region.x, region.y)) * 256).astype(np.int32)
+    cv2.fillConvexPoly(mask, corners, 255, cv2.LINE_AA, shift=8)
+    blurred = cv2.GaussianBlur(mask, (0, 0), sigma)
+    return np.asarray(blurred.astype(np.float32) / np.float32(255))
