@@ -135,6 +135,10 @@ class Arm:
         move = self._move
         return self._true(move.flange(now_s), move.deviation(now_s))
 
+    def true_at(self, reported: Pose) -> Pose:
+        """Where the flange is when the controller reports this pose, repeatability left out."""
+        return self._true(reported, np.zeros(6))
+
     def moving(self, now_s: float) -> bool:
         """Tell whether the current move has not arrived yet."""
         return now_s < self._move.started_s + self._move.duration_s

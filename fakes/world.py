@@ -106,8 +106,17 @@ class _Turn:
 class World:
     """The truth. `arm` moves; a seed makes everything repeatable; threads may share one world."""
 
-    def __init__(self, layout: Layout, seed: int, noise: Noise | None = None) -> None:
+    def __init__(
+        self,
+        layout: Layout,
+        seed: int,
+        noise: Noise | None = None,
+        *,
+        speed_mm_s: float = 250.0,
+        turn_rad_s: float = 1.0,
+    ) -> None:
         noise = noise or Noise()
+        self._turn_rad_s = turn_rad_s
         self.layout = layout
         self.noise = noise
         self.seed = seed
@@ -123,6 +132,8 @@ class World:
             repeatability_mm=noise.repeatability_mm,
             field=field,
             reading_noise_mm=noise.reading_mm,
+            speed_mm_s=speed_mm_s,
+            speed_rad_s=turn_rad_s,
         )
         self._rng = np.random.default_rng((seed, 3))
         self._turn = _Turn(0.0, 0.0, 0.0, 0.0)
@@ -150,11 +161,11 @@ class World:
         """Tell the true angle of the turntable, rad."""
         return self._turn.angle(now_s)
 
-    def turn_table(self, angle_rad: float, now_s: float, *, speed_rad_s: float = 1.0) -> float:
+    def turn_table(self, angle_rad: float, now_s: float) -> float:
         """Start turning the table to an angle; returns the time at which it stands."""
         with self._lock:
             here = self._turn.angle(now_s)
-            duration = 1.875 * abs(angle_rad - here) / speed_rad_s
+            duration = 1.875 * abs(angle_rad - here) / self._turn_rad_s
             self._turn = _Turn(here, angle_rad, now_s, duration)
             return now_s + duration
 
@@ -185,6 +196,11 @@ class World:
         """Measure true tip minus true target (3,), mm, base frame."""
         tip = self.true_flange(now_s).apply(self.layout.tcp_in_wrist)
         return np.asarray(tip - self.layout.target_in_base(target, self.table_angle(now_s)))
+
+    def miss_at(self, base_from_wrist: Pose, target: str, angle_rad: float) -> Array:
+        """Tell the miss (3,) mm had the arm reported this pose at that table angle, repeating perfectly."""
+        tip = self.arm.true_at(base_from_wrist).apply(self.layout.tcp_in_wrist)
+        return np.asarray(tip - self.layout.target_in_base(target, angle_rad))
 
     def cover(self, *tags: TagName) -> None:
         """Lay a hand on these tags; without arguments all are free again."""

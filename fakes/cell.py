@@ -1,0 +1,187 @@
+"""A whole fake cell on the wire: one world, a UR controller, a camera, and the cell file that describes them."""
+
+import asyncio
+import os
+import socket
+import threading
+import time
+from pathlib import Path
+from types import TracebackType
+
+from fakes.cameras import CameraProcess, choose
+from fakes.layout import Layout
+from fakes.rtde import PORT as RTDE_PORT
+from fakes.rtde import RtdeServer, RtdeState
+from fakes.world import World
+from vgrd.ipc.ring import RingWriter
+
+SNAPSHOT_RING = "world.ring"
+SNAPSHOT_KIND = "world"
+SNAPSHOT_BYTES = 2048
+SNAPSHOT_PERIOD_S = 0.004
+
+
+def free_address(port: int) -> str:
+    """A 127.x.y.z on which this TCP port is free, different for every process."""
+    for attempt in range(200):
+        number = os.getpid() * 7 + attempt
+        host = f"127.{1 + number % 200}.{number // 200 % 250}.{2 + number % 250}"
+        with socket.socket() as probe:
+            try:
+                probe.bind((host, port))
+            except OSError:
+                continue
+            return host
+    raise OSError(f"port {port} is taken on every loopback address tried")
+
+
+def free_port(host: str = "127.0.0.1") -> int:
+    """A TCP port that nobody listens on."""
+    with socket.socket() as probe:
+        probe.bind((host, 0))
+        return int(probe.getsockname()[1])
+
+
+class FakeCell:
+    """Starts on `with`: controller and camera answer, `folder/cell.toml` tells the daemon where."""
+
+    def __init__(self, world: World, folder: Path, port: int, camera: str | None = None) -> None:
+        self.world = world
+        self.folder = folder
+        self.port = port
+        self.robot_host = free_address(RTDE_PORT)
+        self.camera, self.camera_reason = (camera, "as asked for") if camera else choose()
+        self.cell_file = folder / "cell.toml"
+        self._loop = asyncio.new_event_loop()
+        self._thread = threading.Thread(target=self._serve, name="controller", daemon=True)
+        self._stop = asyncio.Event()
+        self._ready = threading.Event()
+        self._error: BaseException | None = None
+
+    def __enter__(self) -> "FakeCell":
+        self.folder.mkdir(parents=True, exist_ok=True)
+        self.ring = RingWriter.create(
+            self.folder / SNAPSHOT_RING, 4, SNAPSHOT_BYTES, SNAPSHOT_KIND
+        )
+        self._publish()
+        self._thread.start()
+        self._ready.wait(10)
+        if self._error is not None:
+            raise self._error
+        self._camera = CameraProcess(self.camera, self.folder / SNAPSHOT_RING)
+        self._camera.start()
+        self.cell_file.write_text(self._cell_text(), encoding="utf-8")
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self._camera.stop()
+        self._loop.call_soon_threadsafe(self._stop.set)
+        self._thread.join(5)
+        self.ring.close()
+
+    def _serve(self) -> None:
+        try:
+            self._loop.run_until_complete(self._run())
+        except OSError as err:
+            self._error = err
+            self._ready.set()
+
+    async def _run(self) -> None:
+        async with RtdeServer(self._controller_state, self.robot_host):
+            self._ready.set()
+            while not self._stop.is_set():
+                self._publish()
+                await asyncio.sleep(SNAPSHOT_PERIOD_S)
+
+    def _controller_state(self, now_s: float) -> RtdeState:
+        arm = self.world.arm
+        return RtdeState(self.world.reported_flange(now_s), arm.wrist_from_tcp)
+
+    def _publish(self) -> None:
+        now = time.monotonic()
+        self.ring.publish(self.world.snapshot(now).to_json().encode(), stamp_s=now)
+
+    def _cell_text(self) -> str:
+        return cell_text(
+            self.world.layout,
+            robot_host=self.robot_host,
+            camera=self.camera,
+            camera_settings=self._camera.settings,
+            port=self.port,
+        )
+
+
+def cell_text(
+    layout: Layout,
+    *,
+    robot_host: str,
+    camera: str,
+    camera_settings: dict[str, str | int],
+    port: int,
+) -> str:
+    """The cell file of a fake cell."""
+    optics = layout.optics
+    fx, fy = optics.matrix[0, 0], optics.matrix[1, 1]
+    cx, cy = optics.matrix[0, 2], optics.matrix[1, 2]
+    settings = "\n".join(f"{key} = {value!r}" for key, value in camera_settings.items())
+    targets = "\n".join(
+        f'[[object.targets]]\nid = {t.id}\nname = "{t.name}"\n'
+        f"point_mm = {t.point_in_object.tolist()}\n"
+        for t in layout.targets.values()
+    )
+    return f"""# The fake cell of `python -m fakes`; units are part of the keys.
+[cell]
+name = "fake-cell"
+state_dir = "state"
+runtime_dir = "run"
+simulation = true
+
+[robot]
+driver = "ur_rtde"
+id = "fake-ur"
+sigma_mm = 0.1
+[robot.settings]
+host = "{robot_host}"
+
+[camera]
+driver = "{camera}"
+id = "fake-camera"
+rate_hz = 2.0
+matrix = {[float(x) for x in (fx, fy, cx, cy)]}
+distortion = {optics.distortion.tolist()}
+size_px = {list(optics.size_px)}
+[camera.settings]
+{settings}
+
+[tags.a]
+family = "{layout.tag_a.family}"
+id = {layout.tag_a.id}
+size_mm = {layout.tag_a.size_mm}
+[tags.b]
+family = "{layout.tag_b.family}"
+id = {layout.tag_b.id}
+size_mm = {layout.tag_b.size_mm}
+
+[tool]
+name = "pin"
+axis = {layout.tool_axis_in_wrist.tolist()}
+
+[touch]
+lateral_sigma_mm = 0.233
+axial_sigma_mm = 0.233
+
+[serving]
+host = "127.0.0.1"
+port = {port}
+allow = ["127.0.0.1"]
+policy = "fixed"
+
+[object]
+motion = "turntable"
+center_mm = [0.0, 0.0, 0.0]
+{targets}"""

@@ -1,0 +1,111 @@
+"""The demo: the daemon's whole job on a fake cell, over real protocols, with the true errors at the end."""
+
+import os
+import sys
+import tempfile
+import time
+from pathlib import Path
+from typing import Annotated
+
+import typer
+from rich.console import Console
+from rich.table import Table
+
+from fakes.cell import FakeCell, free_port
+from fakes.comparison import misses_by_method
+from fakes.daemon import Daemon
+from fakes.layout import Layout
+from fakes.memory import pss_mib, tree_pss_mib
+from fakes.operator import Operator
+from fakes.report import Report
+from fakes.robot_program import Stopped
+from fakes.show import Show
+from fakes.world import Noise, World
+from vgrd.errors import VgrdError
+
+SPEED_MM_S, TURN_RAD_S = 700.0, 3.0
+
+
+def main(
+    seed: Annotated[int, typer.Option(help="of noise, arm and scripted operator")] = 1,
+    requests: Annotated[int, typer.Option(help="robot requests at new table angles")] = 30,
+    folder: Annotated[Path | None, typer.Option(help="where to leave the files")] = None,
+    camera: Annotated[str | None, typer.Option(help="aravis or fakes.pylon_camera")] = None,
+    *,
+    perfect: Annotated[bool, typer.Option(help="no touch noise, no arm errors")] = False,
+    faults: Annotated[bool, typer.Option(help="show the three live faults")] = True,
+) -> None:
+    """Teach, solve, activate and serve on the fake cell; exit 1 when a figure is not reached."""
+    console = Console()
+    console.print("vgrd demo: simulated robot and images; real ur-rtde and Modbus", style="bold")
+    started = time.monotonic()
+    noise = Noise.none() if perfect else Noise()
+    world = World(Layout(), seed, noise, speed_mm_s=SPEED_MM_S, turn_rad_s=TURN_RAD_S)
+    place = folder or Path(tempfile.mkdtemp(prefix="demo-", dir=Path.cwd()))
+    try:
+        good = _perform(console, world, place, requests, camera, started, perfect, faults)
+    except Stopped as stop:
+        console.print(f"the robot program stopped: {stop.reason}", style="bold red")
+        good = False
+    except VgrdError as error:
+        console.print(f"the daemon refused: {error}", style="bold red")
+        good = False
+    sys.exit(0 if good else 1)
+
+
+def _perform(
+    console: Console,
+    world: World,
+    place: Path,
+    requests: int,
+    camera: str | None,
+    started: float,
+    perfect: bool,
+    faults: bool,
+) -> bool:
+    port = free_port()
+    with FakeCell(world, place, port, camera) as cell:
+        console.print(_set_up(world, cell))
+        with Daemon(cell.cell_file, place / "vgrd.log") as daemon:
+            operator = Operator(world, daemon.control, world.seed)
+            show = Show(world, operator, daemon, port, console)
+            show.teach("teaching")
+            show.calibrate()
+            show.requests(requests, world.seed)
+            memory = {name: pss_mib(pid) for name, pid in daemon.pids().items()}
+            total_mib = tree_pss_mib(os.getpid())
+            if faults:
+                show.faults()
+            stop_s = daemon.stop()
+    sessions = place / "state" / "sessions"
+    teaching, asking = sessions / "teaching", sessions / "requests"
+    by_method = misses_by_method(world, teaching, asking, show.shown.requests)
+    report = Report(console, show.shown, perfect=perfect)
+    report.methods(by_method)
+    calibration = f"{show.shown.calibration['calibration']}.json"
+    report.serving(world.layout, place / "state" / "calibrations" / calibration)
+    report.tags(operator)
+    report.faults()
+    report.memory(memory, total_mib)
+    report.files(place, stop_s, time.monotonic() - started)
+    report.write(place / "demo.json", by_method)
+    return report.good
+
+
+def _set_up(world: World, cell: FakeCell) -> Table:
+    noise, layout = world.noise, world.layout
+    width, height = layout.optics.size_px
+    sizes = layout.tag_a.size_mm, layout.tag_b.size_mm
+    table = Table("what", "as", title="the fake cell", title_justify="left")
+    for row in (
+        ("camera", f"{cell.camera} ({cell.camera_reason})"),
+        ("picture", f"{width} x {height} px, f {layout.optics.matrix[0, 0]:.0f} px, oblique"),
+        ("tags", f"A {sizes[0]} mm at the flange, B {sizes[1]} mm on the object"),
+        ("controller", f"RTDE at {cell.robot_host}:30004, a non-zero TCP active"),
+        ("touches", f"sigma {noise.touch_sigma_mm} mm per axis, within {noise.touch_limit_mm}"),
+        ("arm", f"repeats to {noise.repeatability_mm} mm, error field to {noise.field_mm} mm"),
+        ("intrinsics", "known exactly"),
+        ("seed", str(world.seed)),
+    ):
+        table.add_row(*row)
+    return table

@@ -1,0 +1,97 @@
+"""The daemon under a fake cell: `vgrd run` as a subprocess, used by control API and registers only."""
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+from types import TracebackType
+
+from vgrd.errors import ControlError, DaemonUnreachable
+from vgrd.ipc.control import ControlClient
+from vgrd.ipc.health import HEALTH_FOLDER
+from vgrd.ipc.messages import HEALTH_KIND, Health
+from vgrd.ipc.ring import RingReader
+
+START_TIMEOUT_S = 30.0
+STOP_TIMEOUT_S = 5.0
+
+
+class Daemon:
+    """`vgrd run CELL_FILE`, from `with` to its end; its log goes to `log`."""
+
+    def __init__(self, cell_file: Path, log: Path) -> None:
+        self.cell_file = cell_file
+        self.log = log
+        self.runtime = cell_file.parent / "run"
+        self.control = ControlClient(self.runtime / "control.sock")
+
+    def __enter__(self) -> "Daemon":
+        command = [sys.executable, "-m", "vgrd.cli", "run", str(self.cell_file)]
+        with self.log.open("ab") as log:
+            self.process = subprocess.Popen(command, stderr=log, stdout=log, start_new_session=True)
+        try:
+            self.wait_until(lambda status: status["robot"] == "ok" and status["camera"] == "ok")
+        except BaseException:
+            self.stop()
+            raise
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self.stop()
+
+    def wait_until(self, good: Callable[[dict[str, object]], bool], timeout_s: float = START_TIMEOUT_S) -> float:
+        """Wait until the status is good; seconds waited. TimeoutError with the last word and the log."""
+        start, word = time.monotonic(), "no status"
+        while time.monotonic() - start < timeout_s:
+            if self.process.poll() is not None:
+                break
+            try:
+                status = self.control.call("status", timeout_s=1.0)
+            except (DaemonUnreachable, ControlError) as err:
+                word = str(err)
+            else:
+                if good(status):
+                    return time.monotonic() - start
+                word = str(status)
+            time.sleep(0.02)
+        tail = self.log.read_text(encoding="utf-8", errors="replace")[-3000:]
+        raise TimeoutError(f"the daemon is not as wanted after {timeout_s:.0f} s: {word}\n{tail}")
+
+    def stop(self) -> float:
+        """Stop by SIGTERM; seconds until it was gone."""
+        start = time.monotonic()
+        if self.process.poll() is None:
+            self.process.send_signal(signal.SIGTERM)
+            try:
+                self.process.wait(STOP_TIMEOUT_S)
+            except subprocess.TimeoutExpired:
+                self.process.kill()
+                self.process.wait()
+        return time.monotonic() - start
+
+    def pid_of(self, process: str) -> int:
+        """Process id of "cell", "robot" or "camera", from its health ring."""
+        path = self.runtime / HEALTH_FOLDER / f"{process}.ring"
+        with RingReader.open(path, HEALTH_KIND) as ring:
+            message = ring.newest()
+        if message is None:
+            raise LookupError(f"{process} has not said anything yet")
+        return Health.unpack(message.payload).pid
+
+    def pids(self) -> dict[str, int]:
+        """Process ids of the gate and its children."""
+        children = {name: self.pid_of(name) for name in ("cell", "robot", "camera")}
+        return {"gate": self.process.pid, **children}
+
+    def kill(self, process: str) -> None:
+        """Kill one of the daemon's processes with SIGKILL."""
+        os.kill(self.pid_of(process), signal.SIGKILL)
+

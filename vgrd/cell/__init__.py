@@ -1,0 +1,1 @@
+"""The cell process: pairs, finds tags, records, answers, and takes commands."""

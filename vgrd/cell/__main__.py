@@ -1,0 +1,127 @@
+"""The cell process; started by the gate: `python -m vgrd.cell CELL_FILE`."""
+
+import asyncio
+import os
+import socket
+import sys
+from pathlib import Path
+
+import structlog
+
+from vgrd import logs
+from vgrd.cell.answering import Limits
+from vgrd.cell.control_server import ControlServer
+from vgrd.cell.measuring import Measuring
+from vgrd.cell.operations import Operations
+from vgrd.cell.recorder import Recorder
+from vgrd.cell.serving import Serving
+from vgrd.cell.setup import CONTROL_SOCKET, cell_facts
+from vgrd.cell.teaching import Teaching
+from vgrd.clock import SystemClock
+from vgrd.config import CellConfig, load_config
+from vgrd.errors import VgrdError
+from vgrd.ipc.health import HealthReporter
+from vgrd.ipc.messages import decode_line, encode_line
+from vgrd.ipc.ring import RingWriter
+from vgrd.model import Policy
+from vgrd.registers import PACKED_BYTES, REGISTER_KIND, REGISTER_RING, Request
+from vgrd.store.calibrations import CalibrationStore
+from vgrd.vision.tags import TagDetector
+
+HEALTH_S = 0.05
+
+log = structlog.get_logger()
+
+
+class Cell:
+    """Everything the process is made of, put together once."""
+
+    def __init__(self, config: CellConfig) -> None:
+        clock = SystemClock()
+        runtime, state = Path(config.cell.runtime_dir), Path(config.cell.state_dir)
+        facts = cell_facts(config)
+        tags = [tag for tag in (facts.tag_a, facts.tag_b) if tag is not None]
+        detector = TagDetector(facts.camera_matrix, facts.distortion, tags, facts.image_size_px)
+        serving = config.serving
+        self.health = HealthReporter(runtime, "cell", clock)
+        self.measuring = Measuring(runtime, detector, facts, clock, config.camera.rate_hz)
+        self.recorder = Recorder(state, clock)
+        ring = RingWriter.create(runtime / REGISTER_RING, 4, PACKED_BYTES, REGISTER_KIND)
+        limits = Limits(
+            Policy(serving.policy),
+            serving.max_age_s,
+            serving.max_u95_mm,
+            serving.warn_u95_mm,
+            serving.moved_mm,
+        )
+        self.serving = Serving(
+            self.measuring,
+            ring,
+            limits,
+            serving.drift_mm,
+            clock,
+            simulation=config.cell.simulation,
+        )
+        teaching = Teaching(self.measuring, self.recorder, facts, config.touch)
+        store = CalibrationStore(state, clock)
+        self.operations = Operations(
+            self.measuring, self.serving, teaching, store, state, clock
+        )
+        self.control = ControlServer(runtime / CONTROL_SOCKET, self.operations.table())
+        self.measuring.on_readings.append(self.recorder.on_readings)
+        self.measuring.on_sight.append(self.recorder.on_sight)
+
+    async def run(self, gate: socket.socket) -> None:
+        """Work until cancelled or until the gate is gone."""
+        log.info("calibration", in_use=self._load())
+        async with asyncio.TaskGroup() as tasks:
+            tasks.create_task(self.measuring.run())
+            tasks.create_task(self.serving.run())
+            tasks.create_task(self.control.serve())
+            tasks.create_task(self._tell_health())
+            tasks.create_task(self._obey(gate))
+
+    def _load(self) -> str:
+        try:
+            return self.operations.load_current()
+        except VgrdError as err:
+            log.error("calibration_unusable", reason=str(err))
+            return ""
+
+    async def _tell_health(self) -> None:
+        while True:
+            fault = self.serving.fault()
+            self.health.count = self.measuring.beat
+            self.health.progress("ok", fault[1] if fault else "")
+            self.recorder.tick()
+            await asyncio.sleep(HEALTH_S)
+
+    async def _obey(self, gate: socket.socket) -> None:
+        """Requests of the robot, passed on by the gate; the end of the link is the end of the process."""
+        reader, writer = await asyncio.open_unix_connection(sock=gate)
+        writer.write(encode_line({"op": "ready"}))
+        while line := await reader.readline():
+            message = decode_line(line)
+            if message["op"] == "request":
+                self.serving.request(Request.parse(bytes.fromhex(str(message["registers"]))))
+            elif message["op"] == "abort":
+                self.serving.abort()
+        log.warning("gate_gone")
+        raise SystemExit(0)
+
+
+def main() -> int:
+    """Entry point; VGRD_GATE_FD is the inherited link to the gate."""
+    logs.configure("cell")
+    try:
+        cell = Cell(load_config(Path(sys.argv[1])))
+    except VgrdError as err:
+        log.error("cell_not_started", reason=str(err))
+        return err.exit_code
+    gate = socket.socket(fileno=int(os.environ["VGRD_GATE_FD"]))
+    asyncio.run(cell.run(gate))
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,147 @@
+"""From a request and what was seen to an answer: pure, so that every refusal can be tested."""
+
+import math
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from vgrd.calibration.system import expected_coordinate
+from vgrd.cell.measuring import Sight
+from vgrd.geometry import Array, Pose
+from vgrd.geometry.formats import RotationFormat as Format
+from vgrd.geometry.formats import rotation_to
+from vgrd.model import Calibration, ExpectedCoordinate, Policy, TagObservation, Target
+from vgrd.registers import Answer, Command, Frame, Request, RotationFormat, Status
+from vgrd.registers import Policy as PolicyCode
+
+CONFIDENCE = 0.95
+_FORMATS = {
+    RotationFormat.ROTVEC: Format.ROTVEC,
+    RotationFormat.RPY: Format.RPY_FIXED_XYZ_DEG,
+    RotationFormat.KUKA_ABC: Format.KUKA_ABC_DEG,
+    RotationFormat.ZYZ: Format.ZYZ_DEG,
+}
+_POLICIES = {PolicyCode.FIXED: Policy.FIXED, PolicyCode.FOLLOW: Policy.FOLLOW}
+OPT_REGISTER, REQ_POSE_REGISTER = 3, 10
+
+
+@dataclass(frozen=True, slots=True)
+class Limits:
+    """What an answer must satisfy; requests may ask for less age and less uncertainty."""
+
+    policy: Policy
+    max_age_s: float
+    max_u95_mm: float
+    warn_u95_mm: float
+    moved_mm: float
+
+
+def check_request(request: Request, calibration: Calibration) -> Answer | None:
+    """The refusal of a request that cannot be served whatever is seen, None for a good one."""
+    refusal = Answer(echo=request.trig, point=request.point, object=request.object)
+    if request.command not in (Command.EC_NEWEST, Command.EC_FRESH):
+        return replace(refusal, status=Status.UNKNOWN_COMMAND, detail=request.command)
+    if target_by_id(calibration, request.point) is None:
+        return replace(refusal, status=Status.UNKNOWN_POINT, detail=request.point)
+    tcp_unknown = request.wants_tcp and calibration.tcp_in_wrist is None
+    if tcp_unknown or request.rotation_format is None or request.policy == PolicyCode.REQUESTED:
+        return replace(refusal, status=Status.BAD_PARAMETER, detail=OPT_REGISTER)
+    for register, number in ((4, request.robot), (5, request.object), (6, request.tool)):
+        if number > 1:
+            return replace(refusal, status=Status.BAD_PARAMETER, detail=register)
+    return None
+
+
+def answer_request(
+    request: Request,
+    calibration: Calibration,
+    calibration_id: int,
+    sight: Sight,
+    limits: Limits,
+    now_s: float,
+    now_unix_s: float,
+) -> Answer:
+    """Answer a good request (`check_request`) from one evaluated picture."""
+    max_age_s = min(request.max_age_s or limits.max_age_s, limits.max_age_s)
+    answer = Answer(
+        echo=request.trig,
+        point=request.point,
+        object=request.object,
+        captured_s=sight.stamp_s,
+        captured_unix_us=int(1e6 * (now_unix_s - (now_s - sight.stamp_s))),
+        valid_until_s=sight.stamp_s + max_age_s,
+        calibration_id=calibration_id,
+        tags=sum(tag is not None for tag in (sight.tag_a, sight.tag_b)),
+    )
+    target = target_by_id(calibration, request.point)
+    if now_s >= answer.valid_until_s:
+        return replace(answer, status=Status.IMAGE_TOO_OLD)
+    if request.refuse_if_moving and sight.base_from_wrist is None:
+        return replace(answer, status=Status.ROBOT_MOVING)
+    if sight.tag_b is None or target is None:
+        return replace(answer, status=Status.TAG_B_NOT_FOUND, detail=calibration.facts.tag_b.id)
+    policy = _POLICIES.get(request.policy, limits.policy)
+    expected = expected_coordinate(calibration, target.name, sight.tag_b, policy)
+    return _encode(request, answer, expected, calibration, limits)
+
+
+def target_by_id(calibration: Calibration, number: int) -> Target | None:
+    """The taught target with this register id."""
+    for taught in calibration.taught.values():
+        if taught.target.id == number:
+            return taught.target
+    return None
+
+
+def object_displacement_mm(
+    calibration: Calibration, then: TagObservation, now: TagObservation
+) -> float:
+    """How far the farthest taught target moved in the camera's eyes between two pictures, mm.
+
+    Targets lie at known flange positions of the reference picture; their distances to the tag bound the lever.
+    """
+    motion = now.camera_from_tag.compose(then.camera_from_tag.inverse())
+    lever = _lever_mm(calibration)
+    shift = motion.apply(then.camera_from_tag.translation) - then.camera_from_tag.translation
+    _, angle = Pose.identity().distance(motion)
+    return float(np.linalg.norm(shift) + lever * angle)
+
+
+def _lever_mm(calibration: Calibration) -> float:
+    points = np.array([t.target.point_in_object for t in calibration.taught.values()])
+    spread = points - points.mean(axis=0)
+    return float(np.linalg.norm(spread, axis=1).max(initial=0.0))
+
+
+def _encode(
+    request: Request,
+    answer: Answer,
+    expected: ExpectedCoordinate,
+    calibration: Calibration,
+    limits: Limits,
+) -> Answer:
+    format_code = request.rotation_format or RotationFormat.ROTVEC
+    pose = expected.base_from_wrist
+    position: Array = pose.translation
+    if request.wants_tcp and calibration.tcp_in_wrist is not None:
+        position = pose.apply(calibration.tcp_in_wrist)
+    a, b, c = rotation_to(pose.rotation, _FORMATS[format_code])
+    u95_um = math.ceil(1000 * expected.u95_mm)
+    x, y, z = (round(1000 * float(value)) for value in position)
+    allowed_um = request.max_u95_um or round(1000 * limits.max_u95_mm)
+    if u95_um > min(allowed_um, 1000 * limits.max_u95_mm):
+        status = Status.UNCERTAINTY_TOO_HIGH
+    elif expected.u95_mm > limits.warn_u95_mm:
+        status = Status.OK_DEGRADED
+    else:
+        status = Status.OK
+    return replace(
+        answer,
+        status=status,
+        position_um=(x, y, z),
+        rotation=(float(a), float(b), float(c)),
+        u95_um=u95_um,
+        u95_rot_10urad=math.ceil(1e5 * expected.u95_rad),
+        rotation_format=format_code,
+        frame=Frame.TCP if request.wants_tcp else Frame.FLANGE,
+    )

@@ -1,0 +1,181 @@
+"""The measuring loop: takes pictures, finds tags, pairs them with the flange, tells whoever listens."""
+
+import asyncio
+from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Protocol
+
+import structlog
+
+from vgrd.cell.feeds import CameraFeed, HealthFeed, RobotFeed
+from vgrd.clock import Clock
+from vgrd.devices import CameraImage, FlangeReading, Pixels
+from vgrd.errors import DeviceUnavailable, ObservationError
+from vgrd.geometry import Pose
+from vgrd.model import CellFacts, Observation, TagObservation
+from vgrd.observing.stillness import RestLimits, rest_pose
+
+LOOP_S = 0.005
+BEAT_S = 0.1
+RETRIGGER_S = 1.0
+EVALUATION_HANG_S = 2.0
+ROBOT_STALE_S = 0.2
+HEALTH_STALE_S = 1.5
+
+log = structlog.get_logger()
+
+
+class Detector(Protocol):
+    """Finds the known tags in grey pixels; `vgrd.vision.tags.TagDetector` in the product."""
+
+    def detect(self, pixels: Pixels) -> dict[int, TagObservation]:
+        """Tags by id."""
+        ...
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Sight:
+    """One evaluated picture: the tags in it, and where the flange stood or why that is not known."""
+
+    image: CameraImage
+    tag_a: TagObservation | None
+    tag_b: TagObservation | None
+    base_from_wrist: Pose | None
+    unpaired: ObservationError | None
+
+    @property
+    def stamp_s(self) -> float:
+        """Mid-exposure on the cell clock."""
+        return self.image.stamp_s
+
+    def observation(self) -> Observation:
+        """Pose and picture of one instant; raises NotSteady or TooOld when the robot was not at rest."""
+        if self.base_from_wrist is None:
+            raise self.unpaired or ObservationError("no flange pose belongs to the picture")
+        return Observation(self.base_from_wrist, self.stamp_s, self.tag_a, self.tag_b)
+
+
+class Measuring:
+    """Owns the feeds and the detector; `sight` is the newest evaluated picture."""
+
+    def __init__(
+        self,
+        runtime_dir: Path,
+        detector: Detector,
+        facts: CellFacts,
+        clock: Clock,
+        rate_hz: float,
+    ) -> None:
+        self.robot = RobotFeed(runtime_dir, clock)
+        self.camera = CameraFeed(runtime_dir, clock)
+        self.health = {name: HealthFeed(runtime_dir, name) for name in ("robot", "camera")}
+        self.detector = detector
+        self.facts = facts
+        self.clock = clock
+        self.period_s = 1.0 / rate_hz
+        self.limits = RestLimits()
+        self.sight: Sight | None = None
+        self.beat = 0
+        self.on_readings: list[Callable[[Sequence[FlangeReading]], None]] = []
+        self.on_sight: list[Callable[[Sight], None]] = []
+        self._eyes = ThreadPoolExecutor(1, thread_name_prefix="vision")
+        self._evaluating_since_s: float | None = None
+        self._evaluation: asyncio.Task[None] | None = None
+        self._wishes: list[tuple[float, asyncio.Future[Sight]]] = []
+        self._last_trigger_s = -self.period_s
+        self._last_beat_s = 0.0
+
+    async def run(self) -> None:
+        """Loop until cancelled."""
+        while True:
+            self._step()
+            await asyncio.sleep(LOOP_S)
+
+    async def fresh(self, timeout_s: float) -> Sight:
+        """Return a sight whose picture was taken after this call; DeviceUnavailable when none comes."""
+        wish: asyncio.Future[Sight] = asyncio.get_running_loop().create_future()
+        self._wishes.append((self.clock.monotonic(), wish))
+        try:
+            async with asyncio.timeout(timeout_s):
+                return await wish
+        except TimeoutError as err:
+            raise DeviceUnavailable(
+                f"no picture within {timeout_s:.1f} s: {self.camera_trouble() or 'the camera is slow'}"
+            ) from err
+
+    def robot_trouble(self) -> str:
+        """Why the robot cannot be relied on now; empty when it can."""
+        if self.robot.newest(ROBOT_STALE_S) is not None:
+            return ""
+        return self._device_words("robot") or "no flange reading"
+
+    def camera_trouble(self) -> str:
+        """Why the camera cannot be relied on now; empty when it can."""
+        return self._device_words("camera")
+
+    def rest_now(self) -> Pose:
+        """Flange pose now; raises NotSteady, TooOld."""
+        newest = self.robot.newest(ROBOT_STALE_S)
+        stamp = self.clock.monotonic() if newest is None else newest.stamp_s
+        return rest_pose(self.robot.readings, stamp, self.limits)
+
+    def _device_words(self, name: str) -> str:
+        health = self.health[name].poll()
+        if health is None:
+            return f"the {name} process has not started yet"
+        if health.state != "ok":
+            return f"{health.state}: {health.detail}"
+        if self.health[name].age_s(self.clock) > HEALTH_STALE_S:
+            return f"the {name} process does not answer"
+        return ""
+
+    def _step(self) -> None:
+        now = self.clock.monotonic()
+        readings = self.robot.poll()
+        for listener in self.on_readings if readings else ():
+            listener(readings)
+        image = self.camera.newest()
+        if image is not None and self._evaluation is None:
+            self._evaluating_since_s = now
+            self._evaluation = asyncio.create_task(self._evaluate(image))
+        self._trigger(now)
+        stuck = self._evaluating_since_s and now - self._evaluating_since_s > EVALUATION_HANG_S
+        if now - self._last_beat_s >= BEAT_S and not stuck:
+            self._last_beat_s = now
+            self.beat += 1
+
+    def _trigger(self, now: float) -> None:
+        self._wishes = [wish for wish in self._wishes if not wish[1].done()]
+        if self._evaluation is not None or 0 < self.camera.waiting_s() < RETRIGGER_S:
+            return
+        if self._wishes or now - self._last_trigger_s >= self.period_s:
+            self._last_trigger_s = now
+            self.camera.trigger()
+
+    async def _evaluate(self, image: CameraImage) -> None:
+        try:
+            loop = asyncio.get_running_loop()
+            tags = await loop.run_in_executor(self._eyes, self.detector.detect, image.pixels)
+            self._announce(self._pair(image, tags))
+        finally:
+            self._evaluation = None
+            self._evaluating_since_s = None
+
+    def _pair(self, image: CameraImage, tags: dict[int, TagObservation]) -> Sight:
+        pose, unpaired = None, None
+        try:
+            pose = rest_pose(self.robot.readings, image.stamp_s, self.limits)
+        except ObservationError as err:
+            unpaired = err
+        tag_a = tags.get(self.facts.tag_a.id) if self.facts.tag_a else None
+        return Sight(image, tag_a, tags.get(self.facts.tag_b.id), pose, unpaired)
+
+    def _announce(self, sight: Sight) -> None:
+        self.sight = sight
+        for listener in self.on_sight:
+            listener(sight)
+        for asked_s, wish in self._wishes:
+            if sight.stamp_s >= asked_s and not wish.done():
+                wish.set_result(sight)

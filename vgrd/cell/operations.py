@@ -1,0 +1,192 @@
+"""The control operations of the cell: names, arguments, and what they call."""
+
+import asyncio
+import json
+import sys
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from vgrd.calibration.system import expected_coordinate
+from vgrd.cell.control_server import Arguments, Operation, text_argument
+from vgrd.cell.measuring import Measuring
+from vgrd.cell.serving import Serving
+from vgrd.cell.teaching import PICTURE_TIMEOUT_S, Teaching
+from vgrd.clock import Clock
+from vgrd.errors import (
+    CalibrationError,
+    ControlError,
+    InputError,
+    NoCurrentCalibration,
+    TagNotSeen,
+)
+from vgrd.model import Calibration, CellFacts, Policy
+from vgrd.store.calibrations import CalibrationStore, register_id
+from vgrd.store.sessions import SampleKind, list_sessions, session_directory
+
+SOLVE_TIMEOUT_S = 280.0
+
+
+class Operations:
+    """Everything the control API can do; `table` maps names to coroutines."""
+
+    def __init__(
+        self,
+        measuring: Measuring,
+        serving: Serving,
+        teaching: Teaching,
+        store: CalibrationStore,
+        state_dir: Path,
+        clock: Clock,
+    ) -> None:
+        self.measuring = measuring
+        self.serving = serving
+        self.teaching = teaching
+        self.store = store
+        self.state_dir = state_dir
+        self.clock = clock
+
+    def table(self) -> Mapping[str, Operation]:
+        """Operations by name."""
+        teaching = self.teaching
+
+        def sample(kind: SampleKind) -> Operation:
+            return lambda arguments: teaching.touch(text_argument(arguments, "target"), kind)
+
+        return {
+            "status": self._status,
+            "record.start": lambda a: teaching.start(
+                text_argument(a, "plan", "joint"), a.get("session")
+            ),
+            "record.stop": lambda _: teaching.stop(),
+            "look": lambda _: teaching.look(),
+            "spin": lambda _: teaching.spin(),
+            "touch": sample(SampleKind.TOUCH),
+            "verify": sample(SampleKind.VERIFY),
+            "point": lambda a: teaching.point(text_argument(a, "name")),
+            "undo": lambda _: teaching.undo(),
+            "solve": self._solve,
+            "activate": self._activate,
+            "ec": self._ec,
+            "confirm": self._confirm,
+        }
+
+    def load_current(self) -> str:
+        """Serve with the calibration in use, if there is one; returns its id or why there is none."""
+        try:
+            calibration = self.store.current()
+        except NoCurrentCalibration as err:
+            return str(err)
+        self._check_facts(calibration)
+        self.serving.use(calibration, register_id(calibration))
+        return calibration.id
+
+    async def _status(self, _: Arguments) -> Mapping[str, Any]:
+        sight, fault = self.measuring.sight, self.serving.fault()
+        calibration = self.serving.calibration
+        return {
+            "serving": fault is None,
+            "fault": None if fault is None else {"status": fault[0].name, "reason": fault[1]},
+            "calibration": None if calibration is None else calibration.id,
+            "robot": self.measuring.robot_trouble() or "ok",
+            "camera": self.measuring.camera_trouble() or "ok",
+            "picture_age_s": None
+            if sight is None
+            else round(self.clock.monotonic() - sight.stamp_s, 3),
+            "robot_at_rest": sight is not None and sight.base_from_wrist is not None,
+            "tag_a_seen": sight is not None and sight.tag_a is not None,
+            "tag_b_seen": sight is not None and sight.tag_b is not None,
+            "answer": self.serving.answer.status.name,
+            "recording": self.teaching.status(),
+        }
+
+    async def _solve(self, arguments: Arguments) -> Mapping[str, Any]:
+        """Run the solver in a process of its own: it can be killed, and never delays an answer."""
+        names = list_sessions(self.state_dir)
+        name = arguments.get("session") or (names[-1] if names else None)
+        if not isinstance(name, str):
+            raise InputError("there is no recorded session to solve: vgrd record start")
+        folder = session_directory(self.state_dir, name)
+        command = ["-m", "vgrd.cell.solver", str(folder), str(self.state_dir)]
+        process = await asyncio.create_subprocess_exec(
+            sys.executable, *command, stdout=asyncio.subprocess.PIPE
+        )
+        try:
+            async with asyncio.timeout(SOLVE_TIMEOUT_S):
+                output, _ = await process.communicate()
+        except TimeoutError as err:
+            raise CalibrationError(f"not solved within {SOLVE_TIMEOUT_S:.0f} s") from err
+        finally:
+            if process.returncode is None:
+                process.kill()
+        if process.returncode != 0:
+            raise ControlError(f"the solver died with {process.returncode}; its log says why")
+        reply = json.loads(output)
+        if not reply["ok"]:
+            raise CalibrationError(reply["message"])
+        return dict(reply["result"])
+
+    async def _activate(self, arguments: Arguments) -> Mapping[str, Any]:
+        name = text_argument(arguments, "calibration")
+        self._check_facts(self.store.load(name))
+        calibration = self.store.activate(name, text_argument(arguments, "by", ""))
+        self.serving.use(calibration, register_id(calibration))
+        return {"calibration": name, "register_id": f"{register_id(calibration):08x}"}
+
+    async def _ec(self, arguments: Arguments) -> Mapping[str, Any]:
+        target = text_argument(arguments, "target")
+        policy = arguments.get("policy") or self.serving.limits.policy.value
+        if policy not in list(Policy):
+            raise InputError(f"policy {policy!r}: choose one of {', '.join(Policy)}")
+        calibration, fault = self.serving.calibration, self.serving.fault()
+        if calibration is None or fault is not None:
+            raise ControlError(f"not serving: {fault[1] if fault else 'no calibration'}")
+        sight = await self.measuring.fresh(PICTURE_TIMEOUT_S)
+        if sight.tag_b is None:
+            raise TagNotSeen("tag B on the object is not in the picture")
+        expected = expected_coordinate(calibration, target, sight.tag_b, Policy(policy))
+        pose = expected.base_from_wrist
+        return {
+            "target": target,
+            "policy": policy,
+            "position_mm": pose.translation.tolist(),
+            "rotvec_deg": np.degrees(pose.rotvec()).tolist(),
+            "u95_mm": expected.u95_mm,
+            "age_s": round(self.clock.monotonic() - sight.stamp_s, 3),
+            "calibration": calibration.id,
+        }
+
+    async def _confirm(self, _: Arguments) -> Mapping[str, Any]:
+        self.serving.confirm()
+        fault = self.serving.fault()
+        return {"confirmed": True, "fault": None if fault is None else fault[1]}
+
+    def _check_facts(self, calibration: Calibration) -> None:
+        differences = fact_differences(calibration.facts, self.teaching.facts)
+        if differences:
+            raise InputError(
+                f"{calibration.id} was made for another cell: {'; '.join(differences)}. "
+                "Teach again, or restore the cell file"
+            )
+
+
+def fact_differences(calibrated: CellFacts, configured: CellFacts) -> list[str]:
+    """What differs between the cell that was calibrated and the one configured, in words."""
+    pairs = {
+        "camera.mount": (calibrated.mount, configured.mount),
+        "camera.id": (calibrated.camera_id, configured.camera_id),
+        "camera.matrix": (calibrated.camera_matrix.tolist(), configured.camera_matrix.tolist()),
+        "camera.distortion": (calibrated.distortion.tolist(), configured.distortion.tolist()),
+        "robot.id": (calibrated.robot_id, configured.robot_id),
+        "tags.b": (_tag_words(calibrated.tag_b), _tag_words(configured.tag_b)),
+        "tags.a": (_tag_words(calibrated.tag_a), _tag_words(configured.tag_a)),
+        "tool.name": (calibrated.tool.name, configured.tool.name),
+    }
+    return [f"{key} was {old}, is {new}" for key, (old, new) in pairs.items() if old != new]
+
+
+def _tag_words(tag: object) -> str:
+    fields = ("family", "id", "size_mm")
+    return "none" if tag is None else " ".join(str(getattr(tag, name)) for name in fields)

@@ -1,0 +1,70 @@
+"""Solving a recorded session: the same function for the daemon's child process and for `vgrd solve`.
+
+    python -m vgrd.cell.solver SESSION_FOLDER STATE_DIR
+"""
+
+import json
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from vgrd import logs
+from vgrd.calibration.system import calibrate_system
+from vgrd.clock import Clock, SystemClock
+from vgrd.errors import VgrdError
+from vgrd.model import Calibration
+from vgrd.store.calibrations import CalibrationStore
+from vgrd.store.sessions import load_session
+
+
+def solve_session(
+    folder: Path, state_dir: Path | None = None, clock: Clock | None = None
+) -> dict[str, object]:
+    """Solve a session folder and store the calibration if `state_dir` is given; JSON-able summary."""
+    clock = clock or SystemClock()
+    stored = load_session(folder)
+    calibration = replace(calibrate_system(stored.recording), created_unix_s=clock.wall())
+    name = None
+    if state_dir is not None and calibration.verdict.ok:
+        name = CalibrationStore(state_dir, clock).save(calibration)
+    return {"calibration": name, **summary(calibration), "warnings": list(stored.warnings)}
+
+
+def summary(calibration: Calibration) -> dict[str, object]:
+    """What a person wants to know of a calibration, JSON-able."""
+    tcp = calibration.tcp_in_wrist
+    covariance = calibration.tcp_covariance
+    return {
+        "session": calibration.session,
+        "method": calibration.method,
+        "tcp_in_wrist_mm": None if tcp is None else [float(value) for value in tcp],
+        "tcp_sigma_mm": None
+        if covariance is None
+        else [float(value) for value in np.sqrt(np.diag(covariance))],
+        "residuals": {key: float(value) for key, value in calibration.residuals.items()},
+        "verdict": {
+            "ok": calibration.verdict.ok,
+            "findings": [
+                {"code": finding.code, "message": finding.message, "fatal": finding.fatal}
+                for finding in calibration.verdict.findings
+            ],
+        },
+    }
+
+
+def main(argv: list[str] | None = None) -> int:
+    """Entry point of the solver process: one JSON line on standard output."""
+    folder, state_dir = (argv or sys.argv)[1:]
+    logs.configure("solver")
+    try:
+        reply = {"ok": True, "result": solve_session(Path(folder), Path(state_dir))}
+    except VgrdError as err:
+        reply = {"ok": False, "error": type(err).__name__, "message": str(err)}
+    sys.stdout.write(json.dumps(reply, allow_nan=False) + "\n")
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,167 @@
+"""Teaching: samples become durable one by one; each reply says what is there and what is missing."""
+
+import time
+from collections import Counter
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from vgrd.cell.measuring import ROBOT_STALE_S, Measuring
+from vgrd.cell.recorder import Recorder
+from vgrd.cell.serving import tcp_difference
+from vgrd.config import TouchSection
+from vgrd.devices import FlangeReading
+from vgrd.errors import ControlError, DeviceUnavailable, InputError, NotSteady, TagNotSeen
+from vgrd.model import CellFacts, Observation, Plan, TagObservation, Touch
+from vgrd.store.sessions import SampleKind, SessionWriter
+
+PICTURE_TIMEOUT_S = 5.0
+STEADY_PX = 0.5
+WANTED: Mapping[Plan, Mapping[SampleKind, int]] = {
+    Plan.UNIVERSAL: {SampleKind.LOOK: 8, SampleKind.TOUCH: 6},
+    Plan.SPECIAL: {SampleKind.LOOK: 8, SampleKind.SPIN: 4, SampleKind.TOUCH: 6},
+    Plan.CONVENTIONAL: {SampleKind.LOOK: 8, SampleKind.POINT: 8, SampleKind.TOUCH: 6},
+    Plan.JOINT: {SampleKind.LOOK: 8, SampleKind.SPIN: 4, SampleKind.TOUCH: 8},
+}
+
+
+class Teaching:
+    """The operator's session: started, filled sample by sample, stopped."""
+
+    def __init__(
+        self,
+        measuring: Measuring,
+        recorder: Recorder,
+        facts: CellFacts,
+        touch: TouchSection,
+        now_name: Callable[[], str] = lambda: time.strftime("%Y%m%d-%H%M%S"),
+    ) -> None:
+        self.measuring = measuring
+        self.recorder = recorder
+        self.facts = facts
+        self.touch_sigma = touch
+        self.now_name = now_name
+        self.last_session: Path | None = None
+
+    async def start(self, plan: str, session: str | None) -> dict[str, object]:
+        """Open a session; the active TCP of the pendant is noted in it."""
+        if plan not in list(Plan):
+            raise InputError(f"plan {plan!r}: choose one of {', '.join(Plan)}")
+        name = session or self.now_name()
+        facts = replace(self.facts, wrist_from_tcp=self._reading().wrist_from_tcp)
+        await self.recorder.start(name, Plan(plan), facts)
+        return {"session": name, "plan": plan, "folder": str(self._session().path)}
+
+    async def stop(self) -> dict[str, object]:
+        """Close the session."""
+        counts = self._counts()
+        self.last_session = await self.recorder.stop()
+        return {"session": self.last_session.name, "folder": str(self.last_session), **counts}
+
+    async def look(self) -> dict[str, object]:
+        """Record a hand-eye sample: robot at rest, tag A seen."""
+        observation = await self._observe()
+        if observation.tag_a is None:
+            raise TagNotSeen("tag A at the flange is not in the picture: turn it to the camera")
+        return await self._store(SampleKind.LOOK, observation)
+
+    async def spin(self) -> dict[str, object]:
+        """Record the object as it stands now: robot at rest, tag B seen."""
+        observation = await self._observe()
+        if observation.tag_b is None:
+            raise TagNotSeen("tag B on the object is not in the picture: move the arm aside")
+        return await self._store(SampleKind.SPIN, observation)
+
+    async def touch(self, target: str, kind: SampleKind) -> dict[str, object]:
+        """Record that the tip rests on a target (kind touch or verify)."""
+        if target not in self.facts.object.targets:
+            known = ", ".join(self.facts.object.targets)
+            raise InputError(f"unknown target {target!r}; the cell file has: {known}")
+        return await self._store(kind, self._touch(target, await self._observe()))
+
+    async def point(self, name: str) -> dict[str, object]:
+        """Record a touch of a fixed point; no picture is needed."""
+        self._same_tcp()
+        pose = self.measuring.rest_now()
+        sigma = self.touch_sigma
+        touch = Touch(name, pose, sigma.lateral_sigma_mm, sigma.axial_sigma_mm)
+        return await self._store(SampleKind.POINT, touch)
+
+    async def undo(self) -> dict[str, object]:
+        """Take back the last sample."""
+        sequence, kind = await self.recorder.call(lambda writer: writer.undo())
+        return {"undone": kind.value, "sample": sequence, **self._counts()}
+
+    def status(self) -> dict[str, object]:
+        """Describe the session for `vgrd status`."""
+        if self.recorder.writer is None:
+            last = self.last_session.name if self.last_session else None
+            return {"session": None, "last": last}
+        return {
+            "session": self._session().header.name,
+            "trouble": self.recorder.trouble,
+            "dropped": self.recorder.dropped + sum(self._session().dropped),
+            **self._counts(),
+        }
+
+    def _touch(self, target: str, observation: Observation) -> Touch:
+        sigma = self.touch_sigma
+        return Touch(
+            target,
+            observation.base_from_wrist,
+            sigma.lateral_sigma_mm,
+            sigma.axial_sigma_mm,
+            observation,
+        )
+
+    async def _store(self, kind: SampleKind, value: Observation | Touch) -> dict[str, object]:
+        sequence = await self.recorder.call(lambda writer: writer.sample(kind, value))
+        seen = value if isinstance(value, Observation) else value.observation
+        tags = [name for name in ("tag_a", "tag_b") if getattr(seen, name, None) is not None]
+        return {"sample": sequence, "kind": kind.value, "tags": tags, **self._counts()}
+
+    async def _observe(self) -> Observation:
+        """Pose and picture of one rest; NotSteady when robot or object still move."""
+        self._session()
+        self._same_tcp()
+        first = await self.measuring.fresh(PICTURE_TIMEOUT_S)
+        first.observation()
+        second = await self.measuring.fresh(PICTURE_TIMEOUT_S)
+        for name in ("tag_a", "tag_b"):
+            moved = _shift_px(getattr(first, name), getattr(second, name))
+            if moved > STEADY_PX:
+                raise NotSteady(
+                    f"{name.replace('_', ' ')} moved {moved:.1f} px between two pictures: "
+                    "wait until everything stands still"
+                )
+        return second.observation()
+
+    def _reading(self) -> FlangeReading:
+        reading = self.measuring.robot.newest(ROBOT_STALE_S)
+        if reading is None:
+            raise DeviceUnavailable(f"the robot is offline: {self.measuring.robot_trouble()}")
+        return reading
+
+    def _same_tcp(self) -> None:
+        known = self._session().header.facts.wrist_from_tcp
+        trouble = tcp_difference(known, self._reading().wrist_from_tcp)
+        if trouble:
+            raise ControlError(f"not recorded: {trouble}")
+
+    def _session(self) -> SessionWriter:
+        return self.recorder.open_session()
+
+    def _counts(self) -> dict[str, object]:
+        writer = self._session()
+        have = Counter({kind.value: count for kind, count in writer.counts.items()})
+        wanted = {kind.value: n for kind, n in WANTED[writer.header.plan].items()}
+        missing = {kind: n - have[kind] for kind, n in wanted.items() if have[kind] < n}
+        return {"have": dict(have), "missing": missing}
+
+
+def _shift_px(first: TagObservation | None, second: TagObservation | None) -> float:
+    if first is None or second is None:
+        return 0.0
+    return float(np.abs(first.corners_px - second.corners_px).max())

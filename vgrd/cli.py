@@ -1,0 +1,306 @@
+"""The command line: a person can teach, solve, activate and ask with it.
+
+Commands that talk to a running daemon find it by `--config CELL.toml`, by `--socket PATH`, or by the
+environment variables VGRD_CONFIG and VGRD_SOCKET.
+"""
+
+import json
+import os
+import sys
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+from rich.console import Console
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
+from rich.table import Table
+
+from vgrd.errors import DaemonUnreachable, InputError, VgrdError
+from vgrd.ipc.control import ControlClient
+
+SAMPLE_TIMEOUT_S = 15.0
+SOLVE_TIMEOUT_S = 300.0
+
+app = typer.Typer(
+    no_args_is_help=True,
+    pretty_exceptions_enable=False,
+    rich_markup_mode=None,
+    help="Calibrate a vision-guided robot cell and serve expected coordinates over Modbus.",
+)
+record_app = typer.Typer(no_args_is_help=True, help="Start and stop recording a teaching session.")
+app.add_typer(record_app, name="record")
+
+ConfigOption = Annotated[
+    Path | None, typer.Option("--config", envvar="VGRD_CONFIG", help="The cell file of the daemon.")
+]
+SocketOption = Annotated[
+    Path | None, typer.Option("--socket", envvar="VGRD_SOCKET", help="The daemon's control socket.")
+]
+JsonOption = Annotated[
+    str | None, typer.Option("--json", help="Write the result as JSON to FILE, - is the output.")
+]
+
+console = Console()
+Result = Mapping[str, Any]
+
+
+def _client(config: Path | None, socket: Path | None) -> ControlClient:
+    if socket is not None:
+        return ControlClient(socket)
+    if config is None:
+        raise InputError("which daemon? Give --config CELL.toml or --socket PATH")
+    from vgrd.cell.setup import CONTROL_SOCKET  # noqa: PLC0415
+    from vgrd.config import load_config  # noqa: PLC0415
+
+    return ControlClient(Path(load_config(config).cell.runtime_dir) / CONTROL_SOCKET)
+
+
+def _print_result(result: Result, json_to: str | None, show: Callable[[Result], None]) -> None:
+    """Write JSON where asked; otherwise (and beside a file) show it for people."""
+    if json_to is not None:
+        text = json.dumps(result, indent=2, allow_nan=False)
+        if json_to == "-":
+            print(text)
+            return
+        try:
+            Path(json_to).write_text(text + "\n", encoding="utf-8")
+        except OSError as err:
+            raise InputError(f"--json {json_to}: cannot be written: {err.strerror}") from err
+    show(result)
+
+
+def _table(title: str, columns: Sequence[str], rows: Sequence[Sequence[object]]) -> Table:
+    table = Table(*columns, title=title, title_justify="left")
+    for row in rows:
+        table.add_row(*(_cell(value) for value in row))
+    return table
+
+
+def _cell(value: object) -> str:
+    if isinstance(value, bool):
+        return "yes" if value else "no"
+    if isinstance(value, float):
+        return f"{value:.3f}"
+    if isinstance(value, list | tuple):
+        return ", ".join(_cell(item) for item in value)
+    return "-" if value is None else str(value)
+
+
+def _show_fields(title: str) -> Callable[[Result], None]:
+    def show(result: Result) -> None:
+        console.print(_table(title, ("what", "value"), list(_flat(result))))
+
+    return show
+
+
+def _flat(result: Result, prefix: str = "") -> Iterator[tuple[str, object]]:
+    for key, value in result.items():
+        if isinstance(value, Mapping):
+            yield from _flat(value, f"{prefix}{key}.")
+        else:
+            yield f"{prefix}{key}", value
+
+
+@contextmanager
+def _progress(what: str) -> Iterator[Callable[[int, int], None]]:
+    """A progress bar on standard error; yields `report(done, total)`."""
+    columns = (
+        TextColumn("{task.description}"),
+        BarColumn(),
+        MofNCompleteColumn(),
+        TimeElapsedColumn(),
+    )
+    with Progress(*columns, console=Console(stderr=True), transient=True) as progress:
+        task = progress.add_task(what, total=None)
+        yield lambda done, total: progress.update(task, completed=done, total=total)
+
+
+def _ask(
+    config: Path | None,
+    socket: Path | None,
+    op: str,
+    *,
+    timeout_s: float = SAMPLE_TIMEOUT_S,
+    **arguments: object,
+) -> dict[str, object]:
+    given = {key: value for key, value in arguments.items() if value is not None}
+    return _client(config, socket).call(op, timeout_s=timeout_s, **given)
+
+
+@app.command()
+def run(config: Annotated[Path, typer.Argument(help="The cell file.")]) -> None:
+    """Run the daemon in the foreground until Ctrl-C or SIGTERM."""
+    from vgrd.cell.setup import write_process_table  # noqa: PLC0415
+    from vgrd.config import load_config  # noqa: PLC0415
+
+    table = write_process_table(load_config(config), config)
+    os.execv(sys.executable, [sys.executable, "-m", "vgrd.gate", str(table.parent)])  # noqa: S606
+
+
+@app.command()
+def check(
+    config: Annotated[Path, typer.Argument(help="The cell file.")], json_to: JsonOption = None
+) -> None:
+    """Check a cell file; every fault is reported at once."""
+    from vgrd.config import load_config  # noqa: PLC0415
+
+    loaded = load_config(config)
+    result = {
+        "ok": True,
+        "cell": loaded.cell.name,
+        "robot": loaded.robot.driver,
+        "camera": loaded.camera.driver,
+        "targets": [target.name for target in loaded.object.targets],
+        "registers": f"{loaded.serving.host}:{loaded.serving.port}",
+        "state_dir": loaded.cell.state_dir,
+        "runtime_dir": loaded.cell.runtime_dir,
+    }
+    _print_result(result, json_to, _show_fields(f"{config} is good"))
+
+
+@app.command()
+def status(
+    config: ConfigOption = None, socket: SocketOption = None, json_to: JsonOption = None
+) -> None:
+    """Show how the cell is."""
+    _print_result(_ask(config, socket, "status"), json_to, _show_fields("status"))
+
+
+@record_app.command("start")
+def record_start(
+    plan: Annotated[str, typer.Option(help="universal, special, conventional or joint.")] = "joint",
+    session: Annotated[str | None, typer.Option(help="Name; by default the date and time.")] = None,
+    config: ConfigOption = None,
+    socket: SocketOption = None,
+    json_to: JsonOption = None,
+) -> None:
+    """Start recording a session."""
+    result = _ask(config, socket, "record.start", plan=plan, session=session)
+    _print_result(result, json_to, _show_fields("recording"))
+
+
+@record_app.command("stop")
+def record_stop(
+    config: ConfigOption = None, socket: SocketOption = None, json_to: JsonOption = None
+) -> None:
+    """End the session and close its files."""
+    _print_result(_ask(config, socket, "record.stop"), json_to, _show_fields("recorded"))
+
+
+def _sample_command(op: str, argument: str | None, text: str) -> None:
+    """Register one teaching command; they differ in name and argument only."""
+    if argument is None:
+
+        def plain(
+            config: ConfigOption = None, socket: SocketOption = None, json_to: JsonOption = None
+        ) -> None:
+            _print_result(_ask(config, socket, op), json_to, _show_fields(op))
+
+        app.command(op, help=text)(plain)
+        return
+
+    def named(
+        name: Annotated[str, typer.Argument(metavar=argument)],
+        config: ConfigOption = None,
+        socket: SocketOption = None,
+        json_to: JsonOption = None,
+    ) -> None:
+        result = _ask(config, socket, op, **{argument.lower(): name})
+        _print_result(result, json_to, _show_fields(op))
+
+    app.command(op, help=text)(named)
+
+
+_sample_command("look", None, "Record a hand-eye sample: robot at rest, tag A in view.")
+_sample_command("spin", None, "Record the turned object: robot at rest, tag B in view.")
+_sample_command("touch", "TARGET", "Record that the tool's tip rests on a target.")
+_sample_command("point", "NAME", "Record a touch of a fixed point (conventional TCP).")
+_sample_command("verify", "TARGET", "Record a touch that is held out of every fit.")
+_sample_command("undo", None, "Take back the last sample.")
+_sample_command("confirm", None, "Confirm that the cause of a latched fault is gone.")
+
+
+@app.command()
+def solve(
+    source: Annotated[
+        Path | None,
+        typer.Argument(help="A dataset file (.toml) or a session folder; none: the daemon's session."),
+    ] = None,
+    config: ConfigOption = None,
+    socket: SocketOption = None,
+    json_to: JsonOption = None,
+) -> None:
+    """Solve a dataset, a recorded session, or the daemon's last session; nothing becomes active."""
+    if source is None:
+        with _progress("solving") as report:
+            report(0, 1)
+            result = _ask(config, socket, "solve", timeout_s=SOLVE_TIMEOUT_S)
+        _print_result(result, json_to, _show_fields("solved"))
+    elif source.is_dir():
+        from vgrd.cell.solver import solve_session  # noqa: PLC0415
+
+        _print_result(solve_session(source), json_to, _show_fields(f"{source.name} solved"))
+    else:
+        _solve_dataset(source, json_to)
+
+
+def _solve_dataset(source: Path, json_to: str | None) -> None:
+    from vgrd.datasets import solve_dataset  # noqa: PLC0415
+
+    with _progress("solving") as report:
+        solution = solve_dataset(source, report)
+
+    def show(result: Result) -> None:
+        console.print(
+            _table(
+                f"{source}: samples", ("sample", "used", "px", "deg", "mm", "reason"), 
+                [[s[k] for k in ("name", "used", "px", "deg", "mm", "reason")] for s in result["samples"]],
+            )
+        )
+        rows = [(key, result[key]) for key in ("leave_one_out", "target_scale", "verdict")]
+        console.print(_table("hand-eye", ("what", "value"), list(_flat(dict(rows)))))
+
+    _print_result(solution.to_json(), json_to, show)
+
+
+@app.command()
+def activate(
+    calibration: Annotated[str, typer.Argument(help="Calibration id, such as cal-000001.")],
+    config: ConfigOption = None,
+    socket: SocketOption = None,
+    json_to: JsonOption = None,
+) -> None:
+    """Serve with this calibration from now on (logged, reversible)."""
+    result = _ask(config, socket, "activate", calibration=calibration)
+    _print_result(result, json_to, _show_fields("active"))
+
+
+@app.command()
+def ec(
+    target: Annotated[str, typer.Argument(help="Name of the target.")],
+    policy: Annotated[str | None, typer.Option(help="fixed or follow; as configured if left out.")] = None,
+    config: ConfigOption = None,
+    socket: SocketOption = None,
+    json_to: JsonOption = None,
+) -> None:
+    """Compute an expected coordinate from a fresh picture."""
+    result = _ask(config, socket, "ec", target=target, policy=policy)
+    _print_result(result, json_to, _show_fields(f"expected coordinate of {target}"))
+
+
+def main() -> None:
+    """Entry point: errors of the project become one clear message and their exit code."""
+    try:
+        app()
+    except VgrdError as err:
+        hint = " Start it with: vgrd run CELL.toml" if isinstance(err, DaemonUnreachable) else ""
+        Console(stderr=True, soft_wrap=True).print(
+            f"vgrd: {err}{hint}", style="bold red", markup=False, highlight=False
+        )
+        sys.exit(err.exit_code)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,1 @@
+"""From device processes to observations: pose and picture of one instant, robot at rest."""

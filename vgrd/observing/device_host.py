@@ -1,0 +1,192 @@
+"""The process around one driver: opens it, publishes into a ring, ends when the driver fails.
+
+    python -m vgrd.observing.device_host robot|camera RUNTIME_DIR DRIVER SETTINGS_JSON
+
+One connection per life of the process: the gate starts it again, by type of error (exit code).
+"""
+
+import importlib
+import json
+import math
+import sys
+from pathlib import Path
+from types import ModuleType
+
+import structlog
+
+from vgrd import logs
+from vgrd.clock import Clock, SystemClock
+from vgrd.devices import Camera, CameraImage, Robot, Settings
+from vgrd.errors import (
+    BadReading,
+    ConfigError,
+    DeviceRefused,
+    DeviceUnavailable,
+    RingUnavailable,
+    VgrdError,
+)
+from vgrd.ipc.health import HealthReporter
+from vgrd.ipc.ring import RingReader, RingWriter
+from vgrd.observing import wire
+
+READ_TIMEOUT_S = 0.5
+GRAB_TIMEOUT_S = 2.0
+TRIGGER_POLL_S = 0.001
+BAD_READINGS_IN_A_ROW = 50
+
+log = structlog.get_logger()
+
+
+def driver_module(name: str) -> ModuleType:
+    """The module of a driver: `ur_rtde` is `drivers.ur_rtde`, a dotted name is taken as it stands."""
+    dotted = name if "." in name else f"drivers.{name}"
+    try:
+        return importlib.import_module(dotted)
+    except ModuleNotFoundError as err:
+        raise ConfigError(
+            "driver", [f"{name!r}: no module {err.name!r}; is it misspelt, or its extra not installed?"]
+        ) from err
+
+
+class BadReadings:
+    """Counts bad readings; too many in a row mean that the device is of no use."""
+
+    def __init__(self, limit: int = BAD_READINGS_IN_A_ROW) -> None:
+        self.limit = limit
+        self.in_a_row = 0
+
+    def good(self) -> None:
+        """A reading was usable."""
+        self.in_a_row = 0
+
+    def bad(self, error: BadReading) -> None:
+        """A reading was not; raises DeviceUnavailable at the limit."""
+        self.in_a_row += 1
+        log.log(30 if self.in_a_row == 1 else 10, "bad_reading", reason=str(error))
+        if self.in_a_row >= self.limit:
+            raise DeviceUnavailable(f"{self.limit} bad readings in a row, the last: {error}") from error
+
+
+def host_robot(robot: Robot, runtime_dir: Path, health: HealthReporter) -> None:
+    """Publish flange readings until the driver fails."""
+    ring = RingWriter.create(
+        runtime_dir / wire.FLANGE_RING,
+        slots=wire.FLANGE_SLOTS,
+        slot_bytes=wire.FLANGE_BYTES,
+        kind=wire.FLANGE_KIND,
+    )
+    bad = BadReadings()
+    while True:
+        try:
+            reading = robot.read_flange(READ_TIMEOUT_S)
+        except BadReading as err:
+            bad.bad(err)
+        else:
+            bad.good()
+            ring.publish(wire.pack_flange(reading), stamp_s=reading.stamp_s)
+        health.progress("ok")
+
+
+class FrameCheck:
+    """Refuses frozen pictures: the frame number must advance, the stamp too."""
+
+    def __init__(self) -> None:
+        self.frame = -1
+        self.stamp_s = -math.inf
+
+    def accept(self, image: CameraImage) -> CameraImage:
+        """The image itself; BadReading when it is not newer than the last one."""
+        if image.frame <= self.frame or image.stamp_s <= self.stamp_s:
+            raise BadReading(
+                f"the camera repeats itself: frame {image.frame} after {self.frame}, "
+                f"{image.stamp_s - self.stamp_s:.3f} s later"
+            )
+        self.frame, self.stamp_s = image.frame, image.stamp_s
+        return image
+
+
+def host_camera(
+    camera: Camera,
+    runtime_dir: Path,
+    health: HealthReporter,
+    clock: Clock,
+    picture_bytes: int,
+) -> None:
+    """Take one picture per trigger message until the driver fails."""
+    ring = RingWriter.create(
+        runtime_dir / wire.IMAGE_RING,
+        slots=wire.IMAGE_SLOTS,
+        slot_bytes=wire.IMAGE_HEADER_BYTES + picture_bytes,
+        kind=wire.IMAGE_KIND,
+        crc=False,
+    )
+    triggers = _Triggers(runtime_dir / wire.TRIGGER_RING)
+    check, bad = FrameCheck(), BadReadings(limit=5)
+    while True:
+        health.progress("ok")
+        if not triggers.pending():
+            clock.sleep(TRIGGER_POLL_S)
+            continue
+        try:
+            image = check.accept(camera.grab(GRAB_TIMEOUT_S))
+        except BadReading as err:
+            bad.bad(err)
+            continue
+        bad.good()
+        ring.publish(wire.pack_image_header(image), image.pixels.data, stamp_s=image.stamp_s)
+
+
+class _Triggers:
+    """The cell's wish for a picture: a counter in a ring, of which only the newest counts."""
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        self.ring: RingReader | None = None
+        self.seen = 0
+
+    def pending(self) -> bool:
+        if self.ring is None:
+            try:
+                self.ring = RingReader.open(self.path, wire.TRIGGER_KIND)
+            except RingUnavailable:
+                return False
+            self.seen = self.ring.index
+        newest = self.ring.index
+        asked, self.seen = newest != self.seen, newest
+        return asked
+
+
+def run(kind: str, runtime_dir: Path, driver: str, settings: Settings, picture_bytes: int) -> None:
+    """Open the driver and host it; returns only by an exception."""
+    clock = SystemClock()
+    health = HealthReporter(runtime_dir, kind, clock)
+    try:
+        health.report("starting", f"opening {driver}")
+        device = driver_module(driver).open(settings, clock)
+        log.info("device_open", driver=driver)
+        if kind == "robot":
+            host_robot(device, runtime_dir, health)
+        else:
+            host_camera(device, runtime_dir, health, clock, picture_bytes)
+    except DeviceUnavailable as err:
+        health.report("unavailable", str(err))
+        raise
+    except (DeviceRefused, ConfigError) as err:
+        health.report("refused", str(err))
+        raise
+
+
+def main(argv: list[str] | None = None) -> int:
+    """Entry point of a device process; the exit code is the error's."""
+    kind, runtime_dir, driver, settings, picture_bytes = (argv or sys.argv)[1:]
+    logs.configure(kind)
+    try:
+        run(kind, Path(runtime_dir), driver, json.loads(settings), int(picture_bytes))
+    except VgrdError as err:
+        log.warning("device_lost", driver=driver, reason=str(err))
+        return err.exit_code
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

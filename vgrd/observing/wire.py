@@ -1,0 +1,79 @@
+"""How flange readings and pictures lie in the rings: fixed binary layouts, little-endian."""
+
+import struct
+
+import numpy as np
+
+from vgrd.devices import CameraImage, FlangeReading
+from vgrd.errors import BadReading, InputError
+from vgrd.geometry import Pose
+
+FLANGE_RING = "robot.ring"
+IMAGE_RING = "camera.ring"
+TRIGGER_RING = "camera.trigger.ring"
+FLANGE_KIND = "flange"
+IMAGE_KIND = "image"
+TRIGGER_KIND = "trigger"
+FLANGE_SLOTS = 256
+IMAGE_SLOTS = 4
+
+_FLANGE = struct.Struct("<dd12d?12dQ?")
+_IMAGE = struct.Struct("<dQIIB")
+_DTYPES: tuple[type[np.uint8 | np.uint16], ...] = (np.uint8, np.uint16)
+
+FLANGE_BYTES = _FLANGE.size
+IMAGE_HEADER_BYTES = _IMAGE.size
+
+
+def pack_flange(reading: FlangeReading) -> bytes:
+    """One flange reading as bytes."""
+    tcp = reading.wrist_from_tcp
+    return _FLANGE.pack(
+        reading.stamp_s,
+        reading.controller_s,
+        *_numbers(reading.base_from_wrist),
+        tcp is not None,
+        *_numbers(tcp or Pose.identity()),
+        reading.digital_inputs,
+        reading.running,
+    )
+
+
+def unpack_flange(payload: bytes) -> FlangeReading:
+    """The inverse of `pack_flange`; BadReading on anything that is not a rigid motion."""
+    stamp, controller, *values = _FLANGE.unpack(payload)
+    try:
+        return FlangeReading(
+            base_from_wrist=_pose(values[:12]),
+            wrist_from_tcp=_pose(values[13:25]) if values[12] else None,
+            stamp_s=stamp,
+            controller_s=controller,
+            digital_inputs=values[25],
+            running=values[26],
+        )
+    except InputError as err:
+        raise BadReading(f"flange reading in {FLANGE_RING}: {err}") from err
+
+
+def pack_image_header(image: CameraImage) -> bytes:
+    """What goes before the pixels of a picture."""
+    height, width = image.pixels.shape
+    code = _DTYPES.index(image.pixels.dtype.type)
+    return _IMAGE.pack(image.stamp_s, image.frame, height, width, code)
+
+
+def unpack_image(payload: bytes | bytearray | memoryview) -> CameraImage:
+    """A picture from header and pixels; the pixels are a view of `payload`."""
+    stamp, frame, height, width, code = _IMAGE.unpack_from(payload)
+    pixels = np.frombuffer(
+        payload, dtype=_DTYPES[code], count=height * width, offset=_IMAGE.size
+    ).reshape(height, width)
+    return CameraImage(pixels, stamp, frame)
+
+
+def _numbers(pose: Pose) -> list[float]:
+    return [*pose.rotation.ravel(), *pose.translation]
+
+
+def _pose(values: list[float]) -> Pose:
+    return Pose(np.reshape(values[:9], (3, 3)), np.array(values[9:]))
