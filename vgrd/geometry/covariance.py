@@ -1,6 +1,6 @@
 """Uncertainty: covariances of least squares, what the data leave undetermined, 95 % radii, means.
 
-Covariances of poses are (6, 6) of a left tangent perturbation (v, w), mm and rad: `exp(xi) @ pose`.
+Covariances of poses are (6, 6) of a left tangent perturbation (v, w): `exp(xi) @ pose`.
 """
 
 from collections.abc import Sequence
@@ -48,14 +48,14 @@ def covariance_from(jacobian: Array) -> Array:
             f"only {rank} of {n} unknowns are determined by the data", rank=rank, unknowns=n
         )
     half = (Vt.T / s) / scale[:, None]
-    return half @ half.T
+    out: Array = half @ half.T
+    return out
 
 
 def whitener(covariance: Array) -> Array:
     """Matrix W with `W.T @ W == inverse(covariance)`."""
-    identity = np.eye(len(covariance))
-    out: Array = np.linalg.solve(np.linalg.cholesky(covariance), identity)
-    return out
+    W: Array = np.linalg.inv(np.linalg.cholesky(covariance))
+    return W
 
 
 def radius95(covariance: Array) -> float:

@@ -215,7 +215,7 @@ def nearest_rotation(matrix: ArrayLike, *, tolerance: float = 1e-3) -> Array:
     """Proper rotation (3, 3) nearest to `matrix` in the Frobenius norm; InputError when farther than `tolerance`."""
     M = np.asarray(matrix, dtype=np.float64)
     U, _, Vt = np.linalg.svd(M)
-    R = U @ np.diag([1.0, 1.0, np.sign(np.linalg.det(U @ Vt))]) @ Vt
+    R: Array = U @ np.diag([1.0, 1.0, np.sign(np.linalg.det(U @ Vt))]) @ Vt
     if not np.abs(R - M).max() <= tolerance:
         raise InputError(
             "not a rotation matrix: rows must be orthonormal with determinant +1 "

@@ -1,0 +1,152 @@
+"""Hand-eye calibration: values, and the problem of tag poses with covariances.
+
+One equation serves both mounts: `camera_from_target_i = X^-1 M_i Y` with
+eye-to-hand: X = base_from_camera, M = base_from_wrist, Y = wrist_from_target;
+eye-in-hand: X = wrist_from_camera, M = wrist_from_base, Y = base_from_target.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from vgrd.calibration.hand_eye_fit import Fit, HandEye, Rows, Sample, fit_hand_eye, move_of
+from vgrd.geometry import Array, Pose
+from vgrd.geometry.camera import CameraModel
+from vgrd.geometry.covariance import whitener
+from vgrd.model import Mount
+
+_ODD = 4.0
+_ODD_AT_LEAST = (0.1, 2e-3)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PoseSample:
+    """One look: a flange pose and the pose of the target in the picture.
+
+    covariance: (6, 6), left tangent of camera_from_target, mm and rad.
+    """
+
+    name: str
+    base_from_wrist: Pose
+    camera_from_target: Pose
+    covariance: Array
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class HandEyeProblem:
+    """Looks with pose covariances; robot_sigma_*: noise of one flange pose, per axis."""
+
+    mount: Mount
+    samples: Sequence[PoseSample]
+    robot_sigma_mm: float = 0.1
+    robot_sigma_rad: float = 2e-4
+    robust: bool = True
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SampleResidual:
+    """How one sample fits: predicted minus measured pose of the target, reprojection rms.
+
+    `reason` says why an unused sample was left out, or what is odd about a used one. deg, mm: of
+    the target's pose in the camera; px: rms of the predicted pixels (NaN for pose samples).
+    """
+
+    name: str
+    used: bool
+    reason: str
+    deg: float
+    mm: float
+    px: float = np.nan
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class HandEyeResult:
+    """mount_from_camera: base_from_camera (eye-to-hand) or wrist_from_camera (eye-in-hand).
+
+    mount_from_target: wrist_from_target or base_from_target. covariance: (12, 12) of the left
+    tangents of the two, in this order. noise_scale: residuals over what the sigmas promise (the
+    covariance is enlarged by it where it is above 1). camera: as refined; target_scale: 1 unless
+    it was estimated.
+    """
+
+    mount: Mount
+    mount_from_camera: Pose
+    mount_from_target: Pose
+    covariance: Array
+    noise_scale: float
+    samples: tuple[SampleResidual, ...]
+    camera: CameraModel | None = None
+    intrinsics_sigma: Array = field(default_factory=lambda: np.zeros(6))
+    target_scale: float = 1.0
+    target_scale_sigma: float = 0.0
+
+    def predict(self, base_from_wrist: Pose) -> Pose:
+        """camera_from_target that this calibration expects at a flange pose."""
+        return (
+            self.mount_from_camera.inverse()
+            @ move_of(self.mount, base_from_wrist)
+            @ self.mount_from_target
+        )
+
+
+def calibrate_hand_eye(problem: HandEyeProblem) -> HandEyeResult:
+    """Maximum likelihood from looks with pose covariances and robot noise.
+
+    Raises TooFewObservations, NotObservable (names the missing motion), InputError (one pose
+    twice) or DidNotConverge.
+    """
+    samples = [
+        Sample(s.name, s.base_from_wrist, s.camera_from_target, _PoseRows(s))
+        for s in problem.samples
+    ]
+    fit = fit_hand_eye(
+        problem.mount,
+        samples,
+        robot_sigma_mm=problem.robot_sigma_mm,
+        robot_sigma_rad=problem.robot_sigma_rad,
+        robust=problem.robust,
+    )
+    return result_of(problem.mount, samples, fit)
+
+
+class _PoseRows(Rows):
+    """Residual log(predicted measured^-1), whitened by the measurement's covariance."""
+
+    def __init__(self, sample: PoseSample) -> None:
+        self._measured = sample.camera_from_target.inverse()
+        self._W = whitener(sample.covariance)
+
+    def linearize(self, state: HandEye, predicted: Pose) -> tuple[Array, Array, Array]:
+        e = (predicted @ self._measured).log()
+        D = self._W @ np.linalg.inv(Pose.left_jacobian(e))
+        return self._W @ e, D, np.zeros((6, state.extra))
+
+    def own(self, state: HandEye) -> tuple[Pose, float]:
+        del state
+        return self._measured.inverse(), 0.0
+
+
+def result_of(mount: Mount, samples: Sequence[Sample], fit: Fit) -> HandEyeResult:
+    """Dress a fit as a result, residuals of every sample included."""
+    predicted = [fit.state.predict(mount, sample.base_from_wrist) for sample in samples]
+    off = np.array(
+        [p.distance(s.rows.own(fit.state)[0]) for p, s in zip(predicted, samples, strict=True)]
+    )
+    typical = np.median(off[list(fit.used)], axis=0)
+    residuals = []
+    for i, sample in enumerate(samples):
+        mm, deg = float(off[i, 0]), float(np.degrees(off[i, 1]))
+        reason = fit.reasons[i]
+        if fit.used[i] and (off[i] > _ODD * typical + _ODD_AT_LEAST).any():
+            reason = f"its own pose is {mm:.1f} mm and {deg:.2f} deg off: few or bunched points"
+        px = sample.rows.rms_px(fit.state, predicted[i])
+        residuals.append(SampleResidual(sample.name, fit.used[i], reason, deg, mm, px))
+    return HandEyeResult(
+        mount=mount,
+        mount_from_camera=fit.state.X,
+        mount_from_target=fit.state.Y,
+        covariance=fit.covariance[:12, :12],
+        noise_scale=fit.noise_scale,
+        samples=tuple(residuals),
+    )

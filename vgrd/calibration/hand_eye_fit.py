@@ -1,0 +1,260 @@
+"""Engine of both hand-eye problems: whitening with robot noise, robust weights, least squares."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from functools import partial
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import gammaincinv
+
+from vgrd.calibration.hand_eye_start import park_martin
+from vgrd.calibration.motion import refuse_repeats, require_hand_eye_motion
+from vgrd.errors import NotObservable, TooFewObservations
+from vgrd.geometry import Array, Pose
+from vgrd.geometry.camera import CameraModel
+from vgrd.geometry.covariance import covariance_from
+from vgrd.geometry.least_squares import Minimum, minimize, require_convergence
+from vgrd.model import Mount
+
+Mask = NDArray[np.bool_]
+
+_ROUNDS = 20
+_SETTLED = 1e-3
+_NEARLY_SETTLED = 1e-2
+_TOLERANCE = 1e-6
+_CHI2_6_MEDIAN = 5.348
+_CHI2_6_95 = 12.592
+_CHI2_6_REJECT = 2 * float(gammaincinv(3, 1 - 1e-5))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class HandEye:
+    """State of the estimate: X, Y, and what the points problem refines beside them."""
+
+    X: Pose = field(default_factory=Pose.identity)
+    Y: Pose = field(default_factory=Pose.identity)
+    camera: CameraModel | None = None
+    scale: float = 1.0
+    refines_camera: bool = False
+    refines_scale: bool = False
+    is_blank: bool = True
+
+    @property
+    def extra(self) -> int:
+        """Number of unknowns beside the two poses."""
+        return 6 * self.refines_camera + self.refines_scale
+
+    def predict(self, mount: Mount, base_from_wrist: Pose) -> Pose:
+        """camera_from_target at a flange pose."""
+        return self.X.inverse() @ move_of(mount, base_from_wrist) @ self.Y
+
+    def retract(self, step: Array) -> "HandEye":
+        """Left perturbations of X and Y; intrinsics added; scale multiplied."""
+        camera, scale = self.camera, self.scale
+        if camera is not None and self.refines_camera:
+            camera = camera.with_intrinsics(camera.intrinsics() + step[12:18])
+        if self.refines_scale:
+            scale = scale * float(np.exp(step[-1]))
+        X, Y = Pose.exp(step[:6]) @ self.X, Pose.exp(step[6:12]) @ self.Y
+        return replace(self, X=X, Y=Y, camera=camera, scale=scale)
+
+
+class Rows:
+    """What one sample contributes: residuals in units of its own measurement noise."""
+
+    def linearize(self, state: HandEye, predicted: Pose) -> tuple[Array, Array, Array]:
+        """Residuals (m,), derivative (m, 6) by a left perturbation of `predicted`, (m, extra)."""
+        raise NotImplementedError
+
+    def own(self, state: HandEye) -> tuple[Pose, float]:
+        """Pose that fits this sample best by itself, and its squared residuals."""
+        raise NotImplementedError
+
+    def rms_px(self, state: HandEye, predicted: Pose) -> float:
+        """Reprojection error at a predicted pose; NaN where the sample holds no pixels."""
+        del state, predicted
+        return float("nan")
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Sample:
+    """A flange pose, a first guess of the target's pose, and its rows."""
+
+    name: str
+    base_from_wrist: Pose
+    camera_from_target: Pose
+    rows: Rows
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Fit:
+    """covariance: of all unknowns, enlarged by noise_scale^2 where that is above 1."""
+
+    state: HandEye
+    covariance: Array
+    noise_scale: float
+    used: tuple[bool, ...]
+    reasons: tuple[str, ...]
+
+
+def move_of(mount: Mount, base_from_wrist: Pose) -> Pose:
+    """M of the module's equation."""
+    return base_from_wrist if mount is Mount.EYE_TO_HAND else base_from_wrist.inverse()
+
+
+def fit_hand_eye(
+    mount: Mount,
+    samples: Sequence[Sample],
+    *,
+    robot_sigma_mm: float,
+    robot_sigma_rad: float,
+    robust: bool,
+    start: HandEye | None = None,
+) -> Fit:
+    """Maximum likelihood; robust: samples that fit no common pose are left out with the reason.
+
+    `start` says what is refined beside the two poses; where it holds none, they start from the
+    closed form.
+    """
+    refuse_repeats([s.name for s in samples], [s.base_from_wrist for s in samples])
+    require_hand_eye_motion([s.base_from_wrist for s in samples])
+    engine = _Engine(mount, samples, robot_sigma_mm, robot_sigma_rad)
+    start = start or HandEye()
+    if start.is_blank:
+        X, Y = park_martin(engine.moves, [s.camera_from_target for s in samples])
+        start = replace(start, X=X, Y=Y, is_blank=False)
+    if 6 * len(samples) < 12 + start.extra + 1:
+        raise TooFewObservations(
+            f"{len(samples)} samples cannot determine {12 + start.extra} unknowns: "
+            "add samples or refine less"
+        )
+    everything = np.ones(len(samples), dtype=np.bool_)
+    if not robust:
+        return engine.finish(engine.settle(start, everything, robust=False), everything)
+    weighted = engine.settle(start, everything, robust=True)
+    misfits = engine.misfits(weighted.state)
+    limit = _CHI2_6_REJECT * engine.variance_of(misfits)
+    kept = misfits <= limit
+    require_hand_eye_motion([s.base_from_wrist for s, k in zip(samples, kept, strict=True) if k])
+    return engine.finish(engine.settle(weighted.state, kept, robust=False), kept)
+
+
+class _Engine:
+    def __init__(
+        self, mount: Mount, samples: Sequence[Sample], sigma_mm: float, sigma_rad: float
+    ) -> None:
+        self.mount = mount
+        self.samples = samples
+        self.moves = [move_of(mount, s.base_from_wrist) for s in samples]
+        self.robot_sigmas = np.array([sigma_mm] * 3 + [sigma_rad] * 3)
+
+    def settle(self, state: HandEye, kept: Mask, *, robust: bool) -> Minimum[HandEye]:
+        """Minimise, renew whitening and weights, until neither changes."""
+        weights: Array = kept.astype(np.float64)
+        for _ in range(_ROUNDS):
+            whiteners = [self._whitener(i, state) for i in range(len(self.samples))]
+            if robust:
+                misfits = self.misfits(state)
+                ratio = misfits / (self.variance_of(misfits) * _CHI2_6_95)
+                weights = 1 / (1 + ratio)
+            linearize = partial(self._linearize, whiteners=whiteners, weights=weights)
+            minimum = minimize(
+                linearize,
+                HandEye.retract,
+                state,
+                tolerance=_TOLERANCE,
+                max_steps=2 if robust else 50,
+            )
+            before, state = state, minimum.state
+            if _moved(before, state) < (_NEARLY_SETTLED if robust else _SETTLED):
+                break
+        if not robust:
+            require_convergence(minimum.report, "hand-eye")
+        return minimum
+
+    def misfits(self, state: HandEye) -> Array:
+        """Squared Mahalanobis distance (n,), 6 degrees of freedom, of every sample's own pose."""
+        out = np.empty(len(self.samples))
+        for i, sample in enumerate(self.samples):
+            r = sample.rows.linearize(state, self._predict(i, state))[0]
+            whitened = _apply(self._whitener(i, state), r)
+            out[i] = whitened @ whitened - sample.rows.own(state)[1]
+        return np.maximum(out, 0)
+
+    def variance_of(self, misfits: Array) -> float:
+        """Noise variance over the promised one, from the median; at least 1."""
+        return max(1.0, float(np.median(misfits)) / _CHI2_6_MEDIAN)
+
+    def finish(self, minimum: Minimum[HandEye], kept: Mask) -> Fit:
+        state = minimum.state
+        misfits = self.misfits(state)
+        freedom = 6 * int(kept.sum()) - 12 - state.extra
+        variance = float(misfits[kept].sum()) / freedom if freedom > 0 else 1.0
+        reasons = []
+        for i, sample in enumerate(self.samples):
+            mm, rad = self._predict(i, state).distance(sample.rows.own(state)[0])
+            reasons.append(
+                ""
+                if kept[i]
+                else f"{mm:.1f} mm and {np.degrees(rad):.2f} deg off what the others say"
+            )
+        try:
+            covariance = covariance_from(minimum.jacobian)
+        except NotObservable as fault:
+            raise NotObservable(
+                f"hand-eye: {fault}; look from more distances and tilts, or refine less",
+                rank=fault.rank,
+                unknowns=fault.unknowns,
+            ) from fault
+        return Fit(
+            state,
+            covariance * max(1.0, variance),
+            float(np.sqrt(variance)),
+            tuple(bool(k) for k in kept),
+            tuple(reasons),
+        )
+
+    def _predict(self, i: int, state: HandEye) -> Pose:
+        return state.X.inverse() @ self.moves[i] @ state.Y
+
+    def _linearize(
+        self, state: HandEye, whiteners: Sequence[tuple[Array, Array]], weights: Array
+    ) -> tuple[Array, Array]:
+        camera_from_mount = state.X.inverse()
+        by_X = -camera_from_mount.adjoint()
+        residuals, jacobians = [], []
+        for sample, move, W, weight in zip(
+            self.samples, self.moves, whiteners, weights, strict=True
+        ):
+            if weight == 0:
+                continue
+            turn = camera_from_mount @ move
+            r, D, E = sample.rows.linearize(state, turn @ state.Y)
+            J = np.hstack([D @ by_X, D @ turn.adjoint(), E])
+            residuals.append(np.sqrt(weight) * _apply(W, r))
+            jacobians.append(np.sqrt(weight) * _apply(W, J))
+        return np.concatenate(residuals), np.vstack(jacobians)
+
+    def _whitener(self, i: int, state: HandEye) -> tuple[Array, Array]:
+        """Low-rank form of (I + G S G^T)^-1/2, where G S G^T is what robot noise adds."""
+        camera_from_mount = state.X.inverse()
+        D = self.samples[i].rows.linearize(state, self._predict(i, state))[1]
+        if self.mount is Mount.EYE_TO_HAND:
+            lever = (camera_from_mount @ self.moves[i]).adjoint()
+        else:
+            lever = camera_from_mount.adjoint()
+        U, s, _ = np.linalg.svd(D @ lever * self.robot_sigmas, full_matrices=False)
+        return U, 1 - 1 / np.sqrt(1 + s * s)
+
+
+def _apply(whitener: tuple[Array, Array], rows: Array) -> Array:
+    U, shrink = whitener
+    weighted = (U * shrink) @ (U.T @ rows)
+    return np.asarray(rows - weighted)
+
+
+def _moved(before: HandEye, after: HandEye) -> float:
+    """How far the estimate moved, in mm (1 mrad counts as 1 mm)."""
+    distances = np.array([before.X.distance(after.X), before.Y.distance(after.Y)])
+    return float((distances * [1, 1e3]).max())

@@ -1,0 +1,166 @@
+"""Hand-eye from points in pictures: lowest reprojection error; optional intrinsics and scale."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from vgrd.calibration.hand_eye import HandEyeResult, result_of
+from vgrd.calibration.hand_eye_fit import HandEye, Rows, Sample, fit_hand_eye
+from vgrd.errors import InputError
+from vgrd.geometry import Array, Pose
+from vgrd.geometry.camera import CameraModel
+from vgrd.geometry.point_pose import checked_points, linearize_points, pose_from_points
+from vgrd.model import Mount
+
+_MIN_SIGMA_PX = 1e-3
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PointSample:
+    """One picture of a target with known points: points (n, 3) mm in the target, pixels (n, 2)."""
+
+    name: str
+    base_from_wrist: Pose
+    points_in_target: Array
+    pixels: Array
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PointHandEyeProblem:
+    """Pictures and how to treat them.
+
+    refine_intrinsics: fx, fy, cx, cy, k1, k2 are estimated too; estimate_scale: so is the size of
+    the target, which the robot's motion measures. sigma_px: noise of one pixel coordinate, None
+    takes it from the pictures. robot_sigma_mm, robot_sigma_rad: of one flange pose, per axis.
+    robust: pictures that fit no common pose are left out and named. start: an earlier result to
+    start from (leave-one-out), instead of the closed form.
+    """
+
+    mount: Mount
+    camera: CameraModel
+    samples: Sequence[PointSample]
+    refine_intrinsics: bool = False
+    estimate_scale: bool = False
+    sigma_px: float | None = None
+    robot_sigma_mm: float = 0.1
+    robot_sigma_rad: float = 2e-4
+    robust: bool = True
+    start: HandEyeResult | None = None
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class TargetScale:
+    """Size of the target as the robot's motion sees it, over the size given; 1 sigma."""
+
+    value: float
+    sigma: float
+
+
+def calibrate_hand_eye_from_points(problem: PointHandEyeProblem) -> HandEyeResult:
+    """Maximum likelihood from pixels, with robot noise marginalised.
+
+    Raises InputError (bad sample, named; one pose twice), TooFewObservations, NotObservable (names
+    the missing motion) or DidNotConverge.
+    """
+    own = [_own_pose(sample, problem.camera) for sample in problem.samples]
+    squares = sum(rms**2 * sample.pixels.size for sample, (_, rms) in _zip(problem, own))
+    freedom = sum(sample.pixels.size - 6 for sample in problem.samples)
+    sigma = problem.sigma_px or max(float(np.sqrt(squares / max(freedom, 1))), _MIN_SIGMA_PX)
+    samples = [
+        Sample(sample.name, sample.base_from_wrist, pose, _PointRows(sample, pose, sigma))
+        for sample, (pose, _) in _zip(problem, own)
+    ]
+    fit = fit_hand_eye(
+        problem.mount,
+        samples,
+        robot_sigma_mm=problem.robot_sigma_mm,
+        robot_sigma_rad=problem.robot_sigma_rad,
+        robust=problem.robust,
+        start=_start(problem),
+    )
+    sigmas = np.sqrt(np.diag(fit.covariance))
+    return replace(
+        result_of(problem.mount, samples, fit),
+        camera=fit.state.camera,
+        intrinsics_sigma=sigmas[12:18] if problem.refine_intrinsics else np.zeros(6),
+        target_scale=fit.state.scale,
+        target_scale_sigma=fit.state.scale * float(sigmas[-1]) if problem.estimate_scale else 0.0,
+    )
+
+
+def estimate_target_scale(problem: PointHandEyeProblem) -> TargetScale:
+    """Fit once more with the size of the target free; the other settings as in `problem`."""
+    result = calibrate_hand_eye_from_points(replace(problem, estimate_scale=True))
+    return TargetScale(result.target_scale, result.target_scale_sigma)
+
+
+def _start(problem: PointHandEyeProblem) -> HandEye:
+    blank = HandEye(
+        camera=problem.camera,
+        refines_camera=problem.refine_intrinsics,
+        refines_scale=problem.estimate_scale,
+    )
+    if problem.start is None:
+        return blank
+    return replace(
+        blank,
+        X=problem.start.mount_from_camera,
+        Y=problem.start.mount_from_target,
+        camera=problem.start.camera if problem.refine_intrinsics else problem.camera,
+        is_blank=False,
+    )
+
+
+def _zip(
+    problem: PointHandEyeProblem, own: Sequence[tuple[Pose, float]]
+) -> list[tuple[PointSample, tuple[Pose, float]]]:
+    return list(zip(problem.samples, own, strict=True))
+
+
+def _own_pose(sample: PointSample, camera: CameraModel) -> tuple[Pose, float]:
+    try:
+        found = pose_from_points(sample.points_in_target, sample.pixels, camera)
+    except InputError as fault:
+        raise InputError(f"sample {sample.name!r}: {fault}") from fault
+    return found.camera_from_target, found.rms_px
+
+
+class _PointRows(Rows):
+    """Predicted minus seen pixels over sigma."""
+
+    def __init__(self, sample: PointSample, start: Pose, sigma_px: float) -> None:
+        self._points, self._pixels = checked_points(sample.points_in_target, sample.pixels)
+        self._sigma = sigma_px
+        self._own = start
+
+    def linearize(self, state: HandEye, predicted: Pose) -> tuple[Array, Array, Array]:
+        camera = _camera_of(state)
+        points = self._points * state.scale
+        seen, D = linearize_points(camera, predicted, points)
+        r = (seen - self._pixels).ravel() / self._sigma
+        extra = []
+        if state.refines_camera:
+            extra.append(camera.intrinsics_jacobian(predicted @ points))
+        if state.refines_scale:
+            by_scale = np.einsum("nij,nj->ni", D[:, :, :3], points @ predicted.rotation.T)
+            extra.append(by_scale[:, :, None])
+        E = np.concatenate(extra, axis=2) if extra else np.zeros((len(points), 2, 0))
+        return r, D.reshape(-1, 6) / self._sigma, E.reshape(r.size, -1) / self._sigma
+
+    def own(self, state: HandEye) -> tuple[Pose, float]:
+        found = pose_from_points(
+            self._points * state.scale, self._pixels, _camera_of(state), self._own
+        )
+        self._own = found.camera_from_target
+        return self._own, found.rms_px**2 * self._pixels.size / self._sigma**2
+
+    def rms_px(self, state: HandEye, predicted: Pose) -> float:
+        off = _camera_of(state).project(predicted @ (self._points * state.scale)) - self._pixels
+        return float(np.sqrt(np.mean(off * off)))
+
+
+def _camera_of(state: HandEye) -> CameraModel:
+    if state.camera is None:
+        raise InputError("points need a camera model")
+    return state.camera
