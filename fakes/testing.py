@@ -90,3 +90,23 @@ class FakeProcess:
             if stream:
                 with contextlib.suppress(OSError):
                     stream.close()
+
+
+class ManualClock:
+    """A clock that stands still until a test moves it."""
+
+    def __init__(self, monotonic_s: float = 1000.0, wall_s: float = 1.7e9) -> None:
+        self.now_s = monotonic_s
+        self._wall_minus_monotonic_s = wall_s - monotonic_s
+
+    def monotonic(self) -> float:
+        """Seconds as set by the test."""
+        return self.now_s
+
+    def wall(self) -> float:
+        """Unix time that runs with `monotonic`."""
+        return self.now_s + self._wall_minus_monotonic_s
+
+    def sleep(self, seconds: float) -> None:
+        """Move the clock."""
+        self.now_s += seconds

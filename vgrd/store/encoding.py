@@ -56,7 +56,7 @@ def encode(value: object, where: str = "value") -> Json:
     if isinstance(value, float):
         return _encode_float(value, where)
     if isinstance(value, np.ndarray):
-        return encode(value.tolist(), where)
+        return value.tolist() if np.isfinite(value).all() else encode(value.tolist(), where)
     if isinstance(value, Mapping):
         return {key: encode(item, f"{where}.{key}") for key, item in value.items()}
     if isinstance(value, list | tuple):

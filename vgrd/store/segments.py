@@ -82,7 +82,7 @@ class SegmentWriter:
         self._synced_at_s = clock.monotonic()
         self._jobs: deque[_SyncJob] = deque()
         self._executor = ThreadPoolExecutor(1, "vgrd-fsync")
-        self._failed: StoreError | None = None
+        self._failed = ""
 
     def write(self, topic: Topic, time_ns: int, data: bytes) -> bool:
         """Add a message of Unix time `time_ns`; False when left out since the disk is far behind.
@@ -126,7 +126,7 @@ class SegmentWriter:
     def close(self) -> None:
         """Finish the last segment and wait for the disk; raises StoreError if that fails."""
         try:
-            if self._failed is None:
+            if not self._failed:
                 with self._failing_once():
                     if self._segment is not None:
                         self._finish(self._segment)
@@ -137,16 +137,17 @@ class SegmentWriter:
 
     @contextmanager
     def _failing_once(self) -> Iterator[None]:
-        if self._failed is not None:
-            raise self._failed
+        if self._failed:
+            raise StoreError(self._failed)
         try:
             yield
         except OSError as error:
-            self._failed = failure("record into", self._directory, error)
+            refusal = failure("record into", self._directory, error)
+            self._failed = str(refusal)
             self._executor.shutdown(wait=True)
             if self._segment is not None:
                 self._segment.abandon()
-            raise self._failed from error
+            raise refusal from error
 
     def _current(self) -> _Segment:
         if self._segment is None:

@@ -13,6 +13,7 @@ import re
 import threading
 from collections import Counter
 from collections.abc import Iterator, Mapping
+from contextlib import suppress
 from dataclasses import dataclass
 from enum import StrEnum
 from pathlib import Path
@@ -155,7 +156,8 @@ class SessionWriter:
         with self._teaching:
             sequence = self._samples.append(record)
             self._taught.append((sequence, kind))
-        with self._recording:
+        # The sample is safe; what ails the segment is raised by the next pose or picture.
+        with self._recording, suppress(StoreError):
             self._segments.sync()
         return sequence
 
