@@ -31,7 +31,9 @@ class Daemon:
     def __enter__(self) -> "Daemon":
         command = [sys.executable, "-m", "vgrd.cli", "run", str(self.cell_file)]
         with self.log.open("ab") as log:
-            self.process = subprocess.Popen(command, stderr=log, stdout=log, start_new_session=True)
+            self.process = subprocess.Popen(
+                command, stderr=log, stdout=log, start_new_session=True
+            )
         try:
             self.wait_until(lambda status: status["robot"] == "ok" and status["camera"] == "ok")
         except BaseException:
@@ -47,7 +49,9 @@ class Daemon:
     ) -> None:
         self.stop()
 
-    def wait_until(self, good: Callable[[dict[str, object]], bool], timeout_s: float = START_TIMEOUT_S) -> float:
+    def wait_until(
+        self, good: Callable[[dict[str, object]], bool], timeout_s: float = START_TIMEOUT_S
+    ) -> float:
         """Wait until the status is good; seconds waited. TimeoutError with the last word and the log."""
         start, word = time.monotonic(), "no status"
         while time.monotonic() - start < timeout_s:
@@ -94,4 +98,3 @@ class Daemon:
     def kill(self, process: str) -> None:
         """Kill one of the daemon's processes with SIGKILL."""
         os.kill(self.pid_of(process), signal.SIGKILL)
-

@@ -66,7 +66,9 @@ class Report:
 
     def faults(self) -> None:
         """The live faults: what stopped the robot program, how fast, and the way back."""
-        table = self._table("live faults", "fault", "the robot program read", "stopped, ms", "back, s")
+        table = self._table(
+            "live faults", "fault", "the robot program read", "stopped, ms", "back, s"
+        )
         for title, reason, stopped_ms, recovered_s in self.shown.faults:
             table.add_row(title, reason, f"{stopped_ms:.0f}", f"{recovered_s:.1f}")
         if self.shown.faults:

@@ -33,10 +33,12 @@ record_app = typer.Typer(no_args_is_help=True, help="Start and stop recording a 
 app.add_typer(record_app, name="record")
 
 ConfigOption = Annotated[
-    Path | None, typer.Option("--config", envvar="VGRD_CONFIG", help="The cell file of the daemon.")
+    Path | None,
+    typer.Option("--config", envvar="VGRD_CONFIG", help="The cell file of the daemon."),
 ]
 SocketOption = Annotated[
-    Path | None, typer.Option("--socket", envvar="VGRD_SOCKET", help="The daemon's control socket.")
+    Path | None,
+    typer.Option("--socket", envvar="VGRD_SOCKET", help="The daemon's control socket."),
 ]
 JsonOption = Annotated[
     str | None, typer.Option("--json", help="Write the result as JSON to FILE, - is the output.")
@@ -51,8 +53,8 @@ def _client(config: Path | None, socket: Path | None) -> ControlClient:
         return ControlClient(socket)
     if config is None:
         raise InputError("which daemon? Give --config CELL.toml or --socket PATH")
-    from vgrd.cell.setup import CONTROL_SOCKET  # noqa: PLC0415
-    from vgrd.config import load_config  # noqa: PLC0415
+    from vgrd.cell.setup import CONTROL_SOCKET
+    from vgrd.config import load_config
 
     return ControlClient(Path(load_config(config).cell.runtime_dir) / CONTROL_SOCKET)
 
@@ -123,17 +125,18 @@ def _ask(
     op: str,
     *,
     timeout_s: float = SAMPLE_TIMEOUT_S,
-    **arguments: object,
+    **arguments: str | None,
 ) -> dict[str, object]:
-    given = {key: value for key, value in arguments.items() if value is not None}
-    return _client(config, socket).call(op, timeout_s=timeout_s, **given)
+    given: dict[str, object] = {k: v for k, v in arguments.items() if v is not None}
+    client = _client(config, socket)
+    return client.call(op, timeout_s=timeout_s, **given)
 
 
 @app.command()
 def run(config: Annotated[Path, typer.Argument(help="The cell file.")]) -> None:
     """Run the daemon in the foreground until Ctrl-C or SIGTERM."""
-    from vgrd.cell.setup import write_process_table  # noqa: PLC0415
-    from vgrd.config import load_config  # noqa: PLC0415
+    from vgrd.cell.setup import write_process_table
+    from vgrd.config import load_config
 
     table = write_process_table(load_config(config), config)
     os.execv(sys.executable, [sys.executable, "-m", "vgrd.gate", str(table.parent)])  # noqa: S606
@@ -144,7 +147,7 @@ def check(
     config: Annotated[Path, typer.Argument(help="The cell file.")], json_to: JsonOption = None
 ) -> None:
     """Check a cell file; every fault is reported at once."""
-    from vgrd.config import load_config  # noqa: PLC0415
+    from vgrd.config import load_config
 
     loaded = load_config(config)
     result = {
@@ -170,8 +173,12 @@ def status(
 
 @record_app.command("start")
 def record_start(
-    plan: Annotated[str, typer.Option(help="universal, special, conventional or joint.")] = "joint",
-    session: Annotated[str | None, typer.Option(help="Name; by default the date and time.")] = None,
+    plan: Annotated[
+        str, typer.Option(help="universal, special, conventional or joint.")
+    ] = "joint",
+    session: Annotated[
+        str | None, typer.Option(help="Name; by default the date and time.")
+    ] = None,
     config: ConfigOption = None,
     socket: SocketOption = None,
     json_to: JsonOption = None,
@@ -207,7 +214,9 @@ def _sample_command(op: str, argument: str | None, text: str) -> None:
         socket: SocketOption = None,
         json_to: JsonOption = None,
     ) -> None:
-        result = _ask(config, socket, op, **{argument.lower(): name})
+        client = _client(config, socket)
+        arguments: dict[str, object] = {argument.lower(): name}
+        result = client.call(op, timeout_s=SAMPLE_TIMEOUT_S, **arguments)
         _print_result(result, json_to, _show_fields(op))
 
     app.command(op, help=text)(named)
@@ -226,7 +235,9 @@ _sample_command("confirm", None, "Confirm that the cause of a latched fault is g
 def solve(
     source: Annotated[
         Path | None,
-        typer.Argument(help="A dataset file (.toml) or a session folder; none: the daemon's session."),
+        typer.Argument(
+            help="A dataset file (.toml) or a session folder; none: the daemon's session."
+        ),
     ] = None,
     config: ConfigOption = None,
     socket: SocketOption = None,
@@ -239,7 +250,7 @@ def solve(
             result = _ask(config, socket, "solve", timeout_s=SOLVE_TIMEOUT_S)
         _print_result(result, json_to, _show_fields("solved"))
     elif source.is_dir():
-        from vgrd.cell.solver import solve_session  # noqa: PLC0415
+        from vgrd.cell.solver import solve_session
 
         _print_result(solve_session(source), json_to, _show_fields(f"{source.name} solved"))
     else:
@@ -247,7 +258,7 @@ def solve(
 
 
 def _solve_dataset(source: Path, json_to: str | None) -> None:
-    from vgrd.datasets import solve_dataset  # noqa: PLC0415
+    from vgrd.datasets import solve_dataset
 
     with _progress("solving") as report:
         solution = solve_dataset(source, report)
@@ -255,8 +266,12 @@ def _solve_dataset(source: Path, json_to: str | None) -> None:
     def show(result: Result) -> None:
         console.print(
             _table(
-                f"{source}: samples", ("sample", "used", "px", "deg", "mm", "reason"), 
-                [[s[k] for k in ("name", "used", "px", "deg", "mm", "reason")] for s in result["samples"]],
+                f"{source}: samples",
+                ("sample", "used", "px", "deg", "mm", "reason"),
+                [
+                    [s[k] for k in ("name", "used", "px", "deg", "mm", "reason")]
+                    for s in result["samples"]
+                ],
             )
         )
         rows = [(key, result[key]) for key in ("leave_one_out", "target_scale", "verdict")]
@@ -280,7 +295,9 @@ def activate(
 @app.command()
 def ec(
     target: Annotated[str, typer.Argument(help="Name of the target.")],
-    policy: Annotated[str | None, typer.Option(help="fixed or follow; as configured if left out.")] = None,
+    policy: Annotated[
+        str | None, typer.Option(help="fixed or follow; as configured if left out.")
+    ] = None,
     config: ConfigOption = None,
     socket: SocketOption = None,
     json_to: JsonOption = None,

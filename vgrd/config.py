@@ -9,7 +9,7 @@ import os
 import tomllib
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Annotated, Any, Literal, Self
+from typing import Annotated, Any, Literal, Self, get_args
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 from pydantic_core import ErrorDetails
@@ -189,7 +189,9 @@ def load_config(path: Path) -> CellConfig:
     try:
         config = CellConfig.model_validate(data)
     except ValidationError as err:
-        raise ConfigError(str(path), [_fault(detail, CellConfig) for detail in err.errors()]) from err
+        raise ConfigError(
+            str(path), [_fault(detail, CellConfig) for detail in err.errors()]
+        ) from err
     return _with_places(config, path.resolve().parent)
 
 
@@ -211,7 +213,9 @@ def _fault(detail: ErrorDetails, model: type[Section]) -> str:
     if detail["type"] == "missing":
         return f"{key}: is missing, add it"
     message = detail["msg"].removeprefix("Value error, ")
-    return f"{key}: {message} (got {detail['input']!r})" if len(location) > 1 else f"{key}: {message}"
+    return (
+        f"{key}: {message} (got {detail['input']!r})" if len(location) > 1 else f"{key}: {message}"
+    )
 
 
 def _suggestion(location: tuple[int | str, ...], model: type[Section]) -> str:
@@ -229,12 +233,8 @@ def _keys_at(location: tuple[int | str, ...], model: type[Section]) -> Iterator[
     yield from model.model_fields
 
 
-def _section_of(annotation: Any) -> type[Section]:
-    """The section class inside an annotation such as `list[TargetSection]`."""
+def _section_of(annotation: object) -> type[Section]:
+    """The section class inside an annotation such as `Annotated[list[TargetSection], ...]`."""
     if isinstance(annotation, type) and issubclass(annotation, Section):
         return annotation
-    return next(
-        _section_of(inner)
-        for inner in annotation.__args__
-        if inner is not type(None) and hasattr(inner, "__mro__") or hasattr(inner, "__args__")
-    )
+    return next(_section_of(inner) for inner in get_args(annotation) if inner is not type(None))

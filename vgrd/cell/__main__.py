@@ -64,9 +64,7 @@ class Cell:
         )
         teaching = Teaching(self.measuring, self.recorder, facts, config.touch)
         store = CalibrationStore(state, clock)
-        self.operations = Operations(
-            self.measuring, self.serving, teaching, store, state, clock
-        )
+        self.operations = Operations(self.measuring, self.serving, teaching, store, state, clock)
         self.control = ControlServer(runtime / CONTROL_SOCKET, self.operations.table())
         self.measuring.on_readings.append(self.recorder.on_readings)
         self.measuring.on_sight.append(self.recorder.on_sight)
@@ -85,7 +83,7 @@ class Cell:
         try:
             return self.operations.load_current()
         except VgrdError as err:
-            log.error("calibration_unusable", reason=str(err))
+            log.warning("calibration_unusable", reason=str(err))
             return ""
 
     async def _tell_health(self) -> None:
@@ -116,7 +114,7 @@ def main() -> int:
     try:
         cell = Cell(load_config(Path(sys.argv[1])))
     except VgrdError as err:
-        log.error("cell_not_started", reason=str(err))
+        log.warning("cell_not_started", reason=str(err))
         return err.exit_code
     gate = socket.socket(fileno=int(os.environ["VGRD_GATE_FD"]))
     asyncio.run(cell.run(gate))

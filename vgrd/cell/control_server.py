@@ -35,7 +35,7 @@ class ControlServer:
         async with server:
             await server.serve_forever()
 
-    def emit(self, event: str, **fields: Any) -> None:
+    def emit(self, event: str, **fields: object) -> None:
         """Tell every subscriber; a subscriber that does not read loses events, nobody waits for it."""
         for queue in self.listeners:
             with contextlib.suppress(asyncio.QueueFull):

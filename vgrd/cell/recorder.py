@@ -71,7 +71,7 @@ class Recorder:
         """Record flange poses at the robot's rate."""
         writer = self.writer
         if writer is not None:
-            self._queue(lambda: [writer.flange(reading) for reading in readings])
+            self._queue(lambda: self._write_readings(writer, readings))
 
     def tick(self) -> None:
         """Keep what is written durable while nothing new comes; call every 50 ms or so."""
@@ -88,6 +88,11 @@ class Recorder:
             return
         self._last_image = place
         self._queue(lambda: self._write_sight(writer, sight))
+
+    @staticmethod
+    def _write_readings(writer: SessionWriter, readings: Sequence[FlangeReading]) -> None:
+        for reading in readings:
+            writer.flange(reading)
 
     @staticmethod
     def _write_sight(writer: SessionWriter, sight: Sight) -> None:

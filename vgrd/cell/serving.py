@@ -101,9 +101,9 @@ class Serving:
         """Write the register image: the answer, unless a fault forbids it."""
         fault = self.fault()
         answer = self.answer
-        if fault is not None and answer.status.is_ok:
-            answer = replace(answer, status=fault[0])
-        elif fault is not None and answer.status is Status.IDLE:
+        if (fault is not None and answer.status.is_ok) or (
+            fault is not None and answer.status is Status.IDLE
+        ):
             answer = replace(answer, status=fault[0])
         now = self.clock.monotonic()
         image = RegisterImage(answer, self._state(fault is None), self.measuring.beat, now)
@@ -150,9 +150,7 @@ class Serving:
         )
 
     def _refusal(self, request: Request, status: Status) -> Answer:
-        return Answer(
-            status=status, echo=request.trig, point=request.point, object=request.object
-        )
+        return Answer(status=status, echo=request.trig, point=request.point, object=request.object)
 
     def _settle(self, answer: Answer, basis: Sight | None) -> None:
         self.answer = replace(answer, seq=self.answer.seq + 1)

@@ -1,9 +1,11 @@
 """Solving a recorded session: the same function for the daemon's child process and for `vgrd solve`.
 
-    python -m vgrd.cell.solver SESSION_FOLDER STATE_DIR
+python -m vgrd.cell.solver SESSION_FOLDER STATE_DIR
 """
 
+import ctypes
 import json
+import signal
 import sys
 from dataclasses import replace
 from pathlib import Path
@@ -54,9 +56,15 @@ def summary(calibration: Calibration) -> dict[str, object]:
     }
 
 
+def _die_with_the_cell() -> None:
+    """PDEATHSIG: no solver outlives the process that asked for it."""
+    ctypes.CDLL(None).prctl(1, signal.SIGKILL)
+
+
 def main(argv: list[str] | None = None) -> int:
     """Entry point of the solver process: one JSON line on standard output."""
     folder, state_dir = (argv or sys.argv)[1:]
+    _die_with_the_cell()
     logs.configure("solver")
     try:
         reply = {"ok": True, "result": solve_session(Path(folder), Path(state_dir))}

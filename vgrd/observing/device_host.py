@@ -44,7 +44,8 @@ def driver_module(name: str) -> ModuleType:
         return importlib.import_module(dotted)
     except ModuleNotFoundError as err:
         raise ConfigError(
-            "driver", [f"{name!r}: no module {err.name!r}; is it misspelt, or its extra not installed?"]
+            "driver",
+            [f"{name!r}: no module {err.name!r}; is it misspelt, or its extra not installed?"],
         ) from err
 
 
@@ -64,7 +65,9 @@ class BadReadings:
         self.in_a_row += 1
         log.log(30 if self.in_a_row == 1 else 10, "bad_reading", reason=str(error))
         if self.in_a_row >= self.limit:
-            raise DeviceUnavailable(f"{self.limit} bad readings in a row, the last: {error}") from error
+            raise DeviceUnavailable(
+                f"{self.limit} bad readings in a row, the last: {error}"
+            ) from error
 
 
 def host_robot(robot: Robot, runtime_dir: Path, health: HealthReporter) -> None:
