@@ -122,16 +122,16 @@ class _PoseRows(Rows):
         D = self._W @ np.linalg.inv(Pose.left_jacobian(e))
         return self._W @ e, D, np.zeros((6, state.extra))
 
-    def own(self, state: HandEye) -> tuple[Pose, float]:
+    def own(self, state: HandEye) -> Pose:
         del state
-        return self._measured.inverse(), 0.0
+        return self._measured.inverse()
 
 
 def result_of(mount: Mount, samples: Sequence[Sample], fit: Fit) -> HandEyeResult:
     """Dress a fit as a result, residuals of every sample included."""
     predicted = [fit.state.predict(mount, sample.base_from_wrist) for sample in samples]
     off = np.array(
-        [p.distance(s.rows.own(fit.state)[0]) for p, s in zip(predicted, samples, strict=True)]
+        [p.distance(s.rows.own(fit.state)) for p, s in zip(predicted, samples, strict=True)]
     )
     typical = np.median(off[list(fit.used)], axis=0)
     residuals = []

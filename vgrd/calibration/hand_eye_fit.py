@@ -67,8 +67,8 @@ class Rows:
         """Residuals (m,), derivative (m, 6) by a left perturbation of `predicted`, (m, extra)."""
         raise NotImplementedError
 
-    def own(self, state: HandEye) -> tuple[Pose, float]:
-        """Pose that fits this sample best by itself, and its squared residuals."""
+    def own(self, state: HandEye) -> Pose:
+        """camera_from_target that fits this sample best by itself."""
         raise NotImplementedError
 
     def rms_px(self, state: HandEye, predicted: Pose) -> float:
@@ -178,9 +178,9 @@ class _Engine:
         out = np.empty(len(self.samples))
         for i, sample in enumerate(self.samples):
             r = sample.rows.linearize(state, self._predict(i, state))[0]
-            whitened = _apply(self._whitener(i, state), r)
-            out[i] = whitened @ whitened - sample.rows.own(state)[1]
-        return np.maximum(out, 0)
+            U, shrink = self._whitener(i, state)
+            out[i] = np.sum(((1 - shrink) * (U.T @ r)) ** 2)
+        return out
 
     def variance_of(self, misfits: Array) -> float:
         """Noise variance over the promised one, from the median; at least 1."""
@@ -193,7 +193,7 @@ class _Engine:
         variance = float(misfits[kept].sum()) / freedom if freedom > 0 else 1.0
         reasons = []
         for i, sample in enumerate(self.samples):
-            mm, rad = self._predict(i, state).distance(sample.rows.own(state)[0])
+            mm, rad = self._predict(i, state).distance(sample.rows.own(state))
             reasons.append(
                 ""
                 if kept[i]

@@ -148,12 +148,11 @@ class _PointRows(Rows):
         E = np.concatenate(extra, axis=2) if extra else np.zeros((len(points), 2, 0))
         return r, D.reshape(-1, 6) / self._sigma, E.reshape(r.size, -1) / self._sigma
 
-    def own(self, state: HandEye) -> tuple[Pose, float]:
+    def own(self, state: HandEye) -> Pose:
         found = pose_from_points(
             self._points * state.scale, self._pixels, _camera_of(state), self._own
         )
-        self._own = found.camera_from_target
-        return self._own, found.rms_px**2 * self._pixels.size / self._sigma**2
+        return found.camera_from_target
 
     def rms_px(self, state: HandEye, predicted: Pose) -> float:
         off = _camera_of(state).project(predicted @ (self._points * state.scale)) - self._pixels

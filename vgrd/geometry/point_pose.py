@@ -13,6 +13,7 @@ from vgrd.geometry.pose import Array, Pose, hat
 
 _PLANAR = 1e-4
 _COLLINEAR = 1e-3
+_TOLERANCE_PX = 1e-7
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -90,7 +91,7 @@ def _refine(p: Array, uv: Array, camera: CameraModel, start: Pose) -> Minimum[Po
         return Pose.exp(step) @ pose
 
     try:
-        return minimize(linearize, retract, start)
+        return minimize(linearize, retract, start, tolerance=_TOLERANCE_PX)
     except DidNotConverge:
         return None
 

@@ -18,15 +18,17 @@ Array = NDArray[np.float64]
 _SMALL_ANGLE = 1e-2
 _SMALL_ANGLE_FIFTH_ORDER = 0.1
 _ORTHONORMAL_TOLERANCE = 1e-6
+_IDENTITY = np.eye(3)
 
 
 def hat(vector: Array) -> Array:
     """Cross-product matrices, shape (..., 3) -> (..., 3, 3): `hat(a) @ b == cross(a, b)`."""
-    x, y, z = np.moveaxis(np.asarray(vector, dtype=np.float64), -1, 0)
-    zero = np.zeros_like(x)
-    return np.stack(
-        [np.stack(row, -1) for row in ((zero, -z, y), (z, zero, -x), (-y, x, zero))], -2
-    )
+    v = np.asarray(vector, dtype=np.float64)
+    out = np.zeros((*v.shape, 3))
+    out[..., 2, 1] = v[..., 0]
+    out[..., 0, 2] = v[..., 1]
+    out[..., 1, 0] = v[..., 2]
+    return out - np.swapaxes(out, -1, -2)
 
 
 def _coefficients(angle: float) -> tuple[float, float, float, float]:
@@ -64,6 +66,11 @@ def exp_rotation(rotvec: ArrayLike) -> Array:
 def log_rotation(rotation: ArrayLike) -> Array:
     """Rotation vector (3,), radians in [0, pi], of a rotation matrix (3, 3); through the quaternion."""
     return Rotation.from_matrix(np.asarray(rotation, dtype=np.float64)).as_rotvec()
+
+
+def _determinant(M: Array) -> float:
+    (a, b, c), (d, e, f), (g, h, i) = M.tolist()
+    return float(a * (e * i - f * h) - b * (d * i - f * g) + c * (d * h - e * g))
 
 
 def left_jacobian_rotation(rotvec: ArrayLike) -> Array:
@@ -112,7 +119,7 @@ class Pose:
             raise InputError(f"a pose needs shapes (3, 3) and (3,), got {R.shape} and {t.shape}")
         if not (np.isfinite(R).all() and np.isfinite(t).all()):
             raise InputError("a pose must be finite")
-        if np.abs(R @ R.T - np.eye(3)).max() > _ORTHONORMAL_TOLERANCE or np.linalg.det(R) < 0:
+        if np.abs(R @ R.T - _IDENTITY).max() > _ORTHONORMAL_TOLERANCE or _determinant(R) < 0:
             raise InputError(
                 "not a rotation matrix: rows must be orthonormal with determinant +1"
             )
