@@ -7,6 +7,7 @@ import typer
 
 # Name: (module with a function `main` that typer turns into a command line, what it is).
 COMMANDS = {
+    "layout": ("fakes.commands.layout", "the fake cell in words, and what its camera sees"),
     "rtde": ("fakes.commands.rtde", "Universal Robots controller, RTDE on port 30004"),
 }
 

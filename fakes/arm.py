@@ -85,6 +85,16 @@ class Move:
             self.start.translation + share * way,
         )
 
+    def velocity(self, now_s: float) -> Array:
+        """Tell the velocity (6,) of the reported flange, mm/s and rad/s in base axes."""
+        x = (now_s - self.started_s) / self.duration_s if self.duration_s > 0 else 1.0
+        if not 0 < x < 1:
+            return np.zeros(6)
+        turn = Pose(self.end.rotation @ self.start.rotation.T, np.zeros(3)).rotvec()
+        way = self.end.translation - self.start.translation
+        rate = 30 * (x * (1 - x)) ** 2 / self.duration_s
+        return np.concatenate([way, turn]) * rate
+
     def deviation(self, now_s: float) -> Array:
         """Deviation (6,) of the truth from the report, besides the error field."""
         share = self.progress(now_s)
@@ -138,6 +148,10 @@ class Arm:
     def true_at(self, reported: Pose) -> Pose:
         """Where the flange is when the controller reports this pose, repeatability left out."""
         return self._true(reported, np.zeros(6))
+
+    def velocity(self, now_s: float) -> Array:
+        """Tell the velocity (6,) of the reported flange, mm/s and rad/s in base axes."""
+        return self._move.velocity(now_s)
 
     def moving(self, now_s: float) -> bool:
         """Tell whether the current move has not arrived yet."""

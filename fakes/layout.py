@@ -80,7 +80,7 @@ def _optics() -> Optics:
     focal_px = 6486.0  # 12 mm lens on 1.85 um pixels: 0.0925 mm/px at 600 mm
     matrix = frozen_array(((focal_px, 0, 2014.8), (0, focal_px, 1511.8), (0, 0, 1)), 3, 3)
     distortion = frozen_array((-0.08, 0.10, 2e-4, -1e-4, 0.0), 5)
-    return Optics(matrix, distortion, (4024, 3036), focus_mm=592.0, aperture_mm=12 / 5.6)
+    return Optics(matrix, distortion, (4024, 3036), focus_mm=575.0, aperture_mm=12 / 5.6)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -1,6 +1,7 @@
 """The poses of the scripted operator: where looks, touches, the spike and requests happen.
 
-All poses are `base_from_wrist`, seeded, and picked so that the tags can be read where that is the point.
+All poses are `base_from_wrist`, seeded, and picked so that the tags can be read where that is the
+point.
 """
 
 from collections.abc import Callable, Iterator
@@ -15,7 +16,7 @@ from vgrd.geometry import Array, Pose, exp_rotation
 
 _T = TypeVar("_T")
 WORK_ROTATION = np.diag([1.0, -1.0, -1.0])  # the tool points straight down
-_LOOK_CENTRE = np.array([428.0, 0.0, 232.0])
+_LOOK_CENTRE = np.array([428.0, 0.0, 224.0])
 _RETRACTED = np.array([424.0, -118.0, 232.0])
 _LOOK_RANGE_MM = np.array([60.0, 60.0, 60.0])
 _LEAST_TILT_RAD = np.radians(12)
@@ -92,9 +93,9 @@ def touch_tilts(layout: Layout, targets: list[str], *, seed: int = 0) -> list[Ar
 
 
 def fixed_point_poses(layout: Layout, n: int, *, seed: int = 0) -> list[Pose]:
-    """List `n` poses with the true tip on the spike, wrists turned by 15 to 40 deg every way."""
-    tilts = tilt_candidates(seed, 15, 40)
-    return [touch_pose(layout, FIXED_POINT, 0.0, next(tilts)) for _ in range(n)]
+    """List `n` poses with the true tip on the spike, wrists turned by 15 to 40 deg, tag A seen."""
+    poses = (touch_pose(layout, FIXED_POINT, 0.0, t) for t in tilt_candidates(seed, 15, 40))
+    return _first(n, poses, lambda pose: readable(layout, pose)["a"])
 
 
 def _first(n: int, candidates: Iterator[_T], accept: Callable[[_T], bool]) -> list[_T]:

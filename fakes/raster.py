@@ -19,21 +19,25 @@ def tag_cells(tag: TagSpec) -> Plane:
         getattr(cv2.aruco, f"DICT_APRILTAG_{tag.family}")
     )
     marker = cv2.aruco.generateImageMarker(dictionary, tag.id, 8, borderBits=1)
-    return np.pad((marker > 127).astype(np.float32), 1, constant_values=1.0)
+    as_published = marker[::-1, ::-1]  # OpenCV draws AprilTags turned by 180 deg
+    return np.pad((as_published > 127).astype(np.float32), 1, constant_values=1.0)
 
 
 def coverage(layout: Layout, camera_from_tag: Pose, tag: TagSpec, region: Region) -> Plane:
     """Share of white (height, width) that each pixel of a region receives, blur included.
 
-    Outside of the plate all is white. Area-accurate; blur after `Optics.blur_px` at the tag's centre.
-    The region's sides are whole blocks.
+    Outside of the plate all is white. Area-accurate; blur after `Optics.blur_px` at the tag's
+    centre. The region's sides are whole blocks.
     """
     sigma = layout.optics.blur_px(float(camera_from_tag.translation[2]))
     pad = BLOCK * int(np.ceil((4 * sigma + 1) / BLOCK))
     corners = _cells_at_corners(layout, camera_from_tag, tag, region, pad)
     fine = _white_share(tag_cells(tag), corners)
     size = 2 * int(np.ceil(4 * sigma * _FINE)) + 1
-    fine = cv2.GaussianBlur(fine, (size, size), sigma * _FINE, borderType=cv2.BORDER_REPLICATE)
+    fine = np.asarray(
+        cv2.GaussianBlur(fine, (size, size), sigma * _FINE, borderType=cv2.BORDER_REPLICATE),
+        np.float32,
+    )
     inner = fine[pad * _FINE : -pad * _FINE, pad * _FINE : -pad * _FINE]
     return np.asarray(
         cv2.resize(inner, (region.width, region.height), interpolation=cv2.INTER_AREA)
@@ -56,8 +60,8 @@ def _cells_at_corners(
 def _white_share(cells: Plane, corners: Array) -> Plane:
     """Share of white in the box of each fine sample of all blocks.
 
-    A block in which nothing changes takes its cell's value; in the others an edge line that cuts the box of a
-    sample weighs the cells on both sides by their share of the box.
+    A block in which nothing changes takes its cell's value; in the others an edge line that cuts
+    the box of a sample weighs the cells on both sides by their share of the box.
     """
     raster = np.pad(cells, 2, constant_values=1.0)
     four = np.stack([corners[:-1, :-1], corners[:-1, 1:], corners[1:, :-1], corners[1:, 1:]])

@@ -1,7 +1,8 @@
 """The fake camera's pictures: only what changes is drawn, over a cached background.
 
-Tags are drawn exactly (`fakes.raster`), with fresh noise and 8 bits. Everything else (arm, tool, holes, a covering
-hand: `fakes.scenery`) is there to look right and to hide what it stands in front of.
+Tags are drawn exactly (`fakes.raster`), with fresh noise and 8 bits. Everything else (arm, tool,
+holes, a covering hand: `fakes.scenery`) is there to look right and to hide what it stands in front
+of.
 """
 
 import cv2
@@ -72,7 +73,7 @@ class Renderer:
         plate = _polygon_share(outline, region, sigma)
         paper = light(self.layout.optics.size_px, region)
         clean = paper * (np.float32(BLACK) + np.float32(WHITE - BLACK) * white)
-        under = picture[region.slices]
+        under = picture[region.slices].astype(np.float32)
         picture[region.slices] = quantised(under + plate * (with_noise(clean, rng) - under))
 
 

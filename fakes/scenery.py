@@ -62,13 +62,13 @@ class Scenery:
         shade, mask = np.zeros(half, np.uint8), np.zeros(half, np.uint8)
         origin = np.array([window[1].start, window[0].start]) + 0.5
         for part in parts:
-            for share, light in ((1.0, 1.0), (0.8, 1.12), (0.6, 1.22), (0.35, 1.3)):
+            for share, gain in ((1.0, 1.0), (0.8, 1.12), (0.6, 1.22), (0.35, 1.3)):
                 outline = (self._outline(part, share) - origin) / 2
-                _fill_polygon(shade, outline, round(_SHADES[part.name] * light))
+                _fill_polygon(shade, outline, round(_SHADES[part.name] * gain))
             _fill_polygon(mask, (self._outline(part) - origin) / 2, 255)
         depth = float(self._camera_from_base.apply(parts[-1].ends).mean(0)[2])
         sigma = self._layout.optics.blur_px(depth) / 2
-        self._blend(crop, cv2.GaussianBlur(shade, (0, 0), sigma), mask, sigma, rng)
+        self._blend(crop, _blurred(shade, sigma), mask, sigma, rng)
 
     def draw_hand(self, picture: Picture, base_from_tag: Pose, rng: np.random.Generator) -> None:
         """Lay something soft and grey over a tag."""
@@ -79,7 +79,7 @@ class Scenery:
         crop = picture[window]
         mask = np.zeros((crop.shape[0] // 2 + 1, crop.shape[1] // 2 + 1), np.uint8)
         _fill_polygon(mask, (blob - (window[1].start, window[0].start)) / 2, 255)
-        shade = cv2.GaussianBlur(mask // 2, (0, 0), 2.0)
+        shade = _blurred(mask // 2, 2.0)
         self._blend(crop, shade, mask, 2.0, rng)
 
     def _blend(
@@ -87,9 +87,9 @@ class Scenery:
     ) -> None:
         """Put a blurred half-size layer over a crop: `shade` on black, `mask` 255 where it hides."""
         height, width = crop.shape
-        free = cv2.GaussianBlur(255 - mask, (0, 0), sigma)
+        free = _blurred(255 - mask, sigma)
         doubled = (2 * mask.shape[1], 2 * mask.shape[0])
-        free = cv2.resize(free, doubled)[:height, :width]
+        free = np.asarray(cv2.resize(free, doubled)[:height, :width], np.uint8)
         layer = cv2.resize(shade, doubled)[:height, :width]
         mixed = cv2.add(cv2.multiply(crop, free, scale=1 / 255), layer)
         start = int(rng.integers(0, self._noise_bank.size - crop.size))
@@ -120,9 +120,11 @@ class Scenery:
         """Draw bench, turntable and spike with their noise, once."""
         width, height = self._layout.optics.size_px
         coarse = rng.integers(90, 106, (height // 160, width // 160), dtype=np.uint8)
-        picture = cv2.resize(coarse, (width, height), interpolation=cv2.INTER_CUBIC)
         grain = rng.integers(0, 9, (height // 5, width // 5), dtype=np.uint8)
-        picture = cv2.add(picture, cv2.resize(grain, (width, height)))
+        cloudy = cv2.resize(coarse, (width, height), interpolation=cv2.INTER_CUBIC)
+        picture: Picture = np.asarray(
+            cv2.add(cloudy, cv2.resize(grain, (width, height))), np.uint8
+        )
         table = self._layout.base_from_table
         for radius, height_mm, shade in (
             (DISC_RADIUS_MM + 9, -14.0, 44),
@@ -136,8 +138,7 @@ class Scenery:
         spike = Body("tip", np.array([foot, tip]), np.array([_SPIKE_FOOT_RADIUS_MM, 0.4]))
         _fill_polygon(picture, self._outline(spike), 58)
         _fill_polygon(picture, self._outline(spike, 0.4), 96)
-        picture = cv2.GaussianBlur(picture, (0, 0), 0.9)
-        return self._expose(picture, rng)
+        return self._expose(_blurred(picture, 0.9), rng)
 
     def _expose(self, picture: Picture, rng: np.random.Generator) -> Picture:
         """Apply light and noise in strips, which keeps the memory small."""
@@ -154,6 +155,10 @@ def _circle(centre: Array, radius: float) -> Array:
     angle = np.linspace(0, 2 * np.pi, 64, endpoint=False)
     ring = np.stack([np.cos(angle), np.sin(angle), np.zeros(64)], -1)
     return np.asarray(centre + radius * ring)
+
+
+def _blurred(picture: Picture, sigma: float) -> Picture:
+    return np.asarray(cv2.GaussianBlur(picture, (0, 0), sigma), np.uint8)
 
 
 def _fill_polygon(picture: Picture, outline: Array, shade: int) -> None:

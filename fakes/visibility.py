@@ -74,11 +74,23 @@ def hides(body: Body, points_in_base: Array, eye_in_base: Array) -> bool:
     return bool((gap < 0).any())
 
 
+def plate_hides(base_from_plate: Pose, size_mm: float, points_in_base: Array, eye: Array) -> bool:
+    """Tell whether a tag's plate cuts a line of sight from any of the points (n, 3) to the camera."""
+    plate_from_base = base_from_plate.inverse()
+    start, end = plate_from_base.apply(points_in_base), plate_from_base.apply(eye)
+    crosses = start[:, 2] * end[2] < 0
+    share = start[:, 2:] / np.where(crosses, start[:, 2] - end[2], 1.0)[:, None]
+    at_plate = start + share * (end - start)
+    within = (np.abs(at_plate[:, :2]) < size_mm * PLATE_CELLS / 16).all(1)
+    return bool((crosses & within).any())
+
+
 @dataclass(frozen=True, slots=True)
 class Sight:
     """How the camera sees a tag: `reasons` why it cannot be read (empty: it can), tilt, focus, depth.
 
-    tilt_rad: between the tag's normal and the line of sight; defocus_px: diameter of the blur disc.
+    tilt_rad: between the tag's normal and the line of sight; defocus_px: diameter of the blur
+    disc.
     """
 
     reasons: tuple[str, ...]
@@ -119,6 +131,9 @@ def visible(layout: Layout, name: TagName, snapshot: WorldSnapshot) -> Sight:
         for body in bodies(layout, snapshot.base_from_wrist)
         if hides(body, points, eye)
     ]
+    tag_a = snapshot.base_from_tag("a", layout)
+    if name == "b" and plate_hides(tag_a, layout.tag_a.size_mm, points, eye):
+        reasons.append("behind tag a")
     return Sight(tuple(reasons), tilt, defocus, float(centre[2]))
 
 

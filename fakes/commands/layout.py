@@ -1,0 +1,80 @@
+"""The fake cell in words, and what its camera sees in the scripted poses."""
+
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from itertools import islice
+
+import numpy as np
+from rich.console import Console
+from rich.table import Table
+
+import fakes.layout
+from fakes import poses
+from fakes.layout import Layout
+from fakes.visibility import TAG_NAMES, Sight, visible
+from fakes.world import TagName
+from vgrd.geometry import Pose
+
+Shot = tuple[Pose, float]
+
+
+def scripted(layout: Layout) -> dict[str, list[Shot]]:
+    """List the poses and table angles of all that the operator and the robot program do."""
+    targets = list(layout.targets)
+    turned = np.linspace(0, 2 * np.pi, 24, endpoint=False).tolist()
+    tilts = list(islice(poses.tilt_candidates(0, 15, 25), 20))
+    touch = poses.touch_pose
+    return {
+        "hand-eye looks": [(pose, 0.0) for pose in poses.look_poses(layout, 12)],
+        "touches, wrist constant": [(touch(layout, name), 0.0) for name in targets],
+        "touches, wrist tilted": [
+            (touch(layout, name, 0.0, tilt), 0.0)
+            for name, tilt in zip(targets, poses.touch_tilts(layout, targets), strict=True)
+        ],
+        "touches, any tilt": [
+            (touch(layout, name, 0.0, tilt), 0.0) for name in targets for tilt in tilts
+        ],
+        "touches, table turned": [
+            (touch(layout, name, angle), angle) for name in targets for angle in turned
+        ],
+        "requests and spins": [(poses.retracted_pose(), angle) for angle in turned],
+        "spike": [(pose, 0.0) for pose in poses.fixed_point_poses(layout, 10)],
+    }
+
+
+def main() -> None:
+    """Print the layout and how often each tag is in view, how tilted and how sharp."""
+    layout = Layout()
+    print(fakes.layout.__doc__)
+    table = Table(title="what the camera sees", caption="tilt: deg to the line of sight; blur: px; any tilt: all ways, 15-25 deg")
+    table.add_column("poses", no_wrap=True)
+    for heading in ("A", "B", "both", "tilt A", "tilt B", "blur"):
+        table.add_column(heading, no_wrap=True, justify="right")
+    hidden: Counter[str] = Counter()
+    for name, shots in scripted(layout).items():
+        sights = [
+            {tag: visible(layout, tag, poses.frozen_snapshot(*shot)) for tag in TAG_NAMES}
+            for shot in shots
+        ]
+        table.add_row(name, *_statistics(sights))
+        hidden.update(
+            f"tag {tag} {reason}"
+            for seen in sights
+            for tag in seen
+            for reason in seen[tag].reasons
+        )
+    Console().print(table)
+    print("hidden:", ", ".join(f"{reason} ({n})" for reason, n in hidden.most_common()))
+
+
+def _statistics(sights: Sequence[Mapping[TagName, Sight]]) -> list[str]:
+    total = len(sights)
+    seen = {tag: sum(sight[tag].seen for sight in sights) for tag in TAG_NAMES}
+    both = sum(all(sight[tag].seen for tag in TAG_NAMES) for sight in sights)
+    tilts = {tag: [np.degrees(sight[tag].tilt_rad) for sight in sights] for tag in TAG_NAMES}
+    blur = max(sight[tag].defocus_px for sight in sights for tag in TAG_NAMES)
+    return [
+        *(f"{count}/{total}" for count in (seen["a"], seen["b"], both)),
+        *(f"{min(tilts[tag]):.0f}-{max(tilts[tag]):.0f}" for tag in TAG_NAMES),
+        f"{blur:.1f}",
+    ]
