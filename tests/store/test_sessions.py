@@ -215,7 +215,7 @@ def test_a_torn_last_line_is_left_out_with_a_warning(samples_file):
 def test_a_flipped_bit_in_an_acknowledged_sample_is_corrupt_naming_file_and_line(samples_file):
     rng = np.random.default_rng(8)
     whole = samples_file.read_bytes()
-    for _ in range(200):
+    for _ in range(100):
         at = int(rng.integers(len(whole) - 1))
         flipped = bytearray(whole)
         flipped[at] ^= 1 << int(rng.integers(8))
@@ -292,7 +292,7 @@ def test_a_segment_cut_anywhere_is_recovered_up_to_there(taught):
 def test_a_session_that_is_being_recorded_is_not_recovered(tmp_path, clock):
     with new_session(tmp_path, clock) as writer:
         writer.image(Samples(6).image(clock.monotonic(), 1))
-        load_recording(writer.path)
+        assert load_session(writer.path).warnings == ()
         assert (writer.path / "000.mcap.open").exists()
     assert not (writer.path / "000.mcap.open").exists()
 

@@ -10,19 +10,22 @@
 
 import os
 import re
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from filelock import FileLock
+from filelock import FileLock, Timeout
 
 from vgrd.clock import Clock, SystemClock
-from vgrd.errors import Corrupt, InputError, NoCurrentCalibration
+from vgrd.errors import Corrupt, InputError, NoCurrentCalibration, StoreError
 from vgrd.model import Calibration
 from vgrd.store.encoding import decode, encode
 from vgrd.store.files import digest, guarded, read_document, write_document
 from vgrd.store.journal import Journal, read_journal
 
 SCHEMA = 1
+_LOCK_S = 10.0
 _ID = re.compile(r"cal-(\d{6})")
 
 
@@ -131,10 +134,21 @@ class CalibrationStore:
             decode(Activation, record, str(path)) for record in read_journal(path).records
         )
 
-    def _locked(self) -> FileLock:
-        with guarded("create", self.path):
+    @contextmanager
+    def _locked(self) -> Iterator[None]:
+        lock = FileLock(self.path / ".lock", timeout=_LOCK_S)
+        with guarded("write into", self.path):
             self.path.mkdir(parents=True, exist_ok=True)
-        return FileLock(self.path / ".lock")
+            try:
+                lock.acquire()
+            except Timeout:
+                raise StoreError(
+                    f"{self.path} is locked by another process since {_LOCK_S:g} s; end that one"
+                ) from None
+        try:
+            yield
+        finally:
+            lock.release()
 
     def _file(self, name: str) -> Path:
         if not _ID.fullmatch(name):

@@ -7,7 +7,7 @@ it grows.
 
 import os
 from collections import deque
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import contextmanager, suppress
 from pathlib import Path
@@ -21,18 +21,18 @@ from vgrd.store.topics import Topic, open_writer
 FLUSH_S = 0.08
 SYNC_S = 1.0
 MIB = 1 << 20
-# Unsynced bytes above which a slow disk is spared: pictures first, everything long after.
-IMAGE_BACKLOG_BYTES = 64 * MIB
-BACKLOG_BYTES = 128 * MIB
 
 
 class _Segment:
     """One growing file."""
 
-    def __init__(self, directory: Path, number: int, now_s: float) -> None:
+    def __init__(
+        self, directory: Path, number: int, now_s: float, sync: Callable[[int], None]
+    ) -> None:
         self.path = directory / f"{number:03d}.mcap"
         self.open_path = directory / f"{number:03d}.mcap.open"
         self.opened_s = now_s
+        self._sync = sync
         self.stream = self.open_path.open("xb")
         self.writer = open_writer(self.stream)
 
@@ -40,7 +40,7 @@ class _Segment:
         return self.stream.tell()
 
     def sync(self) -> None:
-        os.fsync(self.stream.fileno())
+        self._sync(self.stream.fileno())
 
     def seal(self) -> None:
         """Everything written: make it durable and give it its final name."""
@@ -63,18 +63,26 @@ class _SyncJob(NamedTuple):
 class SegmentWriter:
     """Writes messages into segments of at most `seconds` or `max_bytes`; one thread at a time.
 
+    A disk that is `backlog_bytes` behind gets no more pictures, at twice that nothing more.
     Once a write or a sync has failed, that StoreError is raised from then on and the open segment
     is left to `recover`.
     dropped_images, dropped_messages: what was left out since the disk could not follow.
     """
 
     def __init__(
-        self, directory: Path, clock: Clock, seconds: float = 60.0, max_bytes: int = 256 * MIB
+        self,
+        directory: Path,
+        clock: Clock,
+        seconds: float = 60.0,
+        max_bytes: int = 256 * MIB,
+        backlog_bytes: int = 64 * MIB,
+        sync: Callable[[int], None] = os.fsync,
     ) -> None:
         self.dropped_images = 0
         self.dropped_messages = 0
         self._directory, self._clock = directory, clock
         self._seconds, self._max_bytes = seconds, max_bytes
+        self._backlog_bytes, self._sync = backlog_bytes, sync
         self._segment: _Segment | None = None
         self._segments = 0
         self._sealed_bytes = self._synced_bytes = 0
@@ -89,6 +97,7 @@ class SegmentWriter:
 
         A picture gets a chunk of its own and is left out before anything else.
         """
+        self.tick()
         with self._failing_once():
             if self._is_behind(topic):
                 return False
@@ -99,7 +108,6 @@ class SegmentWriter:
             self._current().writer.add_message(topic, time_ns, data, time_ns)
             if topic is Topic.IMAGE:
                 self._flush()
-        self.tick()
         return True
 
     def tick(self) -> None:
@@ -109,7 +117,8 @@ class SegmentWriter:
             now_s = self._clock.monotonic()
             if self._pending_since_s is not None and now_s - self._pending_since_s >= FLUSH_S:
                 self._flush()
-            if now_s - self._synced_at_s >= SYNC_S:
+            early = self._unsynced_bytes() > self._backlog_bytes // 4
+            if early or now_s - self._synced_at_s >= SYNC_S:
                 self._start_sync()
             segment = self._segment
             if segment is not None and (
@@ -151,22 +160,25 @@ class SegmentWriter:
 
     def _current(self) -> _Segment:
         if self._segment is None:
-            self._segment = _Segment(self._directory, self._segments, self._clock.monotonic())
+            self._segment = _Segment(
+                self._directory, self._segments, self._clock.monotonic(), self._sync
+            )
             self._segments += 1
         return self._segment
 
     def _written_bytes(self) -> int:
         return self._sealed_bytes + (self._segment.size() if self._segment is not None else 0)
 
+    def _unsynced_bytes(self) -> int:
+        return self._written_bytes() - self._synced_bytes
+
     def _is_behind(self, topic: Topic) -> bool:
-        unsynced = self._written_bytes() - self._synced_bytes
-        if unsynced > BACKLOG_BYTES:
-            self.dropped_messages += 1
-            return True
-        if topic is Topic.IMAGE and unsynced > IMAGE_BACKLOG_BYTES:
+        behind = self._unsynced_bytes() > self._backlog_bytes * (1 if topic is Topic.IMAGE else 2)
+        if behind and topic is Topic.IMAGE:
             self.dropped_images += 1
-            return True
-        return False
+        elif behind:
+            self.dropped_messages += 1
+        return behind
 
     def _flush(self) -> None:
         if self._segment is not None and self._pending_since_s is not None:

@@ -10,6 +10,7 @@
 """
 
 import re
+import shutil
 import threading
 from collections import Counter
 from collections.abc import Iterator, Mapping
@@ -110,10 +111,16 @@ class SessionWriter:
                 raise StoreError(
                     f"session {name!r} exists already in {self.path.parent}; choose another name"
                 ) from None
-            self._lock = _session_lock(self.path)
-            self._lock.acquire(timeout=0)
-        write_document(self.path / _HEADER, body, SCHEMA)
-        self._samples = Journal(self.path / _SAMPLES)
+        self._lock = _session_lock(self.path)
+        try:
+            with guarded("lock", self.path):
+                self._lock.acquire(timeout=0)
+            write_document(self.path / _HEADER, body, SCHEMA)
+            self._samples = Journal(self.path / _SAMPLES)
+        except StoreError:
+            self._lock.release()
+            shutil.rmtree(self.path, ignore_errors=True)
+            raise
         self._taught: list[tuple[int, SampleKind]] = []
         self._segments = SegmentWriter(self.path, clock)
         self._teaching, self._recording = threading.Lock(), threading.Lock()
@@ -229,11 +236,16 @@ def recover_session(directory: Path) -> tuple[Path, ...]:
     """Recover segments that a kill left open, unless a living process records here."""
     if not any(directory.glob("*.mcap.open")):
         return ()
+    lock = _session_lock(directory)
+    with guarded("lock", directory):
+        try:
+            lock.acquire(timeout=0)
+        except Timeout:
+            return ()
     try:
-        with guarded("lock", directory), _session_lock(directory).acquire(timeout=0):
-            return recover(directory)
-    except Timeout:
-        return ()
+        return recover(directory)
+    finally:
+        lock.release()
 
 
 def iterate_flanges(directory: Path) -> Iterator[FlangeReading]:
