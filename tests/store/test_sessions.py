@@ -186,6 +186,17 @@ def test_sessions_are_listed_oldest_first(tmp_path, clock):
     assert list_sessions(tmp_path) == ("b", "a", "c")
 
 
+def test_a_closed_session_takes_nothing_more(tmp_path, clock):
+    writer = new_session(tmp_path, clock)
+    writer.close()
+    writer.close()
+    with pytest.raises(StoreError, match="closed"):
+        writer.sample(SampleKind.TOUCH, Samples(1).touch())
+    with pytest.raises(StoreError, match="closed"):
+        writer.flange(Samples(1).flange(1.0))
+    assert not list(writer.path.glob("*.open"))
+
+
 def test_a_sample_of_the_wrong_kind_and_an_empty_undo_are_refused(tmp_path, clock):
     with new_session(tmp_path, clock) as writer:
         with pytest.raises(InputError, match="a look is a Observation"):

@@ -5,7 +5,7 @@ import zlib
 from pathlib import Path
 from typing import NamedTuple
 
-from vgrd.errors import Corrupt
+from vgrd.errors import Corrupt, StoreError
 from vgrd.store.encoding import Json, canonical, parse
 from vgrd.store.files import guarded, sync_directory
 
@@ -36,6 +36,8 @@ class Journal:
 
         Raises StoreError; the file then ends with the record before.
         """
+        if self._file.closed:
+            raise StoreError(f"cannot write {self.path}: it is closed; begin a new session")
         sequence = self.sequence + 1
         line = _line(sequence, record)
         with guarded("write", self.path):

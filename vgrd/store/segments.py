@@ -143,6 +143,7 @@ class SegmentWriter:
                     self._settle()
         finally:
             self._executor.shutdown(wait=True)
+            self._failed = self._failed or f"cannot record into {self._directory}: it is closed"
 
     @contextmanager
     def _failing_once(self) -> Iterator[None]:
