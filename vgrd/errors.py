@@ -23,6 +23,8 @@
         NoCurrentCalibration nothing has been activated yet
       IpcError               shared memory or a message between processes cannot be used
         RingUnavailable      the ring's file is not there (yet) or is another kind of ring
+      ServingError           the registers cannot be served: port taken, address not here
+        AlreadyRunning       another daemon uses the runtime folder
       ControlError           the daemon refused a command
         DaemonUnreachable    no daemon answers on the control socket
 
@@ -144,6 +146,16 @@ class RingUnavailable(IpcError):
     """The ring's file is not there (yet) or holds another kind of ring: try again later."""
 
     exit_code = 75
+
+
+class ServingError(VgrdError):
+    """The registers cannot be served at the address that the cell file names."""
+
+    exit_code = 69
+
+
+class AlreadyRunning(ServingError):
+    """Another daemon uses the runtime folder."""
 
 
 class ControlError(VgrdError):

@@ -11,6 +11,10 @@ HealthState = Literal["starting", "ok", "unavailable", "refused", "failed"]
 HEALTH_KIND: Final = "health"
 HEALTH_SLOTS: Final = 4
 HEALTH_BYTES: Final = 1024
+GATE_RING: Final = "gate.ring"
+GATE_KIND: Final = "gate"
+GATE_SLOTS: Final = 4
+GATE_BYTES: Final = 16384
 MAX_LINE_BYTES: Final = 1 << 20
 
 _DETAIL_BYTES = 512
@@ -47,6 +51,53 @@ def _cut(text: str) -> str:
     """`text` shortened until its JSON fits; control characters would grow sixfold."""
     plain = "".join(c if c.isprintable() else " " for c in text)
     return plain.encode()[:_DETAIL_BYTES].decode(errors="ignore")
+
+
+@dataclass(frozen=True, slots=True)
+class ProcessReport:
+    """One row of the gate's process table.
+
+    state: running | waiting (for the next start) | stopped (for good, see exit_code). exit_code:
+    of the last end, minus the signal's number when a signal ended it, None before the first.
+    """
+
+    name: str
+    kind: str
+    pid: int
+    state: Literal["running", "waiting", "stopped"]
+    starts: int
+    hangs: int
+    exit_code: int | None
+    health: HealthState
+    detail: str
+
+
+@dataclass(frozen=True, slots=True)
+class GateReport:
+    """What the gate publishes for `vgrd status`: processes, and counters of the Modbus server."""
+
+    pid: int
+    host: str
+    port: int
+    counters: dict[str, int]
+    processes: tuple[ProcessReport, ...]
+
+    def pack(self) -> bytes:
+        """JSON for the gate's ring."""
+        fields = asdict(self)
+        for process in fields["processes"]:
+            process["detail"] = _cut(process["detail"])
+        return json.dumps(fields, ensure_ascii=False, separators=(",", ":")).encode()
+
+    @classmethod
+    def unpack(cls, payload: bytes) -> "GateReport":
+        """Inverse of `pack`. Raises IpcError when it is no report."""
+        try:
+            fields = json.loads(payload)
+            rows = tuple(ProcessReport(**row) for row in fields.pop("processes"))
+            return cls(processes=rows, **fields)
+        except (ValueError, TypeError, KeyError, AttributeError) as error:
+            raise IpcError(f"not a report of the gate: {error}") from error
 
 
 def encode_line(message: dict[str, object]) -> bytes:

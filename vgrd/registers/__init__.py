@@ -15,6 +15,8 @@ from vgrd.registers.codes import (
 )
 from vgrd.registers.image import (
     PACKED_BYTES,
+    REGISTER_KIND,
+    REGISTER_RING,
     Answer,
     RegisterImage,
     View,
@@ -33,6 +35,8 @@ from vgrd.registers.request import Request
 __all__ = [
     "MAP_VERSION",
     "PACKED_BYTES",
+    "REGISTER_KIND",
+    "REGISTER_RING",
     "REQUEST",
     "RESPONSE",
     "SWAPPED_FROM",

@@ -15,6 +15,8 @@ from vgrd.registers.codes import Frame, RotationFormat, Scale16, State, Status
 from vgrd.registers.layout import MAP_VERSION, encode_response
 from vgrd.registers.request import NOTHING_ASKED, Request
 
+REGISTER_RING: Final = "registers.ring"
+REGISTER_KIND: Final = "registers"
 AGE_STEP_S: Final = 0.01
 UNKNOWN16: Final = 0xFFFF
 

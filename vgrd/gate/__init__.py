@@ -1,0 +1,1 @@
+"""The parent process: serves the registers, supervises the others, talks to systemd."""

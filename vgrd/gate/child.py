@@ -1,0 +1,68 @@
+"""One child process: started so that it cannot outlive the gate, watched through a pidfd.
+
+The gate has one thread, so code between fork and exec is sound (`preexec_fn`), and it spares every
+child a launcher of its own. PDEATHSIG holds across exec and is not seen by SIGTERM handlers or the
+GIL: a child that hangs in a vendor's library dies with the gate, however that ends.
+"""
+
+import asyncio
+import ctypes
+import os
+import signal
+import subprocess
+from collections.abc import Mapping, Sequence
+from typing import Final
+
+_PR_SET_PDEATHSIG: Final = 1
+_NOT_FOR_CHILDREN: Final = ("NOTIFY_SOCKET", "WATCHDOG_USEC", "WATCHDOG_PID")
+_libc = ctypes.CDLL(None)
+
+
+class Child:
+    """A running process in a session of its own; Ctrl-C on the terminal does not reach it."""
+
+    def __init__(
+        self, argv: Sequence[str], env: Mapping[str, str], pass_fds: Sequence[int] = ()
+    ) -> None:
+        """Start it. Raises OSError when that is not possible."""
+        inherited = {k: v for k, v in os.environ.items() if k not in _NOT_FOR_CHILDREN}
+        parent = os.getpid()
+
+        def die_with_gate() -> None:
+            _libc.prctl(_PR_SET_PDEATHSIG, signal.SIGKILL)
+            if os.getppid() != parent:
+                os._exit(1)
+
+        self._process = subprocess.Popen(
+            list(argv),
+            env={**inherited, **env},
+            stdin=subprocess.DEVNULL,
+            pass_fds=pass_fds,
+            start_new_session=True,
+            preexec_fn=die_with_gate,
+        )
+        self.pid = self._process.pid
+        self._pidfd = os.pidfd_open(self.pid)
+        self._ended = asyncio.get_running_loop().create_future()
+        asyncio.get_running_loop().add_reader(self._pidfd, self._collect)
+
+    async def wait(self) -> int:
+        """Exit code once it has ended, minus the signal's number when a signal ended it."""
+        return int(await asyncio.shield(self._ended))
+
+    def terminate(self) -> None:
+        """Ask it to end."""
+        if not self._ended.done():
+            self._process.send_signal(signal.SIGTERM)
+
+    def kill(self) -> None:
+        """End it and whatever it started."""
+        if not self._ended.done():
+            os.killpg(self.pid, signal.SIGKILL)
+
+    def _collect(self) -> None:
+        """Reap it; before that its group id cannot belong to anybody else."""
+        asyncio.get_running_loop().remove_reader(self._pidfd)
+        os.close(self._pidfd)
+        os.killpg(self.pid, signal.SIGKILL)
+        self._ended.set_result(self._process.wait())

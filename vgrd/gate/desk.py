@@ -1,0 +1,259 @@
+"""Where the robot's requests and the cell's answers meet: the data behind the Modbus server."""
+
+import math
+import struct
+from collections import Counter
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Final
+
+from vgrd.clock import Clock
+from vgrd.errors import IpcError
+from vgrd.ipc.ring import RingReader
+from vgrd.registers import (
+    REGISTER_KIND,
+    REGISTER_RING,
+    REQUEST,
+    RESPONSE,
+    SWAPPED_FROM,
+    Answer,
+    Command,
+    RegisterImage,
+    Request,
+    Status,
+    view,
+)
+
+Forward = Callable[[bytes], bool]
+
+DEFAULT_TIMEOUT_S: Final = 5.0
+
+_REOPEN_S = 0.05
+_ALIVE_INPUT = 16
+_BEATS_PER_TOGGLE = 5
+_BLOCKS = (
+    (REQUEST.start, REQUEST.end),
+    (RESPONSE.start, RESPONSE.end),
+    (SWAPPED_FROM, SWAPPED_FROM + RESPONSE.end - RESPONSE.start),
+)
+
+
+class ImageFeed:
+    """The cell's newest register image; keeps the last one when the cell is gone."""
+
+    def __init__(self, runtime_dir: Path, clock: Clock) -> None:
+        self.image: RegisterImage | None = None
+        self._path = runtime_dir / REGISTER_RING
+        self._clock = clock
+        self._reader: RingReader | None = None
+        self._index = 0
+        self._retry_s = -math.inf
+
+    def poll(self) -> bool:
+        """Take a newer image, if there is one."""
+        try:
+            if self._reader is None and not self._open():
+                return False
+            return self._reader is not None and self._take(self._reader)
+        except IpcError:
+            self._reader = None
+            return False
+
+    def lose(self) -> None:
+        """Treat the image as too old from now on: its writer is dead."""
+        if self.image:
+            self.image = replace(self.image, published_s=-math.inf)
+
+    def _open(self) -> bool:
+        now = self._clock.monotonic()
+        if now < self._retry_s:
+            return False
+        self._retry_s = now + _REOPEN_S
+        self._reader = RingReader.open(self._path, REGISTER_KIND)
+        return True
+
+    def _take(self, reader: RingReader) -> bool:
+        if reader.index == self._index:
+            return False
+        message = reader.newest()
+        if message is None:
+            return False
+        self._index = message.index
+        self.image = RegisterImage.unpack(message.payload)
+        return True
+
+
+class Desk:
+    """Registers, coils and inputs, and the one request that may be pending.
+
+    `forward` passes the 64 bytes of a request to the cell and tells whether that was possible;
+    `abort` tells the cell that nobody waits any more.
+    """
+
+    def __init__(
+        self,
+        feed: ImageFeed,
+        clock: Clock,
+        *,
+        deadline_s: float,
+        forward: Forward,
+        abort: Callable[[], None],
+        timeout_s: float = DEFAULT_TIMEOUT_S,
+    ) -> None:
+        self.counters: Counter[str] = Counter()
+        self._feed, self._clock = feed, clock
+        self._deadline_s, self._timeout_s = deadline_s, timeout_s
+        self._forward, self._abort = forward, abort
+        self._request = bytes(2 * REQUEST.end)
+        self._coils = [False, False]
+        self._pending: Request | None = None
+        self._overdue_s = math.inf
+        self._refusal: Answer | None = None
+        self._seq: int | None = None  # of the answer that stood there when the request came
+        self._closed: Status | None = None
+        self._refresh(clock.monotonic())
+
+    @property
+    def pending(self) -> Request | None:
+        """The request that the cell works on."""
+        return self._pending
+
+    def read_registers(self, address: int, count: int) -> bytes | None:
+        """Read registers of one block, None outside."""
+        self.refresh()
+        if not any(start <= address and address + count <= end for start, end in _BLOCKS):
+            return None
+        return self._space[2 * address : 2 * (address + count)]
+
+    def write_registers(self, address: int, data: bytes) -> bool:
+        """Write into the request block, then look at TRIG."""
+        end = address + len(data) // 2
+        if end > REQUEST.end:
+            return False
+        before = self._request[:2]
+        self._request = self._request[: 2 * address] + data + self._request[2 * end :]
+        if self._request[:2] != before:
+            self._triggered()
+        self._refresh(self._clock.monotonic())
+        return True
+
+    def read_coils(self, address: int, count: int) -> Sequence[bool] | None:
+        """TRIG and CLEAR as they were written."""
+        return self._coils[address : address + count] if address + count <= 2 else None
+
+    def write_coils(self, address: int, values: Sequence[bool]) -> bool:
+        """Rising edges: of coil 0 a request with TRIG + 1, of coil 1 clears."""
+        if address + len(values) > len(self._coils):
+            return False
+        before = list(self._coils)
+        self._coils[address : address + len(values)] = values
+        if self._coils[1] and not before[1]:
+            self._clear(echo=0)
+        if self._coils[0] and not before[0]:
+            (trig,) = struct.unpack_from(">H", self._request)
+            self._request = struct.pack(">H", trig % 0xFFFF + 1) + self._request[2:]
+            self._triggered()
+        self._refresh(self._clock.monotonic())
+        return True
+
+    def read_inputs(self, address: int, count: int) -> Sequence[bool] | None:
+        """STATE bit by bit, and the toggle that shows that HB counts."""
+        if address + count > _ALIVE_INPUT + 1:
+            return None
+        self.refresh()
+        toggle = self._view.beat // _BEATS_PER_TOGGLE % 2
+        bits = int(self._view.state) | toggle << _ALIVE_INPUT
+        return [bool(bits >> i & 1) for i in range(address, address + count)]
+
+    def cell_lost(self) -> None:
+        """Invalidate, and answer what is pending, now: the cell's process is dead."""
+        self._feed.lose()
+        self._refresh(self._clock.monotonic())
+
+    def close(self, status: Status) -> None:
+        """Answer everything with `status` from now on."""
+        self._closed = status
+        self._pending, self._overdue_s = None, math.inf
+        self._refresh(self._clock.monotonic())
+
+    def refresh(self) -> None:
+        """Bring the registers up to date, if anything may have changed."""
+        now = self._clock.monotonic()
+        if self._feed.poll() or now >= self._view.good_until_s or now >= self._overdue_s:
+            self._refresh(now)
+
+    def _refresh(self, now_s: float) -> None:
+        image = self._feed.image
+        alive = image is not None and abs(now_s - image.published_s) < self._deadline_s
+        if self._pending and image is not None and self._is_answer(image.answer):
+            self._pending, self._overdue_s = None, math.inf
+        elif self._pending and not alive:
+            self._refuse(Status.INTERNAL_ERROR if image else Status.STARTING)
+        elif self._pending and now_s >= self._overdue_s:
+            self._abort()
+            self._refuse(Status.TIMEOUT)
+        if self._refusal and image is not None and self._is_continuous(image.answer):
+            self._refusal = None
+        refusal = self._refusal
+        if self._closed is not None:
+            refusal = Answer(self._closed, echo=int.from_bytes(self._request[:2], "big"))
+        self._view = view(
+            image, now_s, self._pending, deadline_s=self._deadline_s, refusal=refusal
+        )
+        gap = bytes(2 * (RESPONSE.start - REQUEST.end))
+        gap_between = bytes(2 * (SWAPPED_FROM - RESPONSE.end))
+        self._space = b"".join(
+            (self._request, gap, self._view.response, gap_between, self._view.swapped)
+        )
+
+    def _is_answer(self, answer: Answer) -> bool:
+        """Whether it is to the pending request, not to an earlier one with the same TRIG."""
+        return (
+            self._pending is not None
+            and answer.echo == self._pending.trig
+            and answer.seq != self._seq
+        )
+
+    def _is_continuous(self, answer: Answer) -> bool:
+        """Whether the cell publishes something newer that nobody asked for: it may be shown."""
+        if answer.echo or answer.seq == self._seq:
+            return False
+        return answer.status.is_ok or (self._refusal is not None and self._refusal.echo == 0)
+
+    def _triggered(self) -> None:
+        if self._closed is not None:
+            return
+        request = Request.parse(self._request)
+        if request.trig == 0 or request.command == Command.CLEAR:
+            self._clear(echo=request.trig)
+            return
+        self._feed.poll()
+        self.counters["triggers"] += 1
+        self.counters["superseded"] += self._pending is not None
+        self._pending, self._refusal = request, None
+        self._remember_answer()
+        self._overdue_s = self._clock.monotonic() + (request.timeout_s or self._timeout_s)
+        if not self._forward(self._request):
+            self._refuse(Status.INTERNAL_ERROR if self._feed.image else Status.STARTING)
+
+    def _clear(self, *, echo: int) -> None:
+        self._feed.poll()
+        self._pending, self._overdue_s = None, math.inf
+        self._remember_answer()
+        self._refusal = Answer(Status.IDLE, echo=echo, seq=self._seq or 0)
+        self._abort()
+
+    def _refuse(self, status: Status) -> None:
+        """Answer the pending request in place of the cell; a late answer will not be shown."""
+        if self._pending:
+            asked = self._pending
+            self._refusal = Answer(
+                status, asked.trig, seq=self._seq or 0, point=asked.point, object=asked.object
+            )
+            self.counters[status.name.lower()] += 1
+        self._pending, self._overdue_s = None, math.inf
+
+    def _remember_answer(self) -> None:
+        image = self._feed.image
+        self._seq = image.answer.seq if image else None

@@ -1,0 +1,158 @@
+"""The gate put together: registers served, processes kept alive, systemd told."""
+
+import asyncio
+import fcntl
+import os
+import signal
+import socket
+from collections import Counter
+from collections.abc import Callable
+from pathlib import Path
+from typing import Final
+
+import structlog
+
+from vgrd.clock import Clock
+from vgrd.errors import AlreadyRunning
+from vgrd.gate import systemd
+from vgrd.gate.desk import Desk, ImageFeed
+from vgrd.gate.link import CellLink
+from vgrd.gate.modbus import Limits, ModbusServer
+from vgrd.gate.settings import GateSettings
+from vgrd.gate.supervisor import CONFIG_EXIT, Supervisor
+from vgrd.ipc.messages import GATE_BYTES, GATE_KIND, GATE_RING, GATE_SLOTS, GateReport
+from vgrd.ipc.ring import RingWriter
+from vgrd.registers import Status
+
+LOCK_FILE: Final = "gate.lock"
+TICK_S: Final = 0.02
+REPORT_S: Final = 0.25
+ABUSE_LOG_S: Final = 1.0
+_ABUSE: Final = ("refused", "garbage", "timeouts", "evicted")
+
+log = structlog.get_logger()
+
+
+def lock(runtime_dir: Path) -> int:
+    """Claim the runtime folder until the returned descriptor is closed. Raises AlreadyRunning."""
+    fd = os.open(runtime_dir / LOCK_FILE, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o600)
+    try:
+        fcntl.flock(fd, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except OSError as error:
+        holder = os.read(fd, 32).decode(errors="replace") or "?"
+        os.close(fd)
+        raise AlreadyRunning(
+            f"{runtime_dir}: another daemon (process {holder}) uses this runtime folder; stop it"
+            " first or give this cell a runtime_dir of its own"
+        ) from error
+    os.ftruncate(fd, 0)
+    os.write(fd, str(os.getpid()).encode())
+    return fd
+
+
+class Gate:
+    """One run of the daemon's parent process."""
+
+    def __init__(self, settings: GateSettings, runtime_dir: Path, clock: Clock) -> None:
+        self._settings, self._clock = settings, clock
+        self._link: CellLink | None = None
+        self._stop = asyncio.Event()
+        self._desk = Desk(
+            ImageFeed(runtime_dir, clock),
+            clock,
+            deadline_s=settings.deadline_s,
+            timeout_s=settings.timeout_s,
+            forward=self._forward,
+            abort=self._abort,
+        )
+        self._server = ModbusServer(self._desk, clock, Limits(allow=settings.allow))
+        self._supervisor = Supervisor(
+            settings.processes, runtime_dir, clock, self._cell_started, self._cell_ended
+        )
+        self._ring = RingWriter.create(runtime_dir / GATE_RING, GATE_SLOTS, GATE_BYTES, GATE_KIND)
+        self._port = settings.port
+        self._said = ""
+        self._abuse: Counter[str] = Counter()
+
+    async def run(self) -> None:
+        """Serve until SIGTERM or SIGINT. Raises ServingError when the port cannot be had."""
+        loop = asyncio.get_running_loop()
+        for number in (signal.SIGTERM, signal.SIGINT):
+            loop.add_signal_handler(number, self._stop.set)
+        settings = self._settings
+        self._port = await self._server.listen(settings.host, settings.port)
+        self._supervisor.start()
+        log.info("serving", cell=settings.cell, host=settings.host, port=self._port)
+        systemd.notify("READY=1", f"STATUS=serving on {settings.host}:{self._port}")
+        chores = [
+            asyncio.create_task(self._each(TICK_S, self._desk.refresh)),
+            asyncio.create_task(self._each(REPORT_S, self._report)),
+            asyncio.create_task(self._each(ABUSE_LOG_S, self._log_abuse)),
+        ]
+        if period_s := systemd.watchdog_period_s():
+            chores.append(asyncio.create_task(self._each(period_s, self._kick)))
+        await self._stop.wait()
+        await self._shut_down()
+        for chore in chores:
+            chore.cancel()
+
+    async def _shut_down(self) -> None:
+        log.info("stopping")
+        systemd.notify("STOPPING=1", "STATUS=stopping")
+        self._desk.close(Status.SHUTTING_DOWN)
+        await self._supervisor.stop()
+        self._report()
+        self._server.close()
+        self._ring.close()
+        log.info("stopped")
+
+    async def _each(self, period_s: float, do: Callable[[], None]) -> None:
+        while True:
+            do()
+            await asyncio.sleep(period_s)
+
+    def _forward(self, registers: bytes) -> bool:
+        if self._link is None:
+            return False
+        return self._link.send(
+            op="request", trig=int.from_bytes(registers[:2], "big"), registers=registers.hex()
+        )
+
+    def _abort(self) -> None:
+        if self._link:
+            self._link.send(op="abort")
+
+    def _cell_started(self, ours: socket.socket) -> None:
+        self._link = CellLink(ours, self._hear)
+
+    def _cell_ended(self, exit_code: int) -> None:
+        if self._link:
+            self._link.close()
+        self._link = None
+        self._desk.cell_lost()
+        if exit_code == CONFIG_EXIT:
+            self._desk.close(Status.CONFIG_ERROR)
+
+    def _hear(self, message: dict[str, object]) -> None:
+        log.info("cell_says", **{"what": message.pop("op", "?"), **message})
+
+    def _kick(self) -> None:
+        systemd.notify("WATCHDOG=1")
+
+    def _report(self) -> None:
+        counters = {**self._server.counters, **self._desk.counters}
+        counters["connections"] = self._server.connections
+        rows = self._supervisor.reports()
+        report = GateReport(os.getpid(), self._settings.host, self._port, counters, rows)
+        self._ring.publish(report.pack(), stamp_s=self._clock.monotonic())
+        said = ", ".join(f"{row.name} {row.health}" for row in rows)
+        if said != self._said:
+            self._said = said
+            systemd.notify(f"STATUS={said}")
+
+    def _log_abuse(self) -> None:
+        """At most one line a second, however hard somebody knocks."""
+        now = Counter({name: self._server.counters[name] for name in _ABUSE})
+        if more := now - self._abuse:
+            log.warning("modbus_clients", **more)
+        self._abuse = now

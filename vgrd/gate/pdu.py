@@ -1,0 +1,181 @@
+"""From Modbus requests to answers: functions 1-6, 15, 16, 22 and 23 over data held elsewhere."""
+
+import struct
+from collections.abc import Callable, Sequence
+from typing import Final, Protocol
+
+ILLEGAL_FUNCTION: Final = 1
+ILLEGAL_ADDRESS: Final = 2
+ILLEGAL_VALUE: Final = 3
+
+
+class Data(Protocol):
+    """The data behind the server. None or False: there is no such address."""
+
+    def read_registers(self, address: int, count: int) -> bytes | None:
+        """Read holding and input registers, big-endian."""
+        ...
+
+    def write_registers(self, address: int, data: bytes) -> bool:
+        """Take a whole write before anything else happens."""
+        ...
+
+    def read_coils(self, address: int, count: int) -> Sequence[bool] | None:
+        """Read coils."""
+        ...
+
+    def write_coils(self, address: int, values: Sequence[bool]) -> bool:
+        """Set coils."""
+        ...
+
+    def read_inputs(self, address: int, count: int) -> Sequence[bool] | None:
+        """Read discrete inputs."""
+        ...
+
+
+class _RefusedError(Exception):
+    """The request is answered with an exception code."""
+
+    def __init__(self, code: int) -> None:
+        self.code = code
+
+
+class GarbageError(Exception):
+    """The length of a request does not fit its function."""
+
+
+def respond(data: Data, pdu: bytes) -> bytes:
+    """Answer one PDU: function code and what follows it. Raises GarbageError."""
+    try:
+        return pdu[:1] + _HANDLERS.get(pdu[0], _unknown)(data, pdu[1:])
+    except _RefusedError as refused:
+        return bytes((pdu[0] | 0x80, refused.code))
+
+
+def _fixed(body: bytes, form: str) -> tuple[int, ...]:
+    if len(body) != struct.calcsize(form):
+        raise GarbageError
+    return struct.unpack(form, body)
+
+
+def _counted(body: bytes, form: str) -> tuple[tuple[int, ...], bytes]:
+    """Split off the fixed part, whose last byte counts the bytes that follow."""
+    head = struct.calcsize(form)
+    if len(body) < head or len(body) != head + body[head - 1]:
+        raise GarbageError
+    return struct.unpack_from(form, body), body[head:]
+
+
+def _within(count: int, limit: int) -> None:
+    if not 1 <= count <= limit:
+        raise _RefusedError(ILLEGAL_VALUE)
+
+
+def _there(done: bool) -> None:
+    if not done:
+        raise _RefusedError(ILLEGAL_ADDRESS)
+
+
+def _bits(values: Sequence[bool] | None) -> bytes:
+    if values is None:
+        raise _RefusedError(ILLEGAL_ADDRESS)
+    size = (len(values) + 7) // 8
+    number = sum(1 << i for i, value in enumerate(values) if value)
+    return bytes((size,)) + number.to_bytes(size, "little")
+
+
+def _words(registers: bytes | None) -> bytes:
+    if registers is None:
+        raise _RefusedError(ILLEGAL_ADDRESS)
+    return bytes((len(registers),)) + registers
+
+
+def _unknown(data: Data, body: bytes) -> bytes:  # noqa: ARG001
+    raise _RefusedError(ILLEGAL_FUNCTION)
+
+
+def _read_coils(data: Data, body: bytes) -> bytes:
+    address, count = _fixed(body, ">HH")
+    _within(count, 2000)
+    return _bits(data.read_coils(address, count))
+
+
+def _read_inputs(data: Data, body: bytes) -> bytes:
+    address, count = _fixed(body, ">HH")
+    _within(count, 2000)
+    return _bits(data.read_inputs(address, count))
+
+
+def _read_registers(data: Data, body: bytes) -> bytes:
+    address, count = _fixed(body, ">HH")
+    _within(count, 125)
+    return _words(data.read_registers(address, count))
+
+
+def _write_coil(data: Data, body: bytes) -> bytes:
+    address, value = _fixed(body, ">HH")
+    if value not in (0x0000, 0xFF00):
+        raise _RefusedError(ILLEGAL_VALUE)
+    _there(data.write_coils(address, [bool(value)]))
+    return body
+
+
+def _write_register(data: Data, body: bytes) -> bytes:
+    address, _ = _fixed(body, ">HH")
+    _there(data.write_registers(address, body[2:]))
+    return body
+
+
+def _write_coils(data: Data, body: bytes) -> bytes:
+    (address, count, size), packed = _counted(body, ">HHB")
+    _within(count, 1968)
+    if size != (count + 7) // 8:
+        raise _RefusedError(ILLEGAL_VALUE)
+    number = int.from_bytes(packed, "little")
+    _there(data.write_coils(address, [bool(number >> i & 1) for i in range(count)]))
+    return body[:4]
+
+
+def _write_registers(data: Data, body: bytes) -> bytes:
+    (address, count, size), registers = _counted(body, ">HHB")
+    _within(count, 123)
+    if size != 2 * count:
+        raise _RefusedError(ILLEGAL_VALUE)
+    _there(data.write_registers(address, registers))
+    return body[:4]
+
+
+def _mask_register(data: Data, body: bytes) -> bytes:
+    address, keep, put = _fixed(body, ">HHH")
+    old = data.read_registers(address, 1)
+    if old is None:
+        raise _RefusedError(ILLEGAL_ADDRESS)
+    (word,) = struct.unpack(">H", old)
+    _there(data.write_registers(address, struct.pack(">H", word & keep | put & ~keep)))
+    return body
+
+
+def _read_write_registers(data: Data, body: bytes) -> bytes:
+    (read_at, read_count, address, count, size), registers = _counted(body, ">HHHHB")
+    _within(read_count, 125)
+    _within(count, 121)
+    if size != 2 * count:
+        raise _RefusedError(ILLEGAL_VALUE)
+    if data.read_registers(read_at, read_count) is None:
+        raise _RefusedError(ILLEGAL_ADDRESS)
+    _there(data.write_registers(address, registers))
+    return _words(data.read_registers(read_at, read_count))
+
+
+_HANDLERS: Final[dict[int, Callable[[Data, bytes], bytes]]] = {
+    1: _read_coils,
+    2: _read_inputs,
+    3: _read_registers,
+    4: _read_registers,
+    5: _write_coil,
+    6: _write_register,
+    15: _write_coils,
+    16: _write_registers,
+    22: _mask_register,
+    23: _read_write_registers,
+}

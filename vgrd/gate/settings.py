@@ -1,0 +1,123 @@
+"""What `vgrd run` resolved for the gate: processes.json in the runtime folder."""
+
+import json
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from ipaddress import ip_network
+from pathlib import Path
+from typing import Final, TypeVar, cast
+
+from vgrd.errors import ConfigError
+
+PROCESS_TABLE: Final = "processes.json"
+CELL_KIND: Final = "cell"
+
+T = TypeVar("T")
+
+
+@dataclass(frozen=True, slots=True)
+class ProcessSpec:
+    """One process. hang_s: so long without progress it is killed, None: not watched.
+
+    start_s: how long it may take to its first sign of health.
+    """
+
+    name: str
+    argv: tuple[str, ...]
+    kind: str = "device"
+    env: Mapping[str, str] = field(default_factory=dict)
+    hang_s: float | None = None
+    start_s: float = 60.0
+
+
+@dataclass(frozen=True, slots=True)
+class GateSettings:
+    """The gate's part of the cell file. timeout_s: for requests that name no TMO."""
+
+    cell: str
+    host: str
+    port: int
+    allow: tuple[str, ...]
+    processes: tuple[ProcessSpec, ...]
+    deadline_s: float = 0.25
+    timeout_s: float = 5.0
+
+
+def load_settings(path: Path) -> GateSettings:
+    """Read and check the process table. Raises ConfigError naming every fault."""
+    try:
+        table = json.loads(path.read_bytes())
+    except (OSError, ValueError) as error:
+        raise ConfigError(
+            str(path), [f"cannot be read: {error}; start with `vgrd run`"]
+        ) from error
+    faults: list[str] = []
+    modbus = _take(table, "modbus", dict, faults, {})
+    settings = GateSettings(
+        cell=_take(table, "cell", str, faults, ""),
+        host=_take(modbus, "host", str, faults, ""),
+        port=_take(modbus, "port", int, faults, 0),
+        allow=tuple(_take(modbus, "allow", list, faults, [])),
+        processes=tuple(
+            _process(row, faults) for row in _take(table, "processes", list, faults, [])
+        ),
+        deadline_s=_take(table, "deadline_s", float, faults, 0.25, optional=True),
+        timeout_s=_take(table, "timeout_s", float, faults, 5.0, optional=True),
+    )
+    for entry in settings.allow:
+        _check(ip_network, entry, f"modbus.allow: {entry!r} is no address or network", faults)
+    names = [process.name for process in settings.processes]
+    faults += [f"processes: {name!r} twice" for name in set(names) if names.count(name) > 1]
+    if sum(process.kind == CELL_KIND for process in settings.processes) > 1:
+        faults.append("processes: more than one of kind 'cell'")
+    if faults:
+        raise ConfigError(str(path), faults)
+    return settings
+
+
+def _process(row: object, faults: list[str]) -> ProcessSpec:
+    table = row if isinstance(row, dict) else {}
+    name = _take(table, "name", str, faults, "")
+    argv = _take(table, "argv", list, faults, [])
+    if not argv or not all(isinstance(word, str) for word in argv):
+        faults.append(f"processes: {name!r}: argv must be a list of words")
+    hang_s = table.get("hang_s")
+    return ProcessSpec(
+        name=name,
+        argv=tuple(argv),
+        kind=_take(table, "kind", str, faults, "device", optional=True),
+        env=_take(table, "env", dict, faults, {}, optional=True),
+        hang_s=None if hang_s is None else _take(table, "hang_s", float, faults, 0.0),
+        start_s=_take(table, "start_s", float, faults, 60.0, optional=True),
+    )
+
+
+def _take(
+    table: object,
+    key: str,
+    kind: type[T],
+    faults: list[str],
+    instead: T,
+    *,
+    optional: bool = False,
+) -> T:
+    """Value of `key`, or `instead` with a fault noted when it is missing or of another type."""
+    held = table if isinstance(table, dict) else {}
+    if key not in held:
+        if not optional:
+            faults.append(f"{key}: missing")
+        return instead
+    value = held[key]
+    if kind is float and isinstance(value, int) and not isinstance(value, bool):
+        return cast(T, float(value))
+    if not isinstance(value, kind) or isinstance(value, bool):
+        faults.append(f"{key}: {value!r} is not a {kind.__name__}")
+        return instead
+    return value
+
+
+def _check(parse: Callable[[str], object], text: str, fault: str, faults: list[str]) -> None:
+    try:
+        parse(text)
+    except (ValueError, TypeError):
+        faults.append(fault)

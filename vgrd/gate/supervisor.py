@@ -1,0 +1,237 @@
+"""Keeps the processes of the table running: starts, watches, restarts, stops them."""
+
+import asyncio
+import socket
+from collections.abc import Callable
+from pathlib import Path
+from typing import Final, Literal
+
+import structlog
+
+from vgrd.clock import Clock
+from vgrd.errors import IpcError
+from vgrd.gate.child import Child
+from vgrd.gate.settings import CELL_KIND, ProcessSpec
+from vgrd.ipc.health import health_path
+from vgrd.ipc.messages import HEALTH_KIND, Health, ProcessReport
+from vgrd.ipc.ring import RingReader
+
+FIRST_DELAY_S: Final = 0.25
+LAST_DELAY_S: Final = 5.0
+GOOD_AFTER_S: Final = 30.0
+STOP_S: Final = 1.0
+LOOK_S: Final = 0.1
+REFUSED_EXIT: Final = 69
+CONFIG_EXIT: Final = 78
+
+GATE_FD: Final = "VGRD_GATE_FD"
+
+log = structlog.get_logger()
+
+
+class HealthWatch:
+    """Whether a process makes progress; counts only time in which the gate itself ran."""
+
+    def __init__(self, path: Path, spec: ProcessSpec, pid: int) -> None:
+        self.health: Health | None = None
+        self._path, self._spec, self._pid = path, spec, pid
+        self._reader: RingReader | None = None
+        self._silent_s = 0.0
+
+    def is_hung(self, elapsed_s: float) -> bool:
+        """Look once, `elapsed_s` after the last look."""
+        if self._spec.hang_s is None:
+            return False
+        self._silent_s += min(elapsed_s, 2 * LOOK_S)
+        health = self._read()
+        if health and (self.health is None or health.progress != self.health.progress):
+            self._silent_s = 0.0
+        self.health = health or self.health
+        return self._silent_s > (self._spec.hang_s if self.health else self._spec.start_s)
+
+    def close(self) -> None:
+        """Let go of the ring."""
+        if self._reader:
+            self._reader.close()
+
+    def _read(self) -> Health | None:
+        """Newest health of this very process, None while only its predecessor's is there."""
+        try:
+            if self._reader is None:
+                self._reader = RingReader.open(self._path, HEALTH_KIND)
+            message = self._reader.newest()
+            health = Health.unpack(message.payload) if message else None
+        except IpcError:
+            return None
+        return health if health and health.pid == self._pid else None
+
+
+class Managed:
+    """One row of the process table and its life."""
+
+    def __init__(
+        self,
+        spec: ProcessSpec,
+        runtime_dir: Path,
+        clock: Clock,
+        on_start: Callable[[socket.socket], None],
+        on_end: Callable[[int], None],
+    ) -> None:
+        self.spec = spec
+        self._path = health_path(runtime_dir, spec.name)
+        self._clock = clock
+        self._on_start, self._on_end = on_start, on_end
+        self._child: Child | None = None
+        self._watch: HealthWatch | None = None
+        self._state: Literal["running", "waiting", "stopped"] = "waiting"
+        self._starts = self._hangs = 0
+        self._exit_code: int | None = None
+        self._stopping = False
+
+    async def keep_running(self) -> None:
+        """Start it again whenever it ends, later each time; never after a configuration error."""
+        delay_s = FIRST_DELAY_S
+        while not self._stopping:
+            began = self._clock.monotonic()
+            self._exit_code = await self._live()
+            lived_s = self._clock.monotonic() - began
+            if self._exit_code == CONFIG_EXIT or self._stopping:
+                break
+            if lived_s > GOOD_AFTER_S:
+                delay_s = FIRST_DELAY_S
+            wait_s = LAST_DELAY_S if self._exit_code == REFUSED_EXIT else delay_s
+            log.warning(
+                "process_ended",
+                child=self.spec.name,
+                exit_code=self._exit_code,
+                lived_s=round(lived_s, 2),
+                restart_in_s=wait_s,
+            )
+            self._state = "waiting"
+            await asyncio.sleep(wait_s)
+            delay_s = min(2 * delay_s, LAST_DELAY_S)
+        self._state = "stopped"
+        if not self._stopping:
+            log.error("process_given_up", child=self.spec.name, exit_code=self._exit_code)
+
+    async def stop(self) -> None:
+        """End it: SIGTERM, and SIGKILL a second later."""
+        self._stopping = True
+        child = self._child
+        if child is None:
+            return
+        child.terminate()
+        try:
+            async with asyncio.timeout(STOP_S):
+                await child.wait()
+        except TimeoutError:
+            log.warning("process_killed", child=self.spec.name, reason="did not stop in time")
+            child.kill()
+            await child.wait()
+
+    def report(self) -> ProcessReport:
+        """Row for `vgrd status`."""
+        health = self._watch.health if self._watch else None
+        if health is None:
+            health = Health(self.spec.name, "starting", 0)
+        return ProcessReport(
+            name=self.spec.name,
+            kind=self.spec.kind,
+            pid=self._child.pid if self._child else 0,
+            state=self._state,
+            starts=self._starts,
+            hangs=self._hangs,
+            exit_code=self._exit_code,
+            health=health.state if self._state == "running" else "failed",
+            detail=health.detail,
+        )
+
+    async def _live(self) -> int:
+        """Run it once, to its end."""
+        self._starts += 1
+        try:
+            self._child = self._start()
+        except OSError as error:
+            log.warning("process_not_started", child=self.spec.name, reason=str(error))
+            return REFUSED_EXIT
+        self._state = "running"
+        log.info("process_started", child=self.spec.name, child_pid=self._child.pid)
+        self._watch = HealthWatch(self._path, self.spec, self._child.pid)
+        watching = asyncio.create_task(self._kill_when_hung(self._child, self._watch))
+        try:
+            exit_code = await self._child.wait()
+        finally:
+            watching.cancel()
+            self._watch.close()
+            self._child = None
+        self._on_end(exit_code)
+        return exit_code
+
+    def _start(self) -> Child:
+        if self.spec.kind != CELL_KIND:
+            return Child(self.spec.argv, self.spec.env)
+        ours, theirs = socket.socketpair()
+        with theirs:
+            try:
+                env = {**self.spec.env, GATE_FD: str(theirs.fileno())}
+                child = Child(self.spec.argv, env, [theirs.fileno()])
+            except OSError:
+                ours.close()
+                raise
+        self._on_start(ours)
+        return child
+
+    async def _kill_when_hung(self, child: Child, watch: HealthWatch) -> None:
+        last = self._clock.monotonic()
+        while True:
+            await asyncio.sleep(LOOK_S)
+            now = self._clock.monotonic()
+            if watch.is_hung(now - last):
+                self._hangs += 1
+                log.error("process_hung", child=self.spec.name, hang_s=self.spec.hang_s)
+                child.kill()
+                return
+            last = now
+
+
+class Supervisor:
+    """The process table, alive. `on_cell_start` gets the gate's end of the cell's link."""
+
+    def __init__(
+        self,
+        specs: tuple[ProcessSpec, ...],
+        runtime_dir: Path,
+        clock: Clock,
+        on_cell_start: Callable[[socket.socket], None],
+        on_cell_end: Callable[[int], None],
+    ) -> None:
+        self._rows = [
+            Managed(
+                spec,
+                runtime_dir,
+                clock,
+                on_cell_start,
+                on_cell_end if spec.kind == CELL_KIND else _ignore,
+            )
+            for spec in specs
+        ]
+        self._tasks: list[asyncio.Task[None]] = []
+
+    def start(self) -> None:
+        """Start all of them."""
+        self._tasks = [asyncio.create_task(row.keep_running()) for row in self._rows]
+
+    async def stop(self) -> None:
+        """End all of them at once; takes little more than a second at most."""
+        await asyncio.gather(*(row.stop() for row in self._rows))
+        for task in self._tasks:
+            task.cancel()
+        await asyncio.gather(*self._tasks, return_exceptions=True)
+
+    def reports(self) -> tuple[ProcessReport, ...]:
+        """Rows for `vgrd status`."""
+        return tuple(row.report() for row in self._rows)
+
+
+def _ignore(exit_code: int) -> None:
+    """Nobody waits for the end of a device process."""

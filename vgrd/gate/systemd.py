@@ -1,0 +1,29 @@
+"""The readiness protocol of systemd: one datagram per message."""
+
+import os
+import socket
+
+
+def notify(*lines: str) -> bool:
+    """Send READY=1, STATUS=..., WATCHDOG=1 or STOPPING=1; False when nobody listens.
+
+    Raises OSError when the service manager named a socket that does not take the message.
+    """
+    address = os.environ.get("NOTIFY_SOCKET")
+    if not address:
+        return False
+    if address.startswith("@"):
+        address = "\0" + address[1:]
+    with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as link:
+        link.setblocking(False)
+        link.sendto("\n".join(lines).encode(), address)
+    return True
+
+
+def watchdog_period_s() -> float | None:
+    """How often to send WATCHDOG=1: half of what systemd allows, None when it does not watch."""
+    allowed_us = os.environ.get("WATCHDOG_USEC", "")
+    watched = os.environ.get("WATCHDOG_PID", str(os.getpid()))
+    if not allowed_us.isdigit() or watched != str(os.getpid()):
+        return None
+    return int(allowed_us) / 2e6
