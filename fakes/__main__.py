@@ -7,6 +7,11 @@ import typer
 
 # Name: (module with a function `main` that typer turns into a command line, what it is).
 COMMANDS = {
+    "camera": ("fakes.commands.camera", "GigE Vision camera, 12 MP, software trigger"),
+    "demo": (
+        "fakes.commands.demo",
+        "the whole job of the daemon on a fake cell, with true errors",
+    ),
     "layout": ("fakes.commands.layout", "the fake cell in words, and what its camera sees"),
     "rtde": ("fakes.commands.rtde", "Universal Robots controller, RTDE on port 30004"),
 }

@@ -1,0 +1,141 @@
+"""Basler cameras through pypylon: one picture per software trigger."""
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from pypylon import genicam, pylon
+
+from drivers import settings as driver_settings
+from drivers.frame_counter import FrameCounter
+from vgrd.clock import Clock
+from vgrd.devices import Camera, CameraImage, Pixels, Settings
+from vgrd.errors import BadReading, DeviceRefused, DeviceUnavailable
+
+_GIGE_WRAP = 0xFFFF
+
+
+@dataclass(frozen=True, slots=True)
+class PylonSettings:
+    """`serial` or `address` (GigE) of the camera.
+
+    exposure_ms, gain_db, packet_bytes: None leaves what the camera has. pixel_format: Mono8, or
+    an unpacked Mono10, Mono12, Mono16.
+    """
+
+    serial: str | None = None
+    address: str | None = None
+    exposure_ms: float | None = None
+    gain_db: float | None = None
+    pixel_format: str = "Mono8"
+    packet_bytes: int | None = None
+
+
+def open(settings: Settings, clock: Clock) -> Camera:  # noqa: A001 - the name of every driver's entry
+    """Connect, set to software trigger and start; settings as in `PylonSettings`.
+
+    Raises ConfigError, DeviceUnavailable (no such camera, or another program holds it),
+    DeviceRefused (the camera refuses a setting).
+    """
+    options = driver_settings.parse(PylonSettings, settings, "pylon")
+    camera = connect(options)
+    configure(camera, options)
+    camera.StartGrabbing(pylon.GrabStrategy_OneByOne)
+    return PylonCamera(camera, clock)
+
+
+def connect(options: PylonSettings) -> Any:  # noqa: ANN401 - pypylon has no types
+    """Open the camera that the options name."""
+    wanted = pylon.DeviceInfo()
+    if options.serial is not None:
+        wanted.SetSerialNumber(options.serial)
+    if options.address is not None:
+        wanted.SetIpAddress(options.address)
+    name = options.serial or options.address or "any"
+    try:
+        camera = pylon.InstantCamera(pylon.TlFactory.GetInstance().CreateFirstDevice(wanted))
+        camera.Open()
+    except genicam.GenericException as error:
+        raise DeviceUnavailable(f"cannot open pylon camera {name}: {error}") from error
+    return camera
+
+
+def configure(camera: Any, options: PylonSettings) -> None:  # noqa: ANN401 - pypylon has no types
+    """Set format, exposure, gain and software trigger."""
+    nodes = camera.GetNodeMap()
+    try:
+        camera.PixelFormat.Value = options.pixel_format
+        camera.TriggerSelector.Value = "FrameStart"
+        camera.TriggerMode.Value = "On"
+        camera.TriggerSource.Value = "Software"
+        if options.exposure_ms is not None:
+            _first(nodes, "ExposureTime", "ExposureTimeAbs").SetValue(1e3 * options.exposure_ms)
+        if options.gain_db is not None:
+            _first(nodes, "Gain").SetValue(options.gain_db)
+        if options.packet_bytes is not None:
+            _first(nodes, "GevSCPSPacketSize").SetValue(options.packet_bytes)
+    except genicam.GenericException as error:
+        camera.Close()
+        raise DeviceRefused(f"the camera refuses its settings: {error}") from error
+
+
+def _first(nodes: Any, *names: str) -> Any:  # noqa: ANN401 - pypylon has no types
+    """Return the first of the features that the camera has; models differ in their names."""
+    for name in names:
+        node = nodes.GetNode(name)
+        if node is not None:
+            return node
+    raise DeviceRefused(f"the camera has no feature {' or '.join(names)}")
+
+
+def take(camera: Any, timeout_s: float, clock: Clock) -> tuple[Pixels, float, int]:  # noqa: ANN401
+    """Trigger a grabbing camera: pixels (height, width), mid-exposure time, the camera's number.
+
+    The time is the middle of the trigger command (sent .. acknowledged) plus half of the exposure.
+    """
+    deadline_s = clock.monotonic() + timeout_s
+    try:
+        if not camera.WaitForFrameTriggerReady(int(1e3 * timeout_s), pylon.TimeoutHandling_Return):
+            raise DeviceUnavailable(f"no trigger accepted within {timeout_s:.2f} s")
+        sent_s = clock.monotonic()
+        camera.ExecuteSoftwareTrigger()
+        acknowledged_s = clock.monotonic()
+        left_ms = max(1, int(1e3 * (deadline_s - acknowledged_s)))
+        result = camera.RetrieveResult(left_ms, pylon.TimeoutHandling_Return)
+        half_exposure_s = (
+            0.5e-6 * _first(camera.GetNodeMap(), "ExposureTime", "ExposureTimeAbs").GetValue()
+        )
+    except genicam.GenericException as error:
+        raise DeviceUnavailable(f"the camera is lost: {error}") from error
+    if not result.IsValid():
+        raise DeviceUnavailable(f"no picture within {timeout_s:.2f} s")
+    try:
+        if not result.GrabSucceeded():
+            raise BadReading(f"incomplete picture: {result.GetErrorDescription()}")
+        pixels = np.array(result.Array)
+        number = int(result.BlockID)
+    finally:
+        result.Release()
+    shape = (camera.Height.Value, camera.Width.Value)
+    if pixels.shape != shape or pixels.dtype not in (np.uint8, np.uint16):
+        raise BadReading(f"expected a grey picture of {shape}, got {pixels.dtype} {pixels.shape}")
+    return pixels, 0.5 * (sent_s + acknowledged_s) + half_exposure_s, number
+
+
+class PylonCamera:
+    """A grabbing camera that waits for triggers; see `open`."""
+
+    def __init__(self, camera: Any, clock: Clock) -> None:  # noqa: ANN401 - pypylon has no types
+        self._camera = camera
+        self._clock = clock
+        self._frames = FrameCounter(_GIGE_WRAP)
+
+    def grab(self, timeout_s: float) -> CameraImage:
+        """Take a picture; as `vgrd.devices.Camera.grab`."""
+        pixels, stamp_s, number = take(self._camera, timeout_s, self._clock)
+        return CameraImage(pixels, stamp_s, self._frames.advance(number))
+
+    def close(self) -> None:
+        """Stop and release the camera; may be called more than once."""
+        self._camera.StopGrabbing()
+        self._camera.Close()

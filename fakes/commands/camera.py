@@ -1,0 +1,42 @@
+"""A fake GigE Vision camera on its own, or showing the world of a fake cell."""
+
+import asyncio
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from fakes.console import Action, numbers, switch, until_stopped
+from fakes.gige_camera import GigeCamera
+from fakes.layout import Layout
+from fakes.scene import pictures
+
+
+def _actions(camera: GigeCamera) -> dict[str, Action]:
+    faults = camera.faults
+    return {
+        "freeze": lambda words: setattr(faults, "freeze", switch(words)),
+        "lost": lambda words: setattr(faults, "lost", numbers(words, 1)[0]),
+        "resend": lambda words: setattr(faults, "resend", switch(words)),
+        "repeat": lambda words: setattr(faults, "repeat", switch(words)),
+    }
+
+
+async def _serve(host: str, snapshots: Path | None) -> None:
+    layout = Layout()
+    with GigeCamera(pictures(snapshots, layout), host, layout.optics.size_px) as camera:
+        actions = _actions(camera)
+        ready = f"GigE Vision camera at {host}; type: {', '.join(sorted(actions))}"
+        await until_stopped(ready, actions)
+
+
+def main(
+    host: Annotated[str, typer.Option(help="address to listen at, 127.x.y.z")] = "127.0.0.3",
+    snapshots: Annotated[Path | None, typer.Option(help="ring of a fake world")] = None,
+) -> None:
+    """Fake 12 MP GigE Vision camera until Ctrl-C: one picture per software trigger.
+
+    Without a ring it looks at a cell in which nothing moves. Type at it: freeze, resend and repeat
+    with on or off, lost with a share of packets.
+    """
+    asyncio.run(_serve(host, snapshots))

@@ -1,0 +1,182 @@
+"""Both camera stacks against their fakes: pictures arrive whole, in order, in time."""
+
+import threading
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from drivers import aravis
+from drivers.frame_counter import FrameCounter
+from fakes import cameras, pylon_camera
+from fakes.gige_camera import GigeCamera
+from fakes.layout import Layout
+from fakes.render import Renderer
+from fakes.scene import SnapshotWriter, pictures
+from fakes.testing import FakeProcess, free_loopback
+from fakes.world import WorldSnapshot
+from vgrd.clock import SystemClock
+from vgrd.errors import BadReading, ConfigError, DeviceRefused, DeviceUnavailable
+
+CLOCK = SystemClock()
+SIZE = (4024, 3036)
+
+
+def have_aravis():
+    return cameras.choose().driver == "aravis"
+
+
+needs_aravis = pytest.mark.skipif(not have_aravis(), reason="Aravis does not load here")
+
+
+class Shown:
+    """Random pictures; remembers the last one shown and when."""
+
+    def __init__(self):
+        rng = np.random.default_rng(5)
+        self.stock = rng.integers(0, 256, (3, SIZE[1], SIZE[0]), dtype=np.uint8)
+        self.count = 0
+
+    def __call__(self):
+        """Show the next one."""
+        self.count += 1
+        self.at_s = CLOCK.monotonic()
+        self.last = self.stock[self.count % 3]
+        return self.last
+
+
+@pytest.fixture(scope="module")
+def stock():
+    return Shown()
+
+
+@pytest.fixture
+def gige(stock):
+    with GigeCamera(stock, free_loopback(3956), SIZE) as fake:
+        camera = aravis.open({"address": fake.host, "packet_bytes": 16000}, CLOCK)
+        yield fake, camera
+        camera.close()
+
+
+@needs_aravis
+def test_twelve_megapixels_arrive_byte_for_byte_and_frames_advance(stock, gige):
+    frames = []
+    for _ in range(5):
+        before_s = CLOCK.monotonic()
+        image = gige[1].grab(2.0)
+        assert np.array_equal(image.pixels, stock.last)
+        assert before_s < image.stamp_s < CLOCK.monotonic() + 0.01
+        assert abs(image.stamp_s - 0.005 - stock.at_s) < 0.05  # exposure of the fake: 10 ms
+        frames.append(image.frame)
+    assert frames == [1, 2, 3, 4, 5]
+
+
+@needs_aravis
+def test_lost_packets_are_sent_again(stock, gige):
+    fake, camera = gige
+    fake.faults.lost = 0.02
+    assert np.array_equal(camera.grab(2.0).pixels, stock.last)
+
+
+@needs_aravis
+def test_an_incomplete_picture_is_a_bad_reading_and_the_next_one_is_good(stock, gige):
+    fake, camera = gige
+    fake.faults.lost, fake.faults.resend = 0.3, False
+    with pytest.raises(BadReading, match="incomplete"):
+        camera.grab(2.0)
+    fake.faults.lost, fake.faults.resend = 0.0, True
+    assert np.array_equal(camera.grab(2.0).pixels, stock.last)
+
+
+@needs_aravis
+def test_a_frozen_camera_is_unavailable_in_time(gige):
+    fake, camera = gige
+    fake.faults.freeze = True
+    start = time.monotonic()
+    with pytest.raises(DeviceUnavailable, match="no picture within"):
+        camera.grab(0.3)
+    assert time.monotonic() - start < 0.6
+    camera.close()
+    with pytest.raises(DeviceUnavailable, match="closed"):
+        camera.grab(0.3)
+
+
+@needs_aravis
+def test_a_frame_number_that_stands_still_is_a_bad_reading(gige):
+    fake, camera = gige
+    camera.grab(2.0)
+    fake.faults.repeat = True
+    with pytest.raises((BadReading, DeviceUnavailable)):
+        camera.grab(0.5)
+
+
+@needs_aravis
+def test_wrong_settings_are_refused_by_name():
+    with pytest.raises(ConfigError, match="'adress'"):
+        aravis.open({"adress": "127.0.0.3"}, CLOCK)
+    fake = GigeCamera(Shown(), free_loopback(3956), SIZE)
+    with fake:
+        settings = {"address": fake.host, "pixel_format": "Mono7"}
+        with pytest.raises(DeviceRefused, match="refuses"):
+            aravis.open(settings, CLOCK)
+
+
+@needs_aravis
+def test_nobody_at_the_address_is_unavailable():
+    with pytest.raises(DeviceUnavailable, match="no camera at"):
+        aravis.open({"address": free_loopback(3956)}, CLOCK)
+
+
+@needs_aravis
+def test_a_camera_process_that_dies_is_noticed():
+    host = free_loopback(3956)
+    with FakeProcess("camera", "--host", host) as process:
+        camera = aravis.open({"address": host, "packet_bytes": 16000}, CLOCK)
+        assert camera.grab(3.0).pixels.shape == (SIZE[1], SIZE[0])
+        process.kill()
+        start = time.monotonic()
+        with pytest.raises(DeviceUnavailable, match="is lost"):
+            camera.grab(0.5)
+        camera.close()
+        assert time.monotonic() - start < 0.8
+
+
+def snapshot(exposure):
+    flange = Layout().base_from_wrist_home.matrix().ravel().tolist()
+    return WorldSnapshot(tuple(flange), 0.1 * exposure, exposure=exposure)
+
+
+def test_a_picture_shows_the_world_after_the_request_and_a_stopped_world_is_told(tmp_path: Path):
+    ring = tmp_path / "world.ring"
+    writer = SnapshotWriter(ring)
+    writer.publish(snapshot(1), CLOCK.monotonic())
+    draw = pictures(ring)
+    later = threading.Timer(0.05, lambda: writer.publish(snapshot(2), CLOCK.monotonic()))
+    later.start()
+    shown = draw()
+    later.join()
+    assert np.array_equal(shown, Renderer(Layout()).render(snapshot(2)))
+    with pytest.raises(TimeoutError, match="stopped"):
+        draw()
+    writer.close()
+
+
+def test_pylons_emulator_shows_one_drawn_picture_per_grab(stock):
+    camera = pylon_camera.EmulatedCamera(stock, CLOCK)
+    try:
+        for number in (1, 2, 3):
+            image = camera.grab(5.0)
+            assert np.array_equal(image.pixels, stock.last)
+            assert image.frame == number
+    finally:
+        camera.close()
+
+
+def test_frame_numbers_count_over_the_wrap_and_refuse_to_stand_still():
+    frames = FrameCounter(wrap_at=0xFFFF)
+    assert [frames.advance(n) for n in (65534, 65535, 1, 2, 5)] == [1, 2, 3, 4, 7]
+    for number in (5, 4):
+        with pytest.raises(BadReading, match="frame number"):
+            frames.advance(number)
+    assert frames.advance(6) > 7
