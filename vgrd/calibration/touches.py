@@ -1,0 +1,110 @@
+"""Touches as equations: what all methods that use the tool's tip share."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from vgrd.errors import InputError
+from vgrd.geometry import Array, Pose
+
+_LEVERAGE_FLOOR = 1e-9
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class TouchSet:
+    """m touches with the same tool: rotations (m, 3, 3) and translations (m, 3) of base_from_wrist.
+
+    axis_in_wrist: (3,) unit vector of the tool; lateral_sigma_mm, axial_sigma_mm: (m,), across and
+    along it, infinite where nothing was measured. Raises InputError naming the touch.
+    """
+
+    rotations: Array
+    translations: Array
+    axis_in_wrist: Array
+    lateral_sigma_mm: Array
+    axial_sigma_mm: Array
+
+    def __post_init__(self) -> None:
+        m = len(self.rotations)
+        shapes = [(m, 3, 3), (m, 3), (3,), (m,), (m,)]
+        names = list(self.__dataclass_fields__)
+        for name, shape in zip(names, shapes, strict=True):
+            array = np.array(getattr(self, name), dtype=np.float64)
+            if array.shape != shape or np.isnan(array).any():
+                raise InputError(f"{name} of touches needs shape {shape} without NaN")
+            array.setflags(write=False)
+            object.__setattr__(self, name, array)
+        sigmas = np.concatenate([self.lateral_sigma_mm, self.axial_sigma_mm])
+        if (sigmas <= 0).any():
+            raise InputError("a touch needs a sigma above 0 mm")
+        if abs(float(np.linalg.norm(self.axis_in_wrist)) - 1) > 1e-6:
+            raise InputError("the axis of a tool is a unit vector")
+
+    def __len__(self) -> int:
+        return len(self.rotations)
+
+    @property
+    def is_isotropic(self) -> bool:
+        """True when every touch measured equally well along and across the tool."""
+        return bool(np.array_equal(self.lateral_sigma_mm, self.axial_sigma_mm))
+
+    def whiteners(self) -> Array:
+        """Matrices (m, 3, 3) that turn errors in the wrist frame into errors of unit variance."""
+        along = np.outer(self.axis_in_wrist, self.axis_in_wrist)
+        across = np.eye(3) - along
+        return (
+            across / self.lateral_sigma_mm[:, None, None]
+            + along / self.axial_sigma_mm[:, None, None]
+        )
+
+    def base_whiteners(self) -> Array:
+        """The same for errors in the base frame: (m, 3, 3)."""
+        return np.asarray(self.whiteners() @ np.swapaxes(self.rotations, 1, 2))
+
+    def equations(self) -> int:
+        """How many directions were measured."""
+        finite = 2 * np.isfinite(self.lateral_sigma_mm) + np.isfinite(self.axial_sigma_mm)
+        return int(finite.sum())
+
+
+def touch_set(
+    poses: Sequence[Pose],
+    axis_in_wrist: Array,
+    lateral_sigma_mm: Sequence[float] | Array,
+    axial_sigma_mm: Sequence[float] | Array,
+) -> TouchSet:
+    """Build the arrays from the flange poses of the touches."""
+    return TouchSet(
+        np.array([pose.rotation for pose in poses]).reshape(-1, 3, 3),
+        np.array([pose.translation for pose in poses]).reshape(-1, 3),
+        np.asarray(axis_in_wrist),
+        np.asarray(lateral_sigma_mm),
+        np.asarray(axial_sigma_mm),
+    )
+
+
+def outlier_scores(residuals: Array, jacobian: Array) -> Array:
+    """How many sigmas each touch is off, its own pull on the fit taken out; (m,).
+
+    residuals: (m, 3) whitened; jacobian: (3 m, n) whitened. The squared deleted residual with its
+    degrees of freedom is turned into the equivalent two-sided number of sigmas of one normal value.
+    """
+    Q, _ = np.linalg.qr(jacobian)
+    Q = Q.reshape(len(residuals), 3, -1)
+    scores = np.zeros(len(residuals))
+    for i, (r, q) in enumerate(zip(residuals, Q, strict=True)):
+        values, vectors = np.linalg.eigh(np.eye(3) - q @ q.T)
+        measured = (values > _LEVERAGE_FLOOR) & (np.abs(vectors.T @ r) > 0)
+        parts = (vectors.T @ r)[measured]
+        if parts.size:
+            squared = float(np.sum(parts**2 / values[measured]))
+            scores[i] = _equivalent_sigmas(squared, parts.size)
+    return scores
+
+
+def _equivalent_sigmas(squared: float, freedom: int) -> float:
+    """Normal quantile with the same tail as chi2(freedom) at `squared`; Wilson and Hilferty 1931."""
+    cube = (squared / freedom) ** (1 / 3)
+    width = 2 / (9 * freedom)
+    return max(0.0, float((cube - (1 - width)) / np.sqrt(width)))

@@ -1,0 +1,107 @@
+"""Global start of the universal method: TCP and translation eliminated, many rotations tried at once.
+
+With S = R_X^T and t' = -R_X^T t_X, Eq. 7 reads `S p_i - R_i p_T - t' = t_i`: linear in (S, p_T, t').
+What is left of the cost when p_T and t' are eliminated is a quadratic in the nine numbers of S.
+"""
+
+from itertools import permutations, product
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from vgrd.calibration.touches import TouchSet
+from vgrd.geometry import Array, exp_rotation, hat
+
+_STEPS = 12
+_MAX_TURN_RAD = 1.0
+_DAMPING = 1e-3
+_SAME_RAD = 0.02
+_KEPT = 3
+
+
+def _cube_rotations() -> Array:
+    """The 24 rotations of a cube, (24, 3, 3), turned a little so that no axis stays special."""
+    signed = [
+        np.eye(3)[list(order)] * np.array(signs)[:, None]
+        for order in permutations(range(3))
+        for signs in product((1.0, -1.0), repeat=3)
+    ]
+    cube = np.array([R for R in signed if np.linalg.det(R) > 0])
+    return cube @ exp_rotation((0.31, -0.17, 0.23))
+
+
+_CUBE = _cube_rotations()
+_GENERATORS = hat(np.eye(3))
+
+
+def rotation_candidates(points_in_object: Array, touches: TouchSet) -> list[Array]:
+    """Rotations (3, 3) of X in the best valleys of the reduced cost, best first."""
+    K = _reduced(points_in_object, touches)
+    linear = np.linalg.lstsq(K[:, :9], -K[:, 9], rcond=1e-9)[0].reshape(3, 3)
+    S, costs = _descend(K, np.concatenate([_CUBE, _nearest(linear)[None]]))
+    kept: list[Array] = []
+    for i in np.argsort(costs):
+        if costs[i] > 4 * costs.min() + 1e-9 and kept:
+            break
+        if all(np.abs(S[i] - other).max() > _SAME_RAD for other in kept):
+            kept.append(S[i])
+    return [np.ascontiguousarray(one.T) for one in kept[:_KEPT]]
+
+
+def solve_linear_part(
+    points_in_object: Array, touches: TouchSet, R_X: Array
+) -> tuple[Array, Array, Array]:
+    """(R_X, t_X, p_T) with the least squares t_X and p_T for a given rotation of X."""
+    B = touches.base_whiteners()
+    N = np.concatenate([B @ touches.rotations, B], axis=2).reshape(-1, 6)
+    right = np.einsum("mij,mj->mi", B, points_in_object @ R_X - touches.translations).ravel()
+    x = np.linalg.lstsq(N, right, rcond=1e-9)[0]
+    return R_X, -R_X @ x[3:], x[:3]
+
+
+def _reduced(p: Array, touches: TouchSet) -> Array:
+    """Square root (n, 10), n <= 10, of the cost in (vec S, 1), rows of S one after the other."""
+    B = touches.base_whiteners()
+    A = (B[:, :, :, None] * (p - p.mean(axis=0))[:, None, None, :]).reshape(-1, 9)
+    b = np.einsum("mij,mj->mi", B, touches.translations - touches.translations.mean(axis=0))
+    N = np.concatenate([B @ touches.rotations, B], axis=2).reshape(-1, 6)
+    U, s, _ = np.linalg.svd(N, full_matrices=False)
+    U = U[:, s > 1e-9 * s[0]]
+    M = np.column_stack([A, -b.ravel()])
+    return np.asarray(np.linalg.qr(M - U @ (U.T @ M), mode="r"), dtype=np.float64)
+
+
+def _descend(K: Array, S: Array) -> tuple[Array, Array]:
+    """Damped Gauss-Newton on SO(3) for all starts (k, 3, 3) at once; ends and costs."""
+    A, b = K[:, :9], K[:, 9]
+    for _ in range(_STEPS):
+        r = S.reshape(-1, 9) @ A.T + b
+        turned = _GENERATORS[None] @ S[:, None]
+        J = turned.reshape(len(S), 3, 9) @ A.T
+        normal = J @ np.swapaxes(J, 1, 2)
+        damping = _DAMPING * np.trace(normal, axis1=1, axis2=2) + 1e-12
+        normal = normal + damping[:, None, None] * np.eye(3)
+        step = -np.linalg.solve(normal, J @ r[:, :, None])[:, :, 0]
+        length = np.linalg.norm(step, axis=1)
+        step *= np.minimum(1, _MAX_TURN_RAD / np.maximum(length, 1e-12))[:, None]
+        S = _exp(step) @ S
+        if length.max() < 1e-6:
+            break
+    r = S.reshape(-1, 9) @ A.T + b
+    return S, np.einsum("ki,ki->k", r, r)
+
+
+def _exp(rotvecs: Array) -> Array:
+    """Rotation matrices (k, 3, 3) of rotation vectors (k, 3)."""
+    angle = np.maximum(np.linalg.norm(rotvecs, axis=1), 1e-12)[:, None, None]
+    W = hat(rotvecs)
+    out: Array = (
+        np.eye(3) + np.sin(angle) / angle * W + 2 * (np.sin(angle / 2) / angle) ** 2 * (W @ W)
+    )
+    return out
+
+
+def _nearest(matrix: ArrayLike) -> Array:
+    U, _, Vt = np.linalg.svd(np.asarray(matrix, dtype=np.float64))
+    out: Array = U @ np.diag([1.0, 1.0, np.linalg.det(U @ Vt)]) @ Vt
+    return out
