@@ -19,6 +19,7 @@ comes back to a slot `slots - 1` messages later: milliseconds against a store bu
 
 A restarted writer makes a new file, renames it over the old one and marks the old one retired:
 readers move over at their next look. The index counts on, so `since(index)` holds across it.
+The files are private to the user (0600): whoever truncates one kills the processes that map it.
 """
 
 import mmap
@@ -43,7 +44,7 @@ _GENERATION, _LAST, _RETIRED = 128 // 8, 192 // 8, 256 // 8  # words, a cache li
 _SLOT = struct.Struct("=QdQ")  # index, stamp_s, length; follows the sequence
 _SLOT_HEADER_BYTES = 64
 _CRC_AT = 8 + _SLOT.size
-_ATTEMPTS = 1000
+_ATTEMPTS = 100
 _POLL_S = 0.001
 
 

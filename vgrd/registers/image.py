@@ -171,13 +171,14 @@ def _shown(
     image: RegisterImage | None, lived: bool, pending: Request | None, refusal: Answer | None
 ) -> Answer:
     """Choose the answer to show; `image` is None when the cell does not live."""
-    if refusal is not None:
+    if refusal is not None and (image is not None or refusal.status is not Status.IDLE):
         status = Status.INTERNAL_ERROR if refusal.status.is_ok else refusal.status
         return replace(refusal, status=status)
     asked = pending or NOTHING_ASKED
     if image is None:
         status = Status.INTERNAL_ERROR if lived else Status.STARTING
-        return Answer(status, echo=asked.trig, point=asked.point, object=asked.object)
+        echo = refusal.echo if refusal else asked.trig
+        return Answer(status, echo=echo, point=asked.point, object=asked.object)
     if pending is not None:
         seq = image.answer.seq
         return Answer(Status.BUSY, seq=seq, point=pending.point, object=pending.object)

@@ -1,0 +1,306 @@
+"""The server against pymodbus's client as oracle, and against raw bytes."""
+
+import asyncio
+import contextlib
+import random
+import socket
+import struct
+import threading
+import time
+
+import pytest
+from pymodbus.client import ModbusTcpClient
+
+from fakes.raw_modbus import RawModbus
+from vgrd.clock import SystemClock
+from vgrd.errors import ServingError
+from vgrd.gate.desk import Desk, ImageFeed
+from vgrd.gate.modbus import Limits, ModbusServer
+from vgrd.registers import Status
+
+LIMITS = Limits(
+    allow=("127.0.0.0/30",), connections_per_peer=4, idle_s=0.6, partial_s=0.2, silent_s=0.2
+)
+
+
+class ServerThread:
+    """The server with a desk behind it, in an event loop of its own."""
+
+    def __init__(self, runtime_dir, limits=LIMITS):
+        clock = SystemClock()
+        feed = ImageFeed(runtime_dir, clock)
+        self.desk = Desk(feed, clock, deadline_s=0.25, forward=lambda _: True, abort=lambda: None)
+        self.server = ModbusServer(self.desk, clock, limits)
+        self.loop = asyncio.new_event_loop()
+        self.port = self.loop.run_until_complete(self.server.listen("127.0.0.1", 0))
+        self.thread = threading.Thread(target=self.loop.run_forever)
+
+    def __enter__(self):
+        self.thread.start()
+        return self
+
+    def __exit__(self, *_):
+        self.loop.call_soon_threadsafe(self.server.close)
+        self.loop.call_soon_threadsafe(self.loop.call_later, 0.02, self.loop.stop)
+        self.thread.join()
+        self.loop.close()
+
+    def client(self, **more) -> RawModbus:
+        """Connect."""
+        return RawModbus("127.0.0.1", self.port, **more)
+
+
+@pytest.fixture
+def serving(tmp_path):
+    with ServerThread(tmp_path) as made:
+        yield made
+
+
+@pytest.fixture
+def oracle(serving):
+    client = ModbusTcpClient("127.0.0.1", port=serving.port, timeout=2, retries=0)
+    assert client.connect()
+    yield client
+    client.close()
+
+
+def is_closed(client: RawModbus, within_s: float = 3.0) -> bool:
+    """Whether the server closes the connection without another word."""
+    client.socket.settimeout(within_s)
+    try:
+        return client.socket.recv(100) == b""
+    except ConnectionResetError:
+        return True
+    except TimeoutError:
+        return False
+
+
+def test_the_oracle_reads_the_response_in_both_register_spaces(oracle):
+    for read in (oracle.read_holding_registers, oracle.read_input_registers):
+        registers = read(100, count=68).registers
+        assert len(registers) == 68
+        assert registers[0] == 0x0100
+        assert registers[4] == Status.STARTING
+        assert registers[20:26] == [0x8000] * 6
+
+
+def test_the_oracle_reads_back_what_it_writes(oracle):
+    assert not oracle.write_registers(1, [1, 2, 3]).isError()
+    assert not oracle.write_register(4, 77).isError()
+    assert not oracle.mask_write_register(address=4, and_mask=0xF0, or_mask=0x05).isError()
+    assert oracle.read_holding_registers(1, count=4).registers == [1, 2, 3, 77 & 0xF0 | 0x05]
+    both = oracle.readwrite_registers(
+        read_address=1, read_count=2, address=2, values=[9, 8], device_id=1
+    )
+    assert both.registers == [1, 9]
+
+
+def test_the_oracle_sees_coils_and_inputs(oracle):
+    assert not oracle.write_coil(0, True).isError()
+    assert oracle.read_coils(0, count=2).bits[:2] == [True, False]
+    assert not oracle.write_coils(0, [False, True]).isError()
+    assert oracle.read_coils(0, count=2).bits[:2] == [False, True]
+    assert oracle.read_discrete_inputs(0, count=17).bits[:17].count(True) >= 1
+
+
+@pytest.mark.parametrize("unit", [0, 1, 2, 247, 255])
+def test_every_unit_id_is_answered_with_itself(serving, unit):
+    with serving.client() as client:
+        client.send(struct.pack(">BHH", 4, 100, 1), unit)
+        assert client.receive() == (1, unit, b"\x04\x02\x01\x00")
+
+
+@pytest.mark.parametrize(
+    ("pdu", "code"),
+    [
+        (struct.pack(">BHH", 3, 100, 0), 3),
+        (struct.pack(">BHH", 3, 100, 126), 3),
+        (struct.pack(">BHH", 4, 100, 0xFFFF), 3),
+        (struct.pack(">BHH", 3, 99, 2), 2),
+        (struct.pack(">BHH", 3, 65535, 125), 2),
+        (struct.pack(">BHH", 1, 0, 3), 2),
+        (struct.pack(">BHH", 1, 0, 2001), 3),
+        (struct.pack(">BHH", 2, 17, 1), 2),
+        (struct.pack(">BHH", 5, 0, 0x1234), 3),
+        (struct.pack(">BHH", 5, 2, 0xFF00), 2),
+        (struct.pack(">BHH", 6, 100, 1), 2),
+        (struct.pack(">BHHBB", 15, 0, 9, 1, 0), 3),
+        (struct.pack(">BHHBH", 15, 0, 9, 2, 0), 2),
+        (struct.pack(">BHHBH", 16, 0, 2, 2, 0), 3),
+        (struct.pack(">BHHB", 16, 0, 0, 0), 3),
+        (struct.pack(">BHHBH", 16, 120, 1, 2, 5), 2),
+        (struct.pack(">BHHH", 22, 100, 1, 1), 2),
+        (struct.pack(">BHHHHBH", 23, 99, 2, 0, 1, 2, 5), 2),
+        (struct.pack(">BHHHHBH", 23, 0, 126, 0, 1, 2, 5), 3),
+        (b"\x07", 1),
+        (b"\x2b\x0e\x01\x00", 1),
+        (b"\x00", 1),
+    ],
+    ids=lambda value: value.hex() if isinstance(value, bytes) else str(value),
+)
+def test_a_refused_request_gets_its_function_and_the_right_code(serving, pdu, code):
+    with serving.client() as client:
+        assert client.call(pdu) == bytes((pdu[0] | 0x80, code))
+        assert client.read(100, 1) == b"\x01\x00"
+        assert serving.desk.read_registers(0, 32) == bytes(64)
+
+
+def test_every_one_of_many_pipelined_requests_is_answered_in_order(serving):
+    with serving.client() as client:
+        frames = b"".join(
+            struct.pack(">HHHBBHH", i, 0, 6, 1, 4, 100 + i % 60, 2) for i in range(2000)
+        )
+        threading.Thread(target=client.socket.sendall, args=(frames,)).start()
+        assert [client.receive()[0] for _ in range(2000)] == list(range(2000))
+
+
+def test_a_request_cut_into_single_bytes_is_answered(serving):
+    with serving.client() as client:
+        for byte in struct.pack(">HHHBBHH", 1, 0, 6, 1, 4, 100, 1):
+            client.socket.sendall(bytes((byte,)))
+        assert client.receive()[2] == b"\x04\x02\x01\x00"
+
+
+def test_a_write_is_in_force_before_it_is_answered(serving):
+    with serving.client() as client:
+        write = struct.pack(">BHHB", 16, 0, 3, 6) + struct.pack(">3H", 9, 2, 4)
+        both = struct.pack(">BHHHHB", 23, 0, 1, 0, 1, 2) + b"\0\x0a"
+        for pdu in (write, struct.pack(">BHH", 3, 103, 2), both, struct.pack(">BHH", 3, 103, 2)):
+            client.send(pdu)
+        answers = [client.receive()[2] for _ in range(4)]
+        assert answers[1] == struct.pack(">BBHH", 3, 4, 9, Status.STARTING)
+        assert answers[2] == b"\x17\x02\x00\x0a"
+        assert answers[3] == struct.pack(">BBHH", 3, 4, 10, Status.STARTING)
+
+
+@pytest.mark.parametrize(
+    "garbage",
+    [
+        b"GET / HTTP/1.1\r\n\r\n",
+        struct.pack(">HHHBBHH", 1, 1, 6, 1, 3, 100, 1),
+        struct.pack(">HHHBB", 1, 0, 0, 1, 3),
+        struct.pack(">HHHBB", 1, 0, 1, 1, 3),
+        struct.pack(">HHHBB", 1, 0, 255, 1, 3),
+        struct.pack(">HHHBB", 1, 0, 0xFFFF, 1, 3),
+        struct.pack(">HHHBBHHB", 1, 0, 7, 1, 3, 100, 1, 0),
+        struct.pack(">HHHBBHHHBHBB", 1, 0, 13, 1, 3, 100, 1, 16, 0, 1, 2, 5)[:19],
+        struct.pack(">HHHBBHHBH", 1, 0, 9, 1, 16, 0, 2, 4, 5),
+    ],
+    ids=[
+        "http",
+        "protocol",
+        "length 0",
+        "length 1",
+        "length 255",
+        "length 65535",
+        "tail",
+        "hidden",
+        "short write",
+    ],
+)
+def test_garbage_closes_its_connection_at_once_and_no_other(serving, garbage):
+    with serving.client() as good, serving.client() as bad:
+        bad.socket.sendall(garbage)
+        assert is_closed(bad, 0.5)
+        assert good.read(100, 1) == b"\x01\x00"
+        assert serving.desk.read_registers(0, 32) == bytes(64)
+
+
+def test_what_comes_before_garbage_is_not_answered_half(serving):
+    with serving.client() as client:
+        client.send(struct.pack(">BHH", 4, 100, 1))
+        assert client.receive()[2] == b"\x04\x02\x01\x00"
+        client.socket.sendall(bytes(8))
+        assert is_closed(client, 0.5)
+        assert serving.server.counters["garbage"] == 1
+
+
+def test_a_frame_that_stays_cut_and_an_idle_connection_are_closed(serving):
+    with serving.client() as slow, serving.client() as idle:
+        begin = time.monotonic()
+        slow.socket.sendall(b"\0\1\0\0\0\6")
+        assert is_closed(slow)
+        assert time.monotonic() - begin < LIMITS.idle_s
+        assert is_closed(idle)
+        assert time.monotonic() - begin >= LIMITS.idle_s
+        assert serving.server.counters["timeouts"] == 2
+
+
+def test_a_client_that_does_not_take_its_answers_is_closed(serving):
+    with serving.client() as client:
+        client.socket.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
+        frames = struct.pack(">HHHBBHH", 1, 0, 6, 1, 4, 100, 68) * 1000
+        with pytest.raises(ConnectionError):
+            client.socket.sendall(frames * 1000)
+
+
+def test_an_address_that_is_not_on_the_list_is_refused(serving):
+    with socket.socket() as stranger:
+        stranger.bind(("127.9.9.9", 0))
+        stranger.settimeout(2)
+        stranger.connect(("127.0.0.1", serving.port))
+        with contextlib.suppress(ConnectionResetError):
+            assert stranger.recv(1) == b""
+    assert serving.server.counters["refused"] == 1
+
+
+def test_a_peer_that_connects_without_end_starves_neither_itself_nor_another(serving):
+    with contextlib.ExitStack() as stack, serving.client() as robot:
+        peers = []
+        for _ in range(40):
+            flood = stack.enter_context(socket.socket())
+            flood.bind(("127.0.0.2", 0))
+            flood.connect(("127.0.0.1", serving.port))
+            peers.append(flood)
+        assert robot.read(100, 1) == b"\x01\x00"
+        assert serving.server.connections <= 1 + LIMITS.connections_per_peer
+        assert serving.server.counters["refused"] == 40 - LIMITS.connections_per_peer
+
+
+def test_a_robot_that_comes_back_takes_the_place_of_its_silent_connections(serving):
+    with contextlib.ExitStack() as stack:
+        for _ in range(LIMITS.connections_per_peer):
+            stack.enter_context(serving.client())
+        time.sleep(LIMITS.silent_s + 0.05)
+        back = stack.enter_context(serving.client())
+        assert back.read(100, 1) == b"\x01\x00"
+        assert serving.server.counters["evicted"] == 1
+
+
+def test_a_port_that_is_taken_is_named_with_the_remedy(serving):
+    second = ModbusServer(serving.desk, SystemClock(), LIMITS)
+    with pytest.raises(ServingError, match=rf"127.0.0.1:{serving.port}.*\[serving\] port"):
+        asyncio.run(second.listen("127.0.0.1", serving.port))
+    with pytest.raises(ServingError, match=r"does not have that address.*\[serving\] host"):
+        asyncio.run(second.listen("192.0.2.1", 0))
+
+
+def test_random_bytes_and_mutated_requests_leave_the_server_serving(serving):
+    random_numbers = random.Random(5)
+    valid = [
+        struct.pack(">HHHBBHH", 7, 0, 6, 1, 3, 100, 68),
+        struct.pack(">HHHBBHHBHH", 7, 0, 11, 1, 16, 0, 2, 4, 1, 2),
+        struct.pack(">HHHBBHHHHBH", 7, 0, 13, 1, 23, 100, 2, 0, 1, 2, 5),
+        struct.pack(">HHHBBHHBB", 7, 0, 8, 1, 15, 0, 2, 1, 3),
+    ]
+    client = serving.client(timeout_s=1.0)
+    for _ in range(1500):
+        frame = bytearray(random_numbers.choice(valid))
+        for _ in range(random_numbers.randrange(4)):
+            frame[random_numbers.randrange(len(frame))] = random_numbers.randrange(256)
+        if random_numbers.random() < 0.1:
+            frame = random_numbers.randbytes(random_numbers.randrange(1, 400))
+        client.socket.sendall(frame)
+        client.socket.settimeout(0.002)
+        try:
+            if client.socket.recv(65536) == b"":
+                raise ConnectionResetError
+        except TimeoutError:
+            continue
+        except ConnectionError:
+            client.socket.close()
+            client = serving.client(timeout_s=1.0)
+    client.socket.close()
+    with serving.client() as fresh:
+        assert fresh.read(100, 1) == b"\x01\x00"
+        assert len(fresh.read(100, 68)) == 136
