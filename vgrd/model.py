@@ -201,16 +201,17 @@ class Verdict:
 class TaughtPoint:
     """A target as it was taught, robot frame, object standing as in the reference picture.
 
-    flange_in_base: (3,) where the flange is when the work tip is on the target with orientation base_from_work;
-    covariance: (3, 3) mm^2 of flange_in_base; pivot_cross_covariance: (3, 3) mm^2 of (flange_in_base, pivot_in_base),
-    rows of the flange, None where the calibration has no pivot.
+    flange_in_base: (3,) where the flange is when the work tip is on the target with orientation
+    base_from_work; covariance: (3, 3) mm^2 of flange_in_base. joint_covariance, mm^2: method
+    "universal" (9, 9) of (flange_in_base, pivot_in_base, tcp_in_wrist), the pivot's rows 0 where
+    there is none; "special" (6, 6) of (flange_in_base, pivot_in_base), None without pivot.
     """
 
     target: Target
     flange_in_base: Array
     base_from_work: Array
     covariance: Array
-    pivot_cross_covariance: Array | None = None
+    joint_covariance: Array | None = None
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -219,12 +220,12 @@ class Calibration:
 
     method: "universal" or "special". tcp_in_wrist: (3,) touch tip or None (special method, constant wrist);
     tcp_covariance: (3, 3). base_from_camera: from hand-eye; its covariance (6, 6), left tangent.
-    camera_from_tag_b_ref: tag B in the reference picture (0), at which `taught` holds. pivot: a point of the object
-    that stays where it is when the object turns (rotation centre), in tag B and in the base, or None where none was
-    recorded; it replaces the hand-eye translation. Method "special" knows no TCP: its pivot_in_base is where the
-    flange stands when the work tip is on the pivot. pivot_covariance: (6, 6) mm^2 of (pivot_in_tag_b, pivot_in_base);
-    reference_covariance: (6, 6), left tangent, of camera_from_tag_b_ref. wrist_from_tag_a: live check that nothing
-    moved, None if tag A is not used.
+    camera_from_tag_b_ref: tag B in the reference picture (0), at which `taught` holds, and
+    reference_covariance (6, 6). pivot: a point of the object that stays where it is when the
+    object turns (rotation centre), in tag B (pivot_covariance: (3, 3)) and in the base, or None
+    where none was recorded; it replaces the hand-eye translation. Method "special" knows no TCP:
+    its pivot_in_base is where the flange stands when the work tip is on the pivot.
+    wrist_from_tag_a: live check that nothing moved, None if tag A is not used.
     """
 
     id: str

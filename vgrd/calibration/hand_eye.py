@@ -35,13 +35,17 @@ class PoseSample:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class HandEyeProblem:
-    """Looks with pose covariances; robot_sigma_*: noise of one flange pose, per axis."""
+    """Looks with pose covariances; robot_sigma_*: noise of one flange pose, per axis.
+
+    estimate_scale: the size of the target, which scales all its distances, is estimated too.
+    """
 
     mount: Mount
     samples: Sequence[PoseSample]
     robot_sigma_mm: float = 0.1
     robot_sigma_rad: float = 2e-4
     robust: bool = True
+    estimate_scale: bool = False
 
 
 @dataclass(frozen=True, slots=True, eq=False)
