@@ -268,4 +268,5 @@ def _steps32(answer: Answer) -> list[int]:
 def _age_ms(answer: Answer, now_s: float) -> int:
     if not math.isfinite(answer.captured_s):
         return UNKNOWN16
-    return min(max(math.ceil((now_s - answer.captured_s) * 1000), 0), UNKNOWN16)
+    age_ms = (now_s - answer.captured_s) * 1000
+    return math.ceil(min(max(age_ms, 0), UNKNOWN16))
