@@ -11,6 +11,7 @@ from vgrd.model import TagSpec
 
 BLOCK = 4  # px between exactly projected points; bilinear between them is exact to 5e-4 px
 _FINE = 3  # fine samples per pixel and axis
+_REACH = 0.03  # cells by which the box of a sample may stick out of its block
 
 
 def tag_cells(tag: TagSpec) -> Plane:
@@ -66,8 +67,8 @@ def _white_share(cells: Plane, corners: Array) -> Plane:
     raster = np.pad(cells, 2, constant_values=1.0)
     four = np.stack([corners[:-1, :-1], corners[:-1, 1:], corners[1:, :-1], corners[1:, 1:]])
     last = len(raster) - 1
-    low = np.clip(np.floor(four.min(0) - 0.1) + 2, 0, last).astype(np.intp)
-    high = np.clip(np.floor(four.max(0) + 0.1) + 2, 0, last).astype(np.intp)
+    low = np.clip(np.floor(four.min(0) - _REACH) + 2, 0, last).astype(np.intp)
+    high = np.clip(np.floor(four.max(0) + _REACH) + 2, 0, last).astype(np.intp)
     first = raster[low[..., 1], low[..., 0]]
     mixed = (
         (raster[low[..., 1], high[..., 0]] != first)
@@ -84,21 +85,23 @@ def _white_share(cells: Plane, corners: Array) -> Plane:
 
 
 def _mixed_samples(raster: Plane, four: Array) -> Plane:
-    """Shares (n, side, side) in blocks with the cell coordinates `four` (4, n, 2) at their corners."""
+    """Shares (n, side, side) in blocks with the cell coordinates `four` (4, n, 2) at their corners.
+
+    A block is smaller than half a cell, so one edge line in u and one in v can cut it.
+    """
     side = BLOCK * _FINE
     a = (np.arange(side) + 0.5) / side
     ramp = np.stack([1 - a, a])
-    weights = np.einsum("pi,qj->pqij", ramp, ramp).reshape(4, -1)
+    weights = np.einsum("pi,qj->pqij", ramp, ramp).reshape(4, -1).astype(np.float32)
     step_x = (four[1] - four[0] + four[3] - four[2]) / (2 * side)
     step_y = (four[2] - four[0] + four[3] - four[1]) / (2 * side)
-    box = (np.abs(step_x) + np.abs(step_y)).astype(np.float32)
-    index, share = [], []
-    for axis in (0, 1):
-        coordinate = (four[:, :, axis].T @ weights).astype(np.float32)
-        edge = np.rint(coordinate)
-        share.append(np.clip(0.5 + (coordinate - edge) / box[:, axis, None], 0, 1))
-        index.append(np.clip(edge.astype(np.intp) + 2, 1, len(raster) - 1))
-    (u, v), (right, below) = index, share
-    above_row = (1 - right) * raster[v - 1, u - 1] + right * raster[v - 1, u]
-    below_row = (1 - right) * raster[v, u - 1] + right * raster[v, u]
-    return np.asarray((1 - below) * above_row + below * below_row).reshape(-1, side, side)
+    edge = np.rint(four.mean(0))
+    beyond = ((four - edge) / (np.abs(step_x) + np.abs(step_y)) + 0.5).astype(np.float32)
+    right, below = (np.clip(beyond[..., axis].T @ weights, 0, 1) for axis in (0, 1))
+    u, v = np.clip(edge.T.astype(np.intp) + 2, 1, len(raster) - 1)
+    here, to_right = raster[v - 1, u - 1], raster[v - 1, u] - raster[v - 1, u - 1]
+    to_below = raster[v, u - 1] - here
+    twist = raster[v, u] - raster[v, u - 1] - to_right
+    share = here[:, None] + right * to_right[:, None]
+    share += below * (to_below[:, None] + right * twist[:, None])
+    return np.asarray(share).reshape(-1, side, side)

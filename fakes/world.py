@@ -12,7 +12,6 @@ from dataclasses import asdict, dataclass
 from typing import Literal
 
 import numpy as np
-from scipy.stats import truncnorm
 
 from fakes.arm import Arm, ErrorField
 from fakes.layout import Layout
@@ -228,8 +227,8 @@ class World:
             )
 
     def _touch_noise(self) -> Array:
-        sigma, limit = self.noise.touch_sigma_mm, self.noise.touch_limit_mm
-        if not sigma:
-            return np.zeros(3)
-        cut = limit / sigma
-        return np.asarray(truncnorm.rvs(-cut, cut, scale=sigma, size=3, random_state=self._rng))
+        """Draw from a normal distribution truncated by rejection, per axis."""
+        noise = self._rng.normal(0, self.noise.touch_sigma_mm, 3)
+        while (outside := np.abs(noise) > self.noise.touch_limit_mm).any():
+            noise[outside] = self._rng.normal(0, self.noise.touch_sigma_mm, int(outside.sum()))
+        return noise

@@ -46,7 +46,10 @@ def main() -> None:
     """Print the layout and how often each tag is in view, how tilted and how sharp."""
     layout = Layout()
     print(fakes.layout.__doc__)
-    table = Table(title="what the camera sees", caption="tilt: deg to the line of sight; blur: px; any tilt: all ways, 15-25 deg")
+    table = Table(
+        title="what the camera sees",
+        caption="tilt: deg to the line of sight; blur: px; any tilt: all ways, 15-25 deg",
+    )
     table.add_column("poses", no_wrap=True)
     for heading in ("A", "B", "both", "tilt A", "tilt B", "blur"):
         table.add_column(heading, no_wrap=True, justify="right")
@@ -63,7 +66,7 @@ def main() -> None:
             for tag in seen
             for reason in seen[tag].reasons
         )
-    Console().print(table)
+    Console(width=100).print(table)
     print("hidden:", ", ".join(f"{reason} ({n})" for reason, n in hidden.most_common()))
 
 

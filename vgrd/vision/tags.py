@@ -168,11 +168,12 @@ class TagDetector:
             CORNER_SIGMA_PX, 2 * rms
         )  # eight coordinates leave two degrees of freedom
         J = self._jacobian(pose.apply(_square(tag)))
-        covariance = np.linalg.inv(J.T @ J) * sigma**2
+        spread = np.linalg.inv(np.linalg.qr(J).R) * sigma  # J'J would square a condition of 1e5
+        covariance = spread @ spread.T
         return TagObservation(
             tag,
             pose,
-            frozen_array((covariance + covariance.T) / 2, 6, 6),
+            frozen_array(covariance, 6, 6),
             frozen_array(corners_px, 4, 2),
             rms,
         )

@@ -1,0 +1,130 @@
+import tracemalloc
+
+import cv2
+import numpy as np
+import pytest
+
+from fakes.layout import Layout
+from fakes.poses import frozen_snapshot, look_poses, retracted_pose, touch_pose
+from fakes.raster import coverage, tag_cells
+from fakes.render import Renderer
+from fakes.sensor import BLACK, WHITE, Region
+from fakes.world import World, WorldSnapshot
+
+LAYOUT = Layout()
+
+
+@pytest.fixture(scope="module")
+def renderer():
+    return Renderer(LAYOUT)
+
+
+def camera_from_tag_a(pose):
+    return LAYOUT.base_from_camera.inverse() @ pose @ LAYOUT.wrist_from_tag_a
+
+
+def brute_force(camera_from_tag, region, fine=32, margin=12):
+    """Point-sampled pattern, 32 x 32 per pixel, blurred on the fine grid, averaged per pixel."""
+    optics = LAYOUT.optics
+    sigma = optics.blur_px(camera_from_tag.translation[2])
+    x = region.x - margin - 0.5 + (np.arange((region.width + 2 * margin) * fine) + 0.5) / fine
+    y = region.y - margin - 0.5 + (np.arange((region.height + 2 * margin) * fine) + 0.5) / fine
+    R, t = camera_from_tag.rotation, camera_from_tag.translation
+    plane_from_ray = np.linalg.inv(np.column_stack([R[:, 0], R[:, 1], t]))
+    cells = np.pad(tag_cells(LAYOUT.tag_a), 1, constant_values=1.0)
+    sampled = np.empty((len(y), len(x)), np.float32)
+    for rows in np.array_split(np.arange(len(y)), 32):
+        rays = optics.rays(np.stack(np.meshgrid(x, y[rows]), -1))
+        plane = rays @ plane_from_ray[:, :2].T + plane_from_ray[:, 2]
+        index = np.floor(plane[..., :2] / plane[..., 2:] * 8 / LAYOUT.tag_a.size_mm + 6)
+        column, row = np.clip(index, 0, 11).astype(int).transpose(2, 0, 1)
+        sampled[rows] = cells[row, column]
+    blurred = cv2.GaussianBlur(sampled, (0, 0), sigma * fine, borderType=cv2.BORDER_REPLICATE)
+    cut = margin * fine
+    inner = blurred[cut:-cut, cut:-cut].reshape(region.height, fine, region.width, fine)
+    return inner.mean((1, 3))
+
+
+@pytest.mark.parametrize("corner", [0, 2])
+def test_tags_are_drawn_area_accurately(corner):
+    camera_from_tag = camera_from_tag_a(look_poses(LAYOUT, 3)[corner])
+    half = LAYOUT.tag_a.size_mm / 2
+    spot = LAYOUT.optics.project(camera_from_tag @ np.array([-half, half, 0.0]))
+    x, y = (np.round(spot).astype(int) - 16).tolist()
+    region = Region(x, y, 32, 32)
+    drawn = coverage(LAYOUT, camera_from_tag, LAYOUT.tag_a, region)
+    difference = (drawn - brute_force(camera_from_tag, region)) * (WHITE - BLACK)
+    assert drawn.max() > 0.99
+    assert drawn.min() < 0.01
+    assert np.sqrt(np.mean(difference**2)) < 0.2
+    assert abs(difference.mean()) < 0.02
+
+
+def test_a_picture_is_repeatable_and_every_exposure_has_fresh_noise(renderer):
+    world = World(LAYOUT, 2)
+    now = world.move_flange(retracted_pose(), 0.0)
+    first, second = world.snapshot(now), world.snapshot(now)
+    picture = renderer.render(first)
+    assert picture.shape == (3036, 4024)
+    assert picture.dtype == np.uint8
+    assert np.array_equal(picture, renderer.render(first))
+    assert np.array_equal(picture, Renderer(LAYOUT).render(first))
+    assert not np.array_equal(picture, renderer.render(second))
+
+
+def test_paper_and_ink_have_their_levels_and_shot_noise(renderer):
+    pose = touch_pose(LAYOUT, "P3")
+    camera_from_tag = camera_from_tag_a(pose)
+    centre = LAYOUT.optics.project(camera_from_tag @ np.array([-11.2, 0.0, 0.0]))
+    x, y = (np.round(centre).astype(int) - 4).tolist()
+    flat = Region(x, y, 8, 8)
+    assert coverage(LAYOUT, camera_from_tag, LAYOUT.tag_a, flat).max() < 1e-3
+    patches = [
+        renderer.render(WorldSnapshot(frozen_snapshot(pose).flange, 0.0, exposure=i))[flat.slices]
+        for i in range(8)
+    ]
+    assert np.mean(patches) == pytest.approx(BLACK, rel=0.1)
+    assert np.std(patches, 0).mean() == pytest.approx(np.sqrt(0.0209 * BLACK + 0.25), rel=0.25)
+
+
+def test_a_covered_tag_and_a_dark_cell_show_no_tag(renderer):
+    pose = retracted_pose()
+    bare = frozen_snapshot(pose)
+    covered = WorldSnapshot(bare.flange, 0.0, covered=("b",))
+    dark = WorldSnapshot(bare.flange, 0.0, lights=False)
+    assert renderer.visible("b", bare).seen
+    assert renderer.visible("b", covered).reasons == ("covered",)
+    assert renderer.visible("b", dark).reasons == ("dark",)
+    assert renderer.render(dark).max() < 10
+    difference = np.abs(renderer.render(covered).astype(int) - renderer.render(bare))
+    assert (difference > 50).sum() > 20_000
+
+
+def test_a_tag_at_the_edge_is_clipped_and_one_outside_draws_nothing(renderer):
+    pose = retracted_pose()
+    for shift in (-60.0, -90.0, -400.0):
+        moved = type(pose)(pose.rotation, pose.translation + np.array([0, shift, 0]))
+        assert renderer.render(frozen_snapshot(moved)).shape == (3036, 4024)
+
+
+def test_an_out_of_focus_tag_is_blurred():
+    def steepest(depth_shift):
+        pose = retracted_pose()
+        toward = LAYOUT.base_from_camera.rotation[:, 2] * depth_shift
+        camera_from_tag = camera_from_tag_a(type(pose)(pose.rotation, pose.translation + toward))
+        outline = LAYOUT.optics.project(camera_from_tag @ np.array([-12.5, 0.0, 0.0]))
+        x, y = (np.round(outline).astype(int) // 4 * 4 - 12).tolist()
+        drawn = coverage(LAYOUT, camera_from_tag, LAYOUT.tag_a, Region(x, y, 24, 24))
+        return np.abs(np.diff(drawn, axis=1)).max()
+
+    in_focus = LAYOUT.optics.focus_mm - camera_from_tag_a(retracted_pose()).translation[2]
+    assert steepest(in_focus) > 2 * steepest(in_focus - 150)
+
+
+def test_drawing_needs_little_memory(renderer):
+    renderer.render(frozen_snapshot(touch_pose(LAYOUT, "P1")))
+    tracemalloc.start()
+    renderer.render(frozen_snapshot(touch_pose(LAYOUT, "P1")))
+    peak_mib = tracemalloc.get_traced_memory()[1] / 2**20
+    tracemalloc.stop()
+    assert peak_mib < 120
