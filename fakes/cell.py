@@ -1,42 +1,28 @@
 """A whole fake cell on the wire: one world, a UR controller, a camera, and the cell file that describes them."""
 
 import asyncio
-import os
+import contextlib
 import socket
 import threading
 import time
 from pathlib import Path
-from types import TracebackType
+from typing import Self
 
-from fakes.cameras import CameraProcess, choose
+from fakes.cameras import Choice, choose
+from fakes.gige_camera import PORT as CAMERA_PORT
 from fakes.layout import Layout
 from fakes.rtde import PORT as RTDE_PORT
 from fakes.rtde import RtdeServer, RtdeState
+from fakes.scene import SnapshotWriter
+from fakes.testing import FakeProcess, free_loopback
 from fakes.world import World
-from vgrd.ipc.ring import RingWriter
 
 SNAPSHOT_RING = "world.ring"
-SNAPSHOT_KIND = "world"
-SNAPSHOT_BYTES = 2048
 SNAPSHOT_PERIOD_S = 0.004
 
 
-def free_address(port: int) -> str:
-    """A 127.x.y.z on which this TCP port is free, different for every process."""
-    for attempt in range(200):
-        number = os.getpid() * 7 + attempt
-        host = f"127.{1 + number % 200}.{number // 200 % 250}.{2 + number % 250}"
-        with socket.socket() as probe:
-            try:
-                probe.bind((host, port))
-            except OSError:
-                continue
-            return host
-    raise OSError(f"port {port} is taken on every loopback address tried")
-
-
 def free_port(host: str = "127.0.0.1") -> int:
-    """A TCP port that nobody listens on."""
+    """Find a TCP port that nobody listens on."""
     with socket.socket() as probe:
         probe.bind((host, 0))
         return int(probe.getsockname()[1])
@@ -49,40 +35,49 @@ class FakeCell:
         self.world = world
         self.folder = folder
         self.port = port
-        self.robot_host = free_address(RTDE_PORT)
-        self.camera, self.camera_reason = (camera, "as asked for") if camera else choose()
+        self.robot_host = free_loopback(RTDE_PORT)
+        self.camera, self.camera_reason = Choice(camera, "as asked for") if camera else choose()
         self.cell_file = folder / "cell.toml"
         self._loop = asyncio.new_event_loop()
         self._thread = threading.Thread(target=self._serve, name="controller", daemon=True)
         self._stop = asyncio.Event()
         self._ready = threading.Event()
         self._error: BaseException | None = None
+        self._resources = contextlib.ExitStack()
 
-    def __enter__(self) -> "FakeCell":
+    def __enter__(self) -> Self:
         self.folder.mkdir(parents=True, exist_ok=True)
-        self.ring = RingWriter.create(
-            self.folder / SNAPSHOT_RING, 4, SNAPSHOT_BYTES, SNAPSHOT_KIND
-        )
-        self._publish()
-        self._thread.start()
-        self._ready.wait(10)
-        if self._error is not None:
-            raise self._error
-        self._camera = CameraProcess(self.camera, self.folder / SNAPSHOT_RING)
-        self._camera.start()
-        self.cell_file.write_text(self._cell_text(), encoding="utf-8")
+        with contextlib.ExitStack() as undo:
+            undo.callback(self._end_controller)
+            self._snapshots = SnapshotWriter(self.folder / SNAPSHOT_RING)
+            undo.callback(self._snapshots.close)
+            self._publish()
+            self._thread.start()
+            self._ready.wait(10)
+            if self._error is not None:
+                raise self._error
+            settings = self._start_camera(undo)
+            self.cell_file.write_text(self._cell_text(settings), encoding="utf-8")
+            self._resources = undo.pop_all()
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
-        self._camera.stop()
-        self._loop.call_soon_threadsafe(self._stop.set)
-        self._thread.join(5)
-        self.ring.close()
+    def __exit__(self, *_: object) -> None:
+        self._resources.close()
+
+    def _start_camera(self, undo: contextlib.ExitStack) -> dict[str, str]:
+        """Start the camera where it is a process of its own; returns its settings in the cell file."""
+        ring = str((self.folder / SNAPSHOT_RING).resolve())
+        if self.camera != "aravis":
+            return {"snapshots": ring}
+        host = free_loopback(CAMERA_PORT)
+        undo.enter_context(FakeProcess("camera", "--host", host, "--snapshots", ring))
+        return {"address": host}
+
+    def _end_controller(self) -> None:
+        if self._thread.is_alive():
+            self._loop.call_soon_threadsafe(self._stop.set)
+            self._thread.join(5)
+        self._loop.close()
 
     def _serve(self) -> None:
         try:
@@ -104,14 +99,14 @@ class FakeCell:
 
     def _publish(self) -> None:
         now = time.monotonic()
-        self.ring.publish(self.world.snapshot(now).to_json().encode(), stamp_s=now)
+        self._snapshots.publish(self.world.snapshot(now), now)
 
-    def _cell_text(self) -> str:
+    def _cell_text(self, camera_settings: dict[str, str]) -> str:
         return cell_text(
             self.world.layout,
             robot_host=self.robot_host,
             camera=self.camera,
-            camera_settings=self._camera.settings,
+            camera_settings=camera_settings,
             port=self.port,
         )
 
@@ -121,7 +116,7 @@ def cell_text(
     *,
     robot_host: str,
     camera: str,
-    camera_settings: dict[str, str | int],
+    camera_settings: dict[str, str],
     port: int,
 ) -> str:
     """The cell file of a fake cell."""

@@ -22,7 +22,7 @@ from fakes.world import World
 from vgrd.geometry import Array, Pose, exp_rotation
 from vgrd.ipc.control import ControlClient
 
-SETTLE_S = 0.08
+SETTLE_S = 0.1
 LIFT_MM = 30.0
 Step = Callable[[], None]
 
@@ -92,10 +92,10 @@ class Operator:
 
         return step
 
-    def _touch(self, name: str, rotation: Array, op: str, **arguments: str) -> Step:
+    def _touch(self, onto: str, rotation: Array, op: str, **arguments: str) -> Step:
         def step() -> None:
             self.turn(0.0)
-            self._wait(self.world.jog_onto(name, rotation, time.monotonic()))
+            self._wait(self.world.jog_onto(onto, rotation, time.monotonic()))
             self._sample(op, **arguments)
             self._lift()
 

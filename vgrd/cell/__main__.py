@@ -19,16 +19,17 @@ from vgrd.cell.setup import CONTROL_SOCKET, cell_facts
 from vgrd.cell.teaching import Teaching
 from vgrd.clock import SystemClock
 from vgrd.config import CellConfig, load_config
-from vgrd.errors import VgrdError
+from vgrd.errors import StoreError, VgrdError
 from vgrd.ipc.health import HealthReporter
 from vgrd.ipc.messages import decode_line, encode_line
 from vgrd.ipc.ring import RingWriter
 from vgrd.model import Policy
 from vgrd.registers import PACKED_BYTES, REGISTER_KIND, REGISTER_RING, Request
 from vgrd.store.calibrations import CalibrationStore
+from vgrd.store.sessions import list_sessions, recover_session, session_directory
 from vgrd.vision.tags import TagDetector
 
-HEALTH_S = 0.05
+HEALTH_S = 0.02
 
 log = structlog.get_logger()
 
@@ -39,6 +40,7 @@ class Cell:
     def __init__(self, config: CellConfig) -> None:
         clock = SystemClock()
         runtime, state = Path(config.cell.runtime_dir), Path(config.cell.state_dir)
+        self.state = state
         facts = cell_facts(config)
         tags = [tag for tag in (facts.tag_a, facts.tag_b) if tag is not None]
         detector = TagDetector(facts.camera_matrix, facts.distortion, tags, facts.image_size_px)
@@ -71,6 +73,7 @@ class Cell:
 
     async def run(self, gate: socket.socket) -> None:
         """Work until cancelled or until the gate is gone."""
+        self._recover()
         log.info("calibration", in_use=self._load())
         async with asyncio.TaskGroup() as tasks:
             tasks.create_task(self.measuring.run())
@@ -85,6 +88,17 @@ class Cell:
         except VgrdError as err:
             log.warning("calibration_unusable", reason=str(err))
             return ""
+
+    def _recover(self) -> None:
+        """Make sessions whole that a kill left open; one that cannot be is told and left alone."""
+        for name in list_sessions(self.state):
+            try:
+                recovered = recover_session(session_directory(self.state, name))
+            except StoreError as err:
+                log.warning("session_not_recovered", session=name, reason=str(err))
+            else:
+                if recovered:
+                    log.info("session_recovered", session=name, segments=len(recovered))
 
     async def _tell_health(self) -> None:
         while True:

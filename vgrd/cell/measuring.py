@@ -19,10 +19,13 @@ from vgrd.observing.stillness import RestLimits, rest_pose
 
 LOOP_S = 0.005
 BEAT_S = 0.1
-RETRIGGER_S = 1.0
+RETRIGGER_S = 3.5
 EVALUATION_HANG_S = 2.0
 ROBOT_STALE_S = 0.2
+ROBOT_LOST_S = 1.0
 HEALTH_STALE_S = 1.5
+SETTLE_S = 0.5
+CATCH_UP_S = 0.2
 
 log = structlog.get_logger()
 
@@ -115,11 +118,18 @@ class Measuring:
         """Why the camera cannot be relied on now; empty when it can."""
         return self._device_words("camera")
 
-    def rest_now(self) -> Pose:
-        """Flange pose now; raises NotSteady, TooOld."""
-        newest = self.robot.newest(ROBOT_STALE_S)
-        stamp = self.clock.monotonic() if newest is None else newest.stamp_s
-        return rest_pose(self.robot.readings, stamp, self.limits)
+    async def rest(self, within_s: float = SETTLE_S) -> Pose:
+        """Flange pose now, the arm given a moment to settle; raises NotSteady, TooOld."""
+        end_s = self.clock.monotonic() + within_s
+        while True:
+            newest = self.robot.newest(ROBOT_LOST_S)
+            stamp = self.clock.monotonic() if newest is None else newest.stamp_s
+            try:
+                return rest_pose(self.robot.readings, stamp, self.limits)
+            except ObservationError:
+                if self.clock.monotonic() > end_s:
+                    raise
+            await asyncio.sleep(LOOP_S)
 
     def _device_words(self, name: str) -> str:
         health = self.health[name].poll()
@@ -158,10 +168,19 @@ class Measuring:
         try:
             loop = asyncio.get_running_loop()
             tags = await loop.run_in_executor(self._eyes, self.detector.detect, image.pixels)
+            await self._readings_until(image.stamp_s + self.limits.after_s)
             self._announce(self._pair(image, tags))
         finally:
             self._evaluation = None
             self._evaluating_since_s = None
+
+    async def _readings_until(self, stamp_s: float) -> None:
+        """Let the flange readings catch up with the picture."""
+        end_s = self.clock.monotonic() + CATCH_UP_S
+        while self.clock.monotonic() < end_s:
+            if self.robot.readings and self.robot.readings[-1].stamp_s >= stamp_s:
+                return
+            await asyncio.sleep(LOOP_S)
 
     def _pair(self, image: CameraImage, tags: dict[int, TagObservation]) -> Sight:
         pose, unpaired = None, None

@@ -79,7 +79,7 @@ class Operations:
             calibration = self.store.current()
         except NoCurrentCalibration as err:
             return str(err)
-        self._check_facts(calibration)
+        self._check_usable(calibration)
         self.serving.use(calibration, register_id(calibration))
         return calibration.id
 
@@ -130,7 +130,7 @@ class Operations:
 
     async def _activate(self, arguments: Arguments) -> Mapping[str, Any]:
         name = text_argument(arguments, "calibration")
-        self._check_facts(self.store.load(name))
+        self._check_usable(self.store.load(name))
         calibration = self.store.activate(name, text_argument(arguments, "by", ""))
         self.serving.use(calibration, register_id(calibration))
         return {"calibration": name, "register_id": f"{register_id(calibration):08x}"}
@@ -163,7 +163,11 @@ class Operations:
         fault = self.serving.fault()
         return {"confirmed": True, "fault": None if fault is None else fault[1]}
 
-    def _check_facts(self, calibration: Calibration) -> None:
+    def _check_usable(self, calibration: Calibration) -> None:
+        """InputError for a calibration that was rejected, or made for another cell."""
+        if not calibration.verdict.ok:
+            reasons = "; ".join(f.message for f in calibration.verdict.findings if f.fatal)
+            raise InputError(f"{calibration.id} was rejected: {reasons}")
         differences = fact_differences(calibration.facts, self.teaching.facts)
         if differences:
             raise InputError(

@@ -22,7 +22,7 @@ from vgrd.model import (
 
 PROCESS_TABLE = "processes.json"
 CONTROL_SOCKET = "control.sock"
-DEVICE_HANG_S = 4.0
+DEVICE_HANG_S = 5.0
 CELL_HANG_S = 5.0
 
 

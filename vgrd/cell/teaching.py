@@ -7,24 +7,28 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+import structlog
 
-from vgrd.cell.measuring import ROBOT_STALE_S, Measuring
+from vgrd.cell.measuring import ROBOT_LOST_S, Measuring
 from vgrd.cell.recorder import Recorder
 from vgrd.cell.serving import tcp_difference
 from vgrd.config import TouchSection
 from vgrd.devices import FlangeReading
-from vgrd.errors import ControlError, DeviceUnavailable, InputError, NotSteady, TagNotSeen
+from vgrd.errors import ControlError, DeviceUnavailable, InputError, NotSteady, TagNotSeen, TooOld
 from vgrd.model import CellFacts, Observation, Plan, TagObservation, Touch
 from vgrd.store.sessions import SampleKind, SessionWriter
 
 PICTURE_TIMEOUT_S = 5.0
 STEADY_PX = 0.5
+PICTURES_AT_MOST = 4
 WANTED: Mapping[Plan, Mapping[SampleKind, int]] = {
     Plan.UNIVERSAL: {SampleKind.LOOK: 8, SampleKind.TOUCH: 6},
     Plan.SPECIAL: {SampleKind.LOOK: 8, SampleKind.SPIN: 4, SampleKind.TOUCH: 6},
     Plan.CONVENTIONAL: {SampleKind.LOOK: 8, SampleKind.POINT: 8, SampleKind.TOUCH: 6},
     Plan.JOINT: {SampleKind.LOOK: 8, SampleKind.SPIN: 4, SampleKind.TOUCH: 8},
 }
+
+log = structlog.get_logger()
 
 
 class Teaching:
@@ -84,7 +88,7 @@ class Teaching:
     async def point(self, name: str) -> dict[str, object]:
         """Record a touch of a fixed point; no picture is needed."""
         self._same_tcp()
-        pose = self.measuring.rest_now()
+        pose = await self.measuring.rest()
         sigma = self.touch_sigma
         touch = Touch(name, pose, sigma.lateral_sigma_mm, sigma.axial_sigma_mm)
         return await self._store(SampleKind.POINT, touch)
@@ -126,9 +130,8 @@ class Teaching:
         """Pose and picture of one rest; NotSteady when robot or object still move."""
         self._session()
         self._same_tcp()
-        first = await self.measuring.fresh(PICTURE_TIMEOUT_S)
-        first.observation()
-        second = await self.measuring.fresh(PICTURE_TIMEOUT_S)
+        await self.measuring.rest()
+        first, second = await self._paired(), await self._paired()
         for name in ("tag_a", "tag_b"):
             moved = _shift_px(getattr(first, name), getattr(second, name))
             if moved > STEADY_PX:
@@ -136,10 +139,19 @@ class Teaching:
                     f"{name.replace('_', ' ')} moved {moved:.1f} px between two pictures: "
                     "wait until everything stands still"
                 )
-        return second.observation()
+        return second
+
+    async def _paired(self) -> Observation:
+        """One picture with its flange pose; taken again where no readings cover it (a busy machine)."""
+        for _ in range(PICTURES_AT_MOST - 1):
+            try:
+                return (await self.measuring.fresh(PICTURE_TIMEOUT_S)).observation()
+            except TooOld as err:
+                log.info("picture_again", reason=str(err))
+        return (await self.measuring.fresh(PICTURE_TIMEOUT_S)).observation()
 
     def _reading(self) -> FlangeReading:
-        reading = self.measuring.robot.newest(ROBOT_STALE_S)
+        reading = self.measuring.robot.newest(ROBOT_LOST_S)
         if reading is None:
             raise DeviceUnavailable(f"the robot is offline: {self.measuring.robot_trouble()}")
         return reading

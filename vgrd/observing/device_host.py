@@ -30,7 +30,7 @@ from vgrd.ipc.ring import RingReader, RingWriter
 from vgrd.observing import wire
 
 READ_TIMEOUT_S = 0.5
-GRAB_TIMEOUT_S = 2.0
+GRAB_TIMEOUT_S = 3.0
 TRIGGER_POLL_S = 0.001
 BAD_READINGS_IN_A_ROW = 50
 
