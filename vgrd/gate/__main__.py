@@ -1,6 +1,7 @@
 """Entry point of the parent process: `python -m vgrd.gate RUNTIME_DIR`; `vgrd run` becomes it."""
 
 import asyncio
+import faulthandler
 import gc
 import os
 import sys
@@ -27,6 +28,7 @@ async def serve(runtime_dir: Path) -> None:
 
 def main(argv: list[str]) -> int:
     """Return the exit code: 0 after a clean stop, 69 port taken or second daemon, 78 bad table."""
+    faulthandler.enable(sys.stderr.fileno())
     sys.stderr = cast(TextIO, UnblockedStream(sys.stderr.fileno()))
     logs.configure("gate")
     log = structlog.get_logger()
