@@ -48,7 +48,7 @@ def open(settings: Settings, clock: Clock) -> Camera:  # noqa: A001 - the name o
     Raises ConfigError, DeviceUnavailable (no camera there, or another program holds it),
     DeviceRefused (no Aravis on this machine, or the camera refuses a setting).
     """
-    options = driver_settings.parse(AravisSettings, settings, "aravis")
+    options = driver_settings.parse(AravisSettings, settings, "settings of driver aravis")
     library = load()
     try:
         camera = library.call("arv_camera_new", options.address.encode())

@@ -37,7 +37,7 @@ def open(settings: Settings, clock: Clock) -> Camera:  # noqa: A001 - the name o
     Raises ConfigError, DeviceUnavailable (no such camera, or another program holds it),
     DeviceRefused (the camera refuses a setting).
     """
-    options = driver_settings.parse(PylonSettings, settings, "pylon")
+    options = driver_settings.parse(PylonSettings, settings, "settings of driver pylon")
     camera = connect(options)
     configure(camera, options)
     camera.StartGrabbing(pylon.GrabStrategy_OneByOne)

@@ -23,6 +23,7 @@ _HEADER = struct.Struct(">HB")
 _KEEP = 256
 _PATIENCE = 10
 _WAKE_S = 0.2
+_JUMP_S = 0.1
 
 Values = tuple[float, ...]
 
@@ -144,7 +145,11 @@ class RtdeConnection:
 
 
 class OffsetTrack:
-    """Recent samples of a connection, received by a thread that ends with `close`."""
+    """Recent samples of a connection, received by a thread that ends with `close`.
+
+    A jump of the controller's clock (back, or ahead of the time that passed here) starts anew: no
+    sample from before it is paired or stamped with one from behind it.
+    """
 
     def __init__(self, connection: RtdeConnection) -> None:
         self._connection = connection
@@ -169,11 +174,14 @@ class OffsetTrack:
 
     def _take(self, sample: Sample) -> None:
         with self._changed:
-            if self._samples and sample.controller_s == self._samples[-1].controller_s:
-                return
-            if self._samples and sample.controller_s < self._samples[-1].controller_s:
-                self._samples.clear()
-                self._mapping.reset()
+            if self._samples:
+                last = self._samples[-1]
+                step_s = sample.controller_s - last.controller_s
+                if step_s == 0.0:
+                    return
+                if step_s < 0.0 or step_s > sample.received_s - last.received_s + _JUMP_S:
+                    self._samples.clear()
+                    self._mapping.reset()
             self._samples.append(sample)
             self._mapping.add(sample.controller_s, sample.received_s)
             self._count += 1

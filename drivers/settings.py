@@ -11,15 +11,16 @@ from vgrd.errors import ConfigError
 T = TypeVar("T")
 
 
-def parse(kind: type[T], settings: Settings, driver: str) -> T:
+def parse(kind: type[T], settings: Settings, source: str) -> T:
     """Make the dataclass `kind` of `settings`; ConfigError with all faults and what is allowed.
 
+    source: what the settings are of, for the message ("driver aravis", a file name).
     Whole numbers are taken for float fields; lists become tuples of float.
     """
     fields = {f.name: f for f in dataclasses.fields(kind)}  # type: ignore[arg-type]
     hints = typing.get_type_hints(kind)
     faults = [
-        f"unknown setting {key!r}; {driver} knows {', '.join(sorted(fields))}"
+        f"unknown key {key!r}; known: {', '.join(sorted(fields))}"
         for key in settings
         if key not in fields
     ]
@@ -33,7 +34,7 @@ def parse(kind: type[T], settings: Settings, driver: str) -> T:
         elif field.default is dataclasses.MISSING:
             faults.append(f"{name} is missing")
     if faults:
-        raise ConfigError(f"settings of driver {driver}", faults)
+        raise ConfigError(source, faults)
     return kind(**values)
 
 

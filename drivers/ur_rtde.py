@@ -41,7 +41,7 @@ def open(settings: Settings, clock: Clock) -> Robot:  # noqa: A001 - the name of
     Raises ConfigError, DeviceUnavailable (nobody there, silent, no data), DeviceRefused (old
     PolyScope).
     """
-    options = driver_settings.parse(UrSettings, settings, "ur_rtde")
+    options = driver_settings.parse(UrSettings, settings, "settings of driver ur_rtde")
     if not 1.0 <= options.frequency_hz <= 500.0:
         raise ConfigError("settings of driver ur_rtde", ["frequency_hz must be in 1 .. 500"])
     connection = RtdeConnection(

@@ -8,6 +8,7 @@ import typer
 # Name: (module with a function `main` that typer turns into a command line, what it is).
 COMMANDS = {
     "camera": ("fakes.commands.camera", "GigE Vision camera, 12 MP, software trigger"),
+    "cell": ("fakes.commands.cell", "fake robot, camera and daemon, calibrated, until Ctrl-C"),
     "demo": (
         "fakes.commands.demo",
         "the whole job of the daemon on a fake cell, with true errors",

@@ -31,7 +31,9 @@ class EmulatorSettings:
 
 def open(settings: Settings, clock: Clock) -> Camera:  # noqa: A001 - the name of every driver's entry
     """Open the emulator; DeviceUnavailable while the world is not there."""
-    options = driver_settings.parse(EmulatorSettings, settings, "fakes.pylon_camera")
+    options = driver_settings.parse(
+        EmulatorSettings, settings, "settings of driver fakes.pylon_camera"
+    )
     try:
         draw = pictures(Path(options.snapshots) if options.snapshots else None)
     except RingUnavailable as error:

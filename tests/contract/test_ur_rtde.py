@@ -120,7 +120,7 @@ def test_a_jump_of_the_controllers_clock_costs_at_most_a_few_samples(controller,
             continue
         assert 0.0 <= CLOCK.monotonic() - reading.stamp_s < 0.2
     assert bad <= 6
-    assert (bad > 0) == (jump_s < 0)
+    assert bad > 0 or jump_s > 0
     assert abs(reading.controller_s - before.controller_s - jump_s) < 2.0
 
 

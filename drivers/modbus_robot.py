@@ -1,0 +1,157 @@
+"""Robots that show their pose in registers of their own Modbus TCP server, read by a profile.
+
+Such registers carry no time: a reading is stamped with the middle of the request less half of the
+robot's refresh period, and is good at standstill only. Where pose and TCP are not in one request
+the pose is read again behind the TCP, and both must be equal.
+"""
+
+import logging
+from dataclasses import dataclass
+
+from pymodbus.client import ModbusTcpClient
+from pymodbus.exceptions import ModbusException
+
+from drivers import robot_profile
+from drivers import settings as driver_settings
+from drivers.robot_profile import Block, RobotProfile
+from vgrd.clock import Clock
+from vgrd.devices import FlangeReading, Robot, Settings
+from vgrd.errors import BadReading, ConfigError, DeviceError, DeviceRefused, DeviceUnavailable
+from vgrd.geometry import Pose
+
+_SHORTEST_PERIOD_S = 0.01
+_SHORTEST_WAIT_S = 0.001
+
+
+@dataclass(frozen=True, slots=True)
+class ModbusSettings:
+    """`profile`: a name in config/robots or a TOML file; port and unit: instead of the profile's.
+
+    tcp_offset: x y z (mm) and rotation vector (rad) of the active TCP in the flange, for robots
+    that show their TCP but not its offset. timeout_s: of `open`.
+    """
+
+    host: str
+    profile: str
+    port: int | None = None
+    unit: int | None = None
+    tcp_offset: tuple[float, ...] | None = None
+    timeout_s: float = 2.0
+
+
+def open(settings: Settings, clock: Clock) -> Robot:  # noqa: A001 - the name of every driver's entry
+    """Connect and read once; settings as in `ModbusSettings`.
+
+    Raises ConfigError, DeviceUnavailable (nobody there, silent), DeviceRefused (the robot has no
+    such registers, or shows its TCP and nothing tells the offset).
+    """
+    options = driver_settings.parse(ModbusSettings, settings, "settings of driver modbus_robot")
+    profile = robot_profile.load(options.profile)
+    offset = _given_offset(options)
+    if profile.frame == "tcp" and profile.tcp_block is None and offset is None:
+        raise DeviceRefused(
+            f"{profile.name} shows the pose of its TCP and not the TCP's offset: give tcp_offset "
+            "= [x, y, z, rx, ry, rz] (mm, rotation vector in rad) in the robot's settings"
+        )
+    # The errors of pymodbus are raised; its log would repeat them on every retry of the daemon.
+    logging.getLogger("pymodbus").setLevel(logging.CRITICAL)
+    robot = ModbusRobot(profile, options, offset, clock)
+    try:
+        robot.read_flange(options.timeout_s)
+    except BadReading as error:
+        robot.close()
+        raise DeviceRefused(f"{error}; is {options.profile} the right profile?") from error
+    except DeviceError:
+        robot.close()
+        raise
+    return robot
+
+
+def _given_offset(options: ModbusSettings) -> Pose | None:
+    values = options.tcp_offset
+    if values is None:
+        return None
+    if len(values) != 6:
+        fault = f"tcp_offset: expected 6 numbers, got {len(values)}"
+        raise ConfigError("settings of driver modbus_robot", [fault])
+    return Pose.from_rotvec(values[3:], values[:3])
+
+
+class ModbusRobot:
+    """A connected robot; see `open`."""
+
+    def __init__(
+        self, profile: RobotProfile, options: ModbusSettings, offset: Pose | None, clock: Clock
+    ) -> None:
+        port = profile.port if options.port is None else options.port
+        self._profile = profile
+        self._unit = profile.unit if options.unit is None else options.unit
+        self._offset = offset
+        self._clock = clock
+        self._where = f"{profile.name} at {options.host}:{port}"
+        self._period_s = max(_SHORTEST_PERIOD_S, profile.update_period_s)
+        self._next_s = clock.monotonic()
+        self._client: ModbusTcpClient | None = ModbusTcpClient(
+            options.host, port=port, timeout=options.timeout_s, retries=0
+        )
+        if not self._client.connect():  # type: ignore[no-untyped-call]
+            raise DeviceUnavailable(f"cannot connect to {self._where}; is its Modbus server on?")
+
+    def read_flange(self, timeout_s: float) -> FlangeReading:
+        """Read the registers, not before a refresh period after the last call.
+
+        As `vgrd.devices.Robot.read_flange`; controller_s is the cell clock.
+        """
+        deadline_s = self._clock.monotonic() + timeout_s
+        self._clock.sleep(max(0.0, min(self._next_s, deadline_s) - self._clock.monotonic()))
+        sent_s = self._clock.monotonic()
+        self._next_s = sent_s + self._period_s
+        pose, told = self._profile.decode(self._registers(deadline_s))
+        stamp_s = 0.5 * (sent_s + self._clock.monotonic() - self._profile.update_period_s)
+        wrist_from_tcp = told if told is not None else self._offset
+        at_tcp = self._profile.frame == "tcp" and wrist_from_tcp is not None
+        return FlangeReading(
+            base_from_wrist=pose @ wrist_from_tcp.inverse() if at_tcp and wrist_from_tcp else pose,
+            wrist_from_tcp=wrist_from_tcp,
+            stamp_s=stamp_s,
+            controller_s=stamp_s,
+        )
+
+    def _registers(self, deadline_s: float) -> dict[int, int]:
+        """Values by address, of one moment."""
+        first, *others = self._profile.blocks
+        pose = self._read(first, deadline_s)
+        registers = dict(pose)
+        for block in others:
+            registers |= self._read(block, deadline_s)
+        if others and self._read(first, deadline_s) != pose:
+            raise BadReading(f"{self._where} moved while it was read")
+        return registers
+
+    def _read(self, block: Block, deadline_s: float) -> dict[int, int]:
+        client = self._client
+        if client is None:
+            raise DeviceUnavailable("the driver was closed")
+        client.comm_params.timeout_connect = max(
+            _SHORTEST_WAIT_S, deadline_s - self._clock.monotonic()
+        )
+        read = (
+            client.read_holding_registers
+            if self._profile.function == 3
+            else client.read_input_registers
+        )
+        try:
+            reply = read(block.address, count=block.count, device_id=self._unit)
+        except (ModbusException, OSError) as error:
+            raise DeviceUnavailable(f"{self._where} does not answer: {error}") from error
+        if reply.isError() or len(reply.registers) != block.count:
+            raise BadReading(
+                f"{self._where} refuses to read {block.count} registers at {block.address}: {reply}"
+            )
+        return dict(zip(range(block.address, block.end), reply.registers, strict=True))
+
+    def close(self) -> None:
+        """Release the connection; may be called more than once."""
+        client, self._client = self._client, None
+        if client is not None:
+            client.close()  # type: ignore[no-untyped-call]

@@ -1,0 +1,99 @@
+"""Profiles of robots' Modbus servers, and what the driver refuses."""
+
+import socket
+
+import numpy as np
+import pytest
+
+from drivers import modbus_robot, robot_profile
+from fakes.testing import FakeProcess, free_loopback
+from vgrd.clock import SystemClock
+from vgrd.errors import BadReading, ConfigError, DeviceRefused
+from vgrd.geometry import Pose
+
+CLOCK = SystemClock()
+NAMES = sorted(path.stem for path in robot_profile.FOLDER.glob("*.toml"))
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_every_shipped_profile_loads_and_survives_a_round_trip(name):
+    profile = robot_profile.load(name)
+    wrist = Pose.from_rotvec((0.4, -2.0, 0.7), (412.3, -87.6, 301.2))
+    tcp = Pose.from_rotvec((0.1, 0.0, -0.3), (10.0, 4.0, 120.0))
+    pose, told = profile.decode(profile.encode(wrist, tcp))
+    shown = wrist @ tcp if profile.frame == "tcp" else wrist
+    mm, rad = pose.distance(shown)
+    assert mm <= 4 * profile.position_sigma_mm + 1e-3
+    assert rad <= 4 * profile.rotation_sigma_rad + 1e-5
+    assert (told is None) == (name in ("jaka", "delta"))
+
+
+def test_registers_hold_what_the_brands_document():
+    wrist = Pose.from_rotvec((0.0, 0.0, np.radians(30)), (-123.4, 56.7, 1000.0))
+    none = Pose.identity()
+    ur = robot_profile.load("ur").encode(wrist, none)
+    assert [ur[a] for a in range(400, 406)] == [65536 - 1234, 567, 10000, 0, 0, 524]
+    delta = robot_profile.load("delta").encode(wrist, none)
+    assert [delta[244], delta[245]] == [1_000_000 & 0xFFFF, 1_000_000 >> 16]
+    assert [delta[250], delta[251]] == [30_000, 0]
+    jaka = robot_profile.load("jaka").encode(wrist, none)
+    assert [jaka[410], jaka[411]] == [0x447A, 0]  # 1000.0
+
+
+def test_rounding_is_told_as_sigmas():
+    ur = robot_profile.load("ur")
+    assert ur.position_sigma_mm == pytest.approx(0.1 / 12**0.5)
+    assert ur.rotation_sigma_rad == pytest.approx(0.001 / 12**0.5)
+    assert robot_profile.load("techman").position_sigma_mm == 0.0
+
+
+def test_one_request_where_the_map_is_documented_without_a_gap_else_the_pose_is_read_twice():
+    assert len(robot_profile.load("techman").blocks) == 1
+    assert len(robot_profile.load("jaka").blocks) == 1
+    assert len(robot_profile.load("ur").blocks) == 2
+
+
+def test_a_wrong_word_order_is_a_bad_reading_not_a_pose():
+    delta = robot_profile.load("delta")
+    registers = delta.encode(Pose.from_rotvec((0, 0, 0.5), (400, 300, 200)), Pose.identity())
+    swapped = {a: registers[a ^ 1] for a in registers}
+    with pytest.raises(BadReading, match="word order"):
+        delta.decode(swapped)
+
+
+def test_a_tcp_pose_without_an_offset_is_refused():
+    with pytest.raises(DeviceRefused, match="give tcp_offset"):
+        modbus_robot.open({"host": "127.0.0.4", "profile": "jaka"}, CLOCK)
+
+
+def test_all_faults_of_a_profile_are_told_at_once(tmp_path):
+    text = (robot_profile.FOLDER / "ur.toml").read_text()
+    bad = text.replace('"int16"', '"int17"').replace('"rotvec"', '"euler"').replace('"tcp"', '"?"')
+    path = tmp_path / "mine.toml"
+    path.write_text(bad)
+    with pytest.raises(ConfigError) as caught:
+        robot_profile.load(str(path))
+    assert len(caught.value.faults) == 3
+    path.write_text(text + "pose_adress = 3\n")
+    with pytest.raises(ConfigError, match=r"mine\.toml.*\n.*'pose_adress'"):
+        robot_profile.load(str(path))
+    with pytest.raises(ConfigError, match="techman"):
+        robot_profile.load("kuka")
+
+
+def test_another_profile_than_the_robots_is_refused_at_open_and_busy_is_one_bad_reading():
+    host = free_loopback(30004)
+    with socket.socket() as probe:
+        probe.bind((host, 0))
+        port = probe.getsockname()[1]
+    with FakeProcess("modbus-robot", "--host", host, "--port", str(port)) as process:
+        settings = {"host": host, "port": port, "unit": 255}
+        with pytest.raises(DeviceRefused, match="right profile"):
+            modbus_robot.open(settings | {"profile": "techman"}, CLOCK)
+        robot = modbus_robot.open(settings | {"profile": "ur"}, CLOCK)
+        process.type("refuse on")
+        with pytest.raises(BadReading, match="refuses"):
+            robot.read_flange(0.5)
+        process.type("refuse off")
+        assert robot.read_flange(0.5).running
+        robot.close()
