@@ -32,6 +32,7 @@ def measure(names: list[str], console: Console) -> list[Row]:
 def show(rows: list[Row], console: Console) -> None:
     """Print the table."""
     table = Table("benchmark", "value", "bar", "unit", "", "measured")
+    table.columns[0].no_wrap = True
     for column in (1, 2):
         table.columns[column].justify = "right"
     for row in rows:

@@ -22,7 +22,6 @@ readers move over at their next look. The index counts on, so `since(index)` hol
 The files are private to the user (0600): whoever truncates one kills the processes that map it.
 """
 
-import mmap
 import os
 import secrets
 import struct
@@ -34,15 +33,20 @@ from typing import Self
 
 from vgrd.clock import Clock
 from vgrd.errors import IpcError, RingUnavailable
+from vgrd.ipc.ring_file import (
+    FILE,
+    GENERATION,
+    LAST,
+    MAGIC,
+    RETIRED,
+    SLOT_HEADER_BYTES,
+    RingFile,
+    allocate,
+)
 
 Buffer = bytes | bytearray | memoryview
 
-_MAGIC = b"VGRDRNG1"
-_FILE = struct.Struct("=8sQQQ16s")
-_HEADER_BYTES = 4096
-_GENERATION, _LAST, _RETIRED = 128 // 8, 192 // 8, 256 // 8  # words, a cache line each
 _SLOT = struct.Struct("=QdQ")  # index, stamp_s, length; follows the sequence
-_SLOT_HEADER_BYTES = 64
 _CRC_AT = 8 + _SLOT.size
 _ATTEMPTS = 100
 _POLL_S = 0.001
@@ -66,53 +70,12 @@ class Receipt:
     length: int
 
 
-class _Mapping:
-    """The mapped file with its geometry."""
-
-    def __init__(self, path: Path, *, write: bool) -> None:
-        self.path = path
-        flags = os.O_RDWR if write else os.O_RDONLY
-        try:
-            fd = os.open(path, flags | os.O_CLOEXEC)
-        except OSError as error:
-            raise RingUnavailable(f"{path}: cannot open the ring: {error.strerror}") from error
-        try:
-            size = os.fstat(fd).st_size
-            if size < _HEADER_BYTES:
-                raise RingUnavailable(f"{path}: {size} bytes are too few for a ring")
-            access = mmap.ACCESS_WRITE if write else mmap.ACCESS_READ
-            self._mmap = mmap.mmap(fd, size, access=access)
-        finally:
-            os.close(fd)
-        magic, self.slots, self.slot_bytes, self.crc, kind = _FILE.unpack_from(self._mmap, 0)
-        self.kind = kind.rstrip(b"\0").decode("ascii", "replace")
-        self.stride = _stride(self.slot_bytes)
-        if magic != _MAGIC or size != _HEADER_BYTES + self.slots * self.stride:
-            self._mmap.close()
-            raise RingUnavailable(f"{path}: not a ring of this version")
-        self.bytes = memoryview(self._mmap)
-        self.words = self.bytes.cast("Q")
-
-    def slot_at(self, index: int) -> int:
-        """Offset of the slot of message `index`."""
-        return int(_HEADER_BYTES + (index % self.slots) * self.stride)
-
-    def close(self) -> None:
-        self.words.release()
-        self.bytes.release()
-        self._mmap.close()
-
-
-def _stride(slot_bytes: int) -> int:
-    return -(-(_SLOT_HEADER_BYTES + slot_bytes) // 64) * 64
-
-
 class RingWriter:
     """The one writer of a ring."""
 
-    def __init__(self, mapping: _Mapping) -> None:
+    def __init__(self, mapping: RingFile) -> None:
         self._map = mapping
-        self._index: int = mapping.words[_LAST]
+        self._index: int = mapping.words[LAST]
 
     @classmethod
     def create(
@@ -129,20 +92,20 @@ class RingWriter:
         fresh = path.with_name(f".{path.name}.{os.getpid()}.{secrets.token_hex(4)}")
         old = _open_or_none(path)
         try:
-            _allocate(fresh, slots, slot_bytes)
-            head = _FILE.pack(_MAGIC, slots, slot_bytes, int(crc), kind.encode("ascii"))
+            allocate(fresh, slots, slot_bytes)
+            head = FILE.pack(MAGIC, slots, slot_bytes, int(crc), kind.encode("ascii"))
             with fresh.open("r+b") as file:
                 file.write(head)
-            mapping = _Mapping(fresh, write=True)
-            mapping.words[_GENERATION] = secrets.randbits(63) | 1
-            mapping.words[_LAST] = old.words[_LAST] if old else 0
+            mapping = RingFile(fresh, write=True)
+            mapping.words[GENERATION] = secrets.randbits(63) | 1
+            mapping.words[LAST] = old.words[LAST] if old else 0
             fresh.replace(path)
         except OSError as error:
             fresh.unlink(missing_ok=True)
             raise IpcError(f"{path}: cannot make the ring: {error.strerror}") from error
         mapping.path = path
         if old:
-            old.words[_RETIRED] = 1
+            old.words[RETIRED] = 1
             old.close()
         return cls(mapping)
 
@@ -168,7 +131,7 @@ class RingWriter:
         ring.words[start // 8] = 2 * index - 1
         head = _SLOT.pack(index, stamp_s, length)
         crc = zlib.crc32(head)
-        at = start + _SLOT_HEADER_BYTES
+        at = start + SLOT_HEADER_BYTES
         for view in views:
             ring.bytes[at : at + view.nbytes] = view
             at += view.nbytes
@@ -176,7 +139,7 @@ class RingWriter:
         ring.bytes[start + 8 : start + _CRC_AT] = head
         ring.words[(start + _CRC_AT) // 8] = crc
         ring.words[start // 8] = 2 * index
-        ring.words[_LAST] = index
+        ring.words[LAST] = index
         self._index = index
         return index
 
@@ -196,26 +159,17 @@ class RingWriter:
         self.close()
 
 
-def _open_or_none(path: Path) -> _Mapping | None:
+def _open_or_none(path: Path) -> RingFile | None:
     try:
-        return _Mapping(path, write=True)
+        return RingFile(path, write=True)
     except RingUnavailable:
         return None
-
-
-def _allocate(path: Path, slots: int, slot_bytes: int) -> None:
-    """Reserve the whole file now: a full disk is an error here, not a SIGBUS later."""
-    fd = os.open(path, os.O_RDWR | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC, 0o600)
-    try:
-        os.posix_fallocate(fd, 0, _HEADER_BYTES + slots * _stride(slot_bytes))
-    finally:
-        os.close(fd)
 
 
 class RingReader:
     """A reader of a ring; follows the writer across its restarts."""
 
-    def __init__(self, mapping: _Mapping) -> None:
+    def __init__(self, mapping: RingFile) -> None:
         self._map = mapping
 
     @classmethod
@@ -226,12 +180,12 @@ class RingReader:
     @property
     def generation(self) -> int:
         """A random number that changes when the writer was restarted."""
-        return int(self._current().words[_GENERATION])
+        return int(self._current().words[GENERATION])
 
     @property
     def index(self) -> int:
         """Index of the last message published, 0 before the first."""
-        return int(self._current().words[_LAST])
+        return int(self._current().words[LAST])
 
     def newest(self) -> Message | None:
         """Return the last message, None before this writer's first.
@@ -240,7 +194,7 @@ class RingReader:
         """
         for _ in range(_ATTEMPTS):
             ring = self._current()
-            index = ring.words[_LAST]
+            index = ring.words[LAST]
             if ring.words[ring.slot_at(index) // 8] == 0:
                 return None
             message = self._copy(ring, index)
@@ -253,7 +207,7 @@ class RingReader:
         target = memoryview(buffer).cast("B")
         for _ in range(_ATTEMPTS):
             ring = self._current()
-            index = ring.words[_LAST]
+            index = ring.words[LAST]
             start = ring.slot_at(index)
             if ring.words[start // 8] == 0:
                 return None
@@ -265,7 +219,7 @@ class RingReader:
                 raise IpcError(
                     f"{ring.path}: message of {length} bytes, buffer of {target.nbytes}"
                 )
-            at = start + _SLOT_HEADER_BYTES
+            at = start + SLOT_HEADER_BYTES
             target[:length] = ring.bytes[at : at + length]
             if _is_whole(ring, start, index, crc, target[:length]):
                 return Receipt(index, stamp_s, length)
@@ -277,7 +231,7 @@ class RingReader:
         An `index` beyond the last one published belongs to an earlier ring: all messages are new.
         """
         ring = self._current()
-        last = int(ring.words[_LAST])
+        last = int(ring.words[LAST])
         first = max(index + 1 if index <= last else 1, last - ring.slots + 2)
         copies = [self._copy(ring, i) for i in range(max(first, 1), last + 1)]
         return [message for message in copies if message]
@@ -309,35 +263,35 @@ class RingReader:
     ) -> None:
         self.close()
 
-    def _current(self) -> _Mapping:
-        if self._map.words[_RETIRED]:
+    def _current(self) -> RingFile:
+        if self._map.words[RETIRED]:
             fresh = _open_kind(self._map.path, self._map.kind)
             self._map.close()
             self._map = fresh
         return self._map
 
-    def _copy(self, ring: _Mapping, index: int) -> Message | None:
+    def _copy(self, ring: RingFile, index: int) -> Message | None:
         start = ring.slot_at(index)
         head = _whole_header(ring, start, index)
         if head is None:
             return None
         stamp_s, length, crc = head
-        at = start + _SLOT_HEADER_BYTES
+        at = start + SLOT_HEADER_BYTES
         payload = bytes(ring.bytes[at : at + length])
         if not _is_whole(ring, start, index, crc, payload):
             return None
         return Message(index, stamp_s, payload)
 
 
-def _open_kind(path: Path, kind: str) -> _Mapping:
-    mapping = _Mapping(path, write=False)
+def _open_kind(path: Path, kind: str) -> RingFile:
+    mapping = RingFile(path, write=False)
     if mapping.kind != kind:
         mapping.close()
         raise RingUnavailable(f"{path}: holds '{mapping.kind}', not '{kind}'")
     return mapping
 
 
-def _whole_header(ring: _Mapping, start: int, index: int) -> tuple[float, int, int] | None:
+def _whole_header(ring: RingFile, start: int, index: int) -> tuple[float, int, int] | None:
     """(stamp_s, length, CRC of the header) of message `index`, None if its slot is not whole."""
     if ring.words[start // 8] != 2 * index:
         return None
@@ -350,7 +304,7 @@ def _whole_header(ring: _Mapping, start: int, index: int) -> tuple[float, int, i
     return stamp_s, length, crc
 
 
-def _is_whole(ring: _Mapping, start: int, index: int, crc: int, payload: Buffer) -> bool:
+def _is_whole(ring: RingFile, start: int, index: int, crc: int, payload: Buffer) -> bool:
     stored = ring.words[(start + _CRC_AT) // 8]
     if ring.crc and zlib.crc32(payload, crc) != stored:
         return False
