@@ -1,5 +1,6 @@
 """Basler cameras through pypylon: one picture per software trigger."""
 
+import contextlib
 from dataclasses import dataclass
 from typing import Any
 
@@ -39,8 +40,12 @@ def open(settings: Settings, clock: Clock) -> Camera:  # noqa: A001 - the name o
     """
     options = driver_settings.parse(PylonSettings, settings, "settings of driver pylon")
     camera = connect(options)
-    configure(camera, options)
-    camera.StartGrabbing(pylon.GrabStrategy_OneByOne)
+    try:
+        configure(camera, options)
+        camera.StartGrabbing(pylon.GrabStrategy_OneByOne)
+    except DeviceRefused:
+        camera.Close()
+        raise
     return PylonCamera(camera, clock)
 
 
@@ -75,7 +80,6 @@ def configure(camera: Any, options: PylonSettings) -> None:  # noqa: ANN401 - py
         if options.packet_bytes is not None:
             _first(nodes, "GevSCPSPacketSize").SetValue(options.packet_bytes)
     except genicam.GenericException as error:
-        camera.Close()
         raise DeviceRefused(f"the camera refuses its settings: {error}") from error
 
 
@@ -102,9 +106,8 @@ def take(camera: Any, timeout_s: float, clock: Clock) -> tuple[Pixels, float, in
         acknowledged_s = clock.monotonic()
         left_ms = max(1, int(1e3 * (deadline_s - acknowledged_s)))
         result = camera.RetrieveResult(left_ms, pylon.TimeoutHandling_Return)
-        half_exposure_s = (
-            0.5e-6 * _first(camera.GetNodeMap(), "ExposureTime", "ExposureTimeAbs").GetValue()
-        )
+        exposure = _first(camera.GetNodeMap(), "ExposureTime", "ExposureTimeAbs")
+        half_exposure_s = 0.5e-6 * float(exposure.GetValue())
     except genicam.GenericException as error:
         raise DeviceUnavailable(f"the camera is lost: {error}") from error
     if not result.IsValid():
@@ -137,5 +140,6 @@ class PylonCamera:
 
     def close(self) -> None:
         """Stop and release the camera; may be called more than once."""
-        self._camera.StopGrabbing()
-        self._camera.Close()
+        with contextlib.suppress(genicam.GenericException):  # a lost camera cannot be stopped
+            self._camera.StopGrabbing()
+            self._camera.Close()

@@ -69,6 +69,9 @@ class RtdeConnection:
         except DeviceError:
             self._socket.close()
             raise
+        except (struct.error, IndexError, UnicodeDecodeError) as error:
+            self._socket.close()
+            raise DeviceRefused(f"{self._where} does not speak RTDE: {error}") from error
 
     def _handshake(self, names: list[str], frequency_hz: float, deadline_s: float) -> None:
         if self._ask(_VERSION, struct.pack(">H", 2), deadline_s)[:1] != b"\1":

@@ -14,12 +14,15 @@ from typing import Any
 
 import cv2
 
+from drivers import pylon
 from drivers import settings as driver_settings
 from fakes.scene import pictures
 from fakes.sensor import Picture
 from vgrd.clock import Clock
 from vgrd.devices import Camera, CameraImage, Settings
 from vgrd.errors import DeviceUnavailable, RingUnavailable
+
+_EMULATOR = "0815-0000"  # serial of the first camera that PYLON_CAMEMU makes
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,15 +48,12 @@ class EmulatedCamera:
     """Pylon's emulator showing what `draw()` returns."""
 
     def __init__(self, draw: Callable[[], Picture], clock: Clock) -> None:
-        os.environ["PYLON_CAMEMU"] = "1"  # read when pypylon is loaded
-        from drivers import pylon
-
-        self._pylon = pylon
+        os.environ["PYLON_CAMEMU"] = "1"
         self._draw = draw
         self._clock = clock
         self._frame = 0
         self._folder = tempfile.TemporaryDirectory(prefix="vgrd-pylon-", dir=_memory_folder())
-        self._camera: Any = pylon.connect(pylon.PylonSettings())
+        self._camera: Any = pylon.connect(pylon.PylonSettings(serial=_EMULATOR))
         pylon.configure(self._camera, pylon.PylonSettings())
         self._camera.TestImageSelector.Value = "Off"
         self._camera.ImageFileMode.Value = "On"
@@ -72,7 +72,7 @@ class EmulatedCamera:
         camera.ImageFilename.Value = str(path)
         camera.StartGrabbing(1)
         try:
-            pixels, stamp_s, _ = self._pylon.take(camera, timeout_s, self._clock)
+            pixels, stamp_s, _ = pylon.take(camera, timeout_s, self._clock)
         finally:
             camera.StopGrabbing()
             path.unlink()

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from drivers import aravis
+from drivers import aravis, pylon
 from drivers.frame_counter import FrameCounter
 from fakes import cameras, pylon_camera
 from fakes.gige_camera import GigeCamera
@@ -171,6 +171,21 @@ def test_pylons_emulator_shows_one_drawn_picture_per_grab(stock):
             assert image.frame == number
     finally:
         camera.close()
+
+
+def test_the_pylon_driver_takes_pictures_on_trigger_and_a_closed_camera_is_unavailable(
+    monkeypatch,
+):
+    """Against the emulator's own test picture, whose frame numbers advance while it grabs."""
+    monkeypatch.setenv("PYLON_CAMEMU", "1")
+    camera = pylon.open({"exposure_ms": 5.0}, CLOCK)
+    images = [camera.grab(2.0) for _ in range(3)]
+    assert [image.frame for image in images] == [1, 2, 3]
+    assert images[0].pixels.ndim == 2
+    camera.close()
+    camera.close()
+    with pytest.raises(DeviceUnavailable):
+        camera.grab(0.3)
 
 
 def test_frame_numbers_count_over_the_wrap_and_refuse_to_stand_still():
