@@ -6,7 +6,7 @@ eye-in-hand: X = wrist_from_camera, M = wrist_from_base, Y = base_from_target.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -110,25 +110,36 @@ def calibrate_hand_eye(problem: HandEyeProblem) -> HandEyeResult:
         robot_sigma_mm=problem.robot_sigma_mm,
         robot_sigma_rad=problem.robot_sigma_rad,
         robust=problem.robust,
+        start=HandEye(refines_scale=problem.estimate_scale),
     )
-    return result_of(problem.mount, samples, fit)
+    sigma = float(np.sqrt(fit.covariance[-1, -1])) if problem.estimate_scale else 0.0
+    return replace(
+        result_of(problem.mount, samples, fit),
+        target_scale=fit.state.scale,
+        target_scale_sigma=fit.state.scale * sigma,
+    )
 
 
 class _PoseRows(Rows):
-    """Residual log(predicted measured^-1), whitened by the measurement's covariance."""
+    """Residual log(predicted measured^-1), whitened by the measurement's covariance.
+
+    A target that is larger than assumed by the scale is measured nearer by the same factor.
+    """
 
     def __init__(self, sample: PoseSample) -> None:
-        self._measured = sample.camera_from_target.inverse()
+        self._measured = sample.camera_from_target
+        self._inverse = self._measured.inverse()
         self._W = whitener(sample.covariance)
 
     def linearize(self, state: HandEye, predicted: Pose) -> tuple[Array, Array, Array]:
-        e = (predicted @ self._measured).log()
+        nearer = predicted.translation / state.scale
+        e = (Pose(predicted.rotation, nearer) @ self._inverse).log()
         D = self._W @ np.linalg.inv(Pose.left_jacobian(e))
-        return self._W @ e, D, np.zeros((6, state.extra))
+        E = D[:, :3] @ -nearer[:, None] if state.refines_scale else np.zeros((6, 0))
+        return self._W @ e, D * ([1 / state.scale] * 3 + [1.0] * 3), E
 
     def own(self, state: HandEye) -> Pose:
-        del state
-        return self._measured.inverse()
+        return Pose(self._measured.rotation, self._measured.translation * state.scale)
 
 
 def result_of(mount: Mount, samples: Sequence[Sample], fit: Fit) -> HandEyeResult:
