@@ -1,0 +1,169 @@
+"""One recording -> one calibration: hand-eye, TCP and object, reference picture, pivot, verdict."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+from vgrd.calibration.coordinates import expected_coordinate
+from vgrd.calibration.hand_eye import HandEyeProblem, HandEyeResult, PoseSample, calibrate_hand_eye
+from vgrd.calibration.reference import Reference, find_reference
+from vgrd.calibration.rotation_center import RotationCenter, find_rotation_center
+from vgrd.calibration.teaching import Taught, teach
+from vgrd.calibration.verdict import Evidence, judge, verify
+from vgrd.errors import InputError, NotObservable, TooFewObservations
+from vgrd.geometry import Array, Pose
+from vgrd.model import Calibration, Finding, Mount, Observation, Recording, Verdict, frozen_array
+
+__all__ = ["calibrate_system", "expected_coordinate"]
+
+_SAME_MM = 1e-6
+_SAME_RAD = 1e-9
+_REACH_MM = 500.0
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Pivot:
+    """Rotation centre as the calibration stores it; in_base as `Calibration.pivot_in_base`."""
+
+    in_tag_b: Array
+    in_base: Array
+    covariance: Array
+
+
+def calibrate_system(recording: Recording) -> Calibration:
+    """Solve everything that the recording tells; id is "" and the time 0, for the caller to set.
+
+    All touches serve one estimate: the universal method where the wrists varied, else the special
+    method from CAD-fitted flange positions. Doubts are findings of the verdict. Raises
+    TooFewObservations, NotObservable (what is missing, in words), InputError or DidNotConverge.
+    """
+    facts = recording.facts
+    if facts.mount is not Mount.EYE_TO_HAND:
+        raise InputError(
+            "serving needs a camera that stands still (eye-to-hand); an eye-in-hand camera can "
+            "be calibrated as a dataset: vgrd solve DATASET"
+        )
+    taught = teach(recording)
+    hand_eye = calibrate_hand_eye(_hand_eye_problem(recording))
+    reference = find_reference(recording.touches)
+    center, doubts = _center(recording)
+    pivot = _pivot(taught, center, reference, hand_eye, doubts)
+    calibration = Calibration(
+        id="",
+        session=recording.session,
+        created_unix_s=0.0,
+        method=taught.method,
+        facts=facts,
+        base_from_camera=hand_eye.mount_from_camera,
+        hand_eye_covariance=frozen_array(hand_eye.covariance[:6, :6], 6, 6),
+        wrist_from_tag_a=hand_eye.mount_from_target,
+        tcp_in_wrist=taught.tcp_in_wrist,
+        tcp_covariance=taught.tcp_covariance,
+        camera_from_tag_b_ref=reference.camera_from_tag_b,
+        pivot_in_tag_b=None if pivot is None else pivot.in_tag_b,
+        pivot_in_base=None if pivot is None else pivot.in_base,
+        taught=taught.points(with_pivot=pivot is not None),
+        residuals={},
+        verdict=Verdict(),
+        pivot_covariance=None if pivot is None else pivot.covariance,
+        reference_covariance=reference.covariance,
+    )
+    evidence = Evidence(recording, taught, hand_eye, reference, center, pivot is not None)
+    findings, residuals = judge(evidence)
+    verified, misses = verify(calibration, recording.verifications)
+    return replace(
+        calibration,
+        residuals={**residuals, **misses},
+        verdict=Verdict((*doubts, *findings, *verified)),
+    )
+
+
+def hand_eye_samples(recording: Recording) -> list[PoseSample]:
+    """Every distinct flange pose from which tag A was seen; verifications are held out."""
+    named = [(f"look {i + 1}", seen) for i, seen in enumerate(recording.looks)]
+    for kind, touches in (("touch", recording.touches), ("point", recording.points)):
+        named += [
+            (f"{kind} {i + 1} ({touch.target})", touch.observation)
+            for i, touch in enumerate(touches)
+            if touch.observation is not None
+        ]
+    samples: list[PoseSample] = []
+    for name, seen in named:
+        if seen.tag_a is None or _is_repeated(seen.base_from_wrist, samples):
+            continue
+        tag = seen.tag_a
+        samples.append(PoseSample(name, seen.base_from_wrist, tag.camera_from_tag, tag.covariance))
+    return samples
+
+
+def _is_repeated(pose: Pose, samples: Sequence[PoseSample]) -> bool:
+    for other in samples:
+        mm, rad = pose.distance(other.base_from_wrist)
+        if mm < _SAME_MM and rad < _SAME_RAD:
+            return True
+    return False
+
+
+def _hand_eye_problem(recording: Recording) -> HandEyeProblem:
+    samples = hand_eye_samples(recording)
+    if len(samples) < 3:
+        raise TooFewObservations(
+            f"hand-eye: tag A was seen from {len(samples)} robot poses, at least 3 are needed: "
+            "record looks with tag A in view and the wrist turned about two axes"
+        )
+    sigma = max(recording.facts.robot_sigma_mm, 1e-3)
+    return HandEyeProblem(
+        mount=recording.facts.mount,
+        samples=samples,
+        robot_sigma_mm=sigma,
+        robot_sigma_rad=sigma / _REACH_MM,
+    )
+
+
+def _center(recording: Recording) -> tuple[RotationCenter | None, list[Finding]]:
+    """Rotation centre from the spins, or the reason why there is none."""
+    tags = [seen.tag_b for seen in _with_tag_b(recording.spins) if seen.tag_b is not None]
+    if not recording.spins:
+        return None, []
+    try:
+        center = find_rotation_center(
+            [tag.camera_from_tag for tag in tags], [tag.covariance for tag in tags]
+        )
+    except (NotObservable, TooFewObservations) as fault:
+        return None, [Finding("spins_unusable", f"no rotation centre: {fault}")]
+    return center, []
+
+
+def _with_tag_b(observations: Sequence[Observation]) -> list[Observation]:
+    return [seen for seen in observations if seen.tag_b is not None]
+
+
+def _pivot(
+    taught: Taught,
+    center: RotationCenter | None,
+    reference: Reference,
+    hand_eye: HandEyeResult,
+    doubts: list[Finding],
+) -> _Pivot | None:
+    """Bring the centre in tag B and the centre in CAD together, at the same height if possible."""
+    if center is None:
+        return None
+    if taught.pivot_in_base is None:
+        doubts.append(
+            Finding(
+                "no_cad_center",
+                "the turntable's centre is not known in CAD: set [object] center_mm; until then "
+                "the hand-eye translation is used",
+            )
+        )
+        return None
+    in_tag = center.center_in_tag
+    if taught.tcp_in_wrist is not None:
+        wanted = hand_eye.mount_from_camera.inverse() @ taught.pivot_in_base
+        in_reference = reference.camera_from_tag_b @ center.center_in_tag
+        axis = reference.camera_from_tag_b.rotation @ center.axis_in_tag
+        in_tag = in_tag + float(axis @ (wanted - in_reference)) * center.axis_in_tag
+    return _Pivot(
+        frozen_array(in_tag, 3),
+        frozen_array(taught.pivot_in_base, 3),
+        frozen_array(center.covariance[:3, :3], 3, 3),
+    )

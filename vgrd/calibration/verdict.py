@@ -1,0 +1,255 @@
+"""Accept or reject: what the numbers of a calibration say against it, in words with a remedy."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from vgrd.calibration.coordinates import expected_coordinate
+from vgrd.calibration.hand_eye import HandEyeResult
+from vgrd.calibration.reference import Reference
+from vgrd.calibration.rotation_center import RotationCenter
+from vgrd.calibration.teaching import Taught
+from vgrd.errors import InputError
+from vgrd.geometry.covariance import radius95
+from vgrd.model import Calibration, Finding, Motion, Plan, Policy, Recording, Touch
+
+OUTLIER_SIGMA = 3.5
+WRONG_SIGMA = 6.0
+_NOISY = 3.0
+_FEW_SPINS = 4
+_FEW_DEGREES = 25.0
+_SPIN_SIGMA = 5.0
+_SPIN_MM = 0.2
+_DISAGREE_MM = 3.0
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Evidence:
+    """All that `judge` looks at."""
+
+    recording: Recording
+    taught: Taught
+    hand_eye: HandEyeResult
+    reference: Reference
+    center: RotationCenter | None
+    has_pivot: bool
+
+
+def judge(evidence: Evidence) -> tuple[list[Finding], dict[str, float]]:
+    """Findings and the residuals they rest on."""
+    findings = [
+        *_touches(evidence),
+        *_method(evidence),
+        *_hand_eye(evidence),
+        *_reference(evidence),
+        *_spins(evidence),
+    ]
+    return findings, _residuals(evidence)
+
+
+def verify(
+    calibration: Calibration, verifications: Sequence[Touch]
+) -> tuple[list[Finding], dict[str, float]]:
+    """Compare held-out touches, the object turned, with what would have been served."""
+    findings, misses = [], []
+    for i, touch in enumerate(verifications):
+        seen = touch.observation
+        if seen is None or seen.tag_b is None:
+            findings.append(
+                Finding("verification_unseen", f"verification {i + 1}: tag B was not in view")
+            )
+            continue
+        try:
+            expected = expected_coordinate(
+                calibration, touch.target, seen.tag_b, Policy.FIXED, touch.base_from_wrist.rotation
+            )
+        except InputError as fault:
+            findings.append(Finding("verification_unusable", f"verification {i + 1}: {fault}"))
+            continue
+        off = touch.base_from_wrist.translation - expected.base_from_wrist.translation
+        off = off + _work_offset(calibration, touch)
+        axis = touch.base_from_wrist.rotation @ calibration.facts.tool.axis_in_wrist
+        if not np.isfinite(touch.axial_sigma_mm):
+            off = off - axis * float(axis @ off)
+        miss = float(np.linalg.norm(off))
+        misses.append(miss)
+        touched = np.diag([touch.lateral_sigma_mm**2] * 3)
+        allowed = 1.5 * radius95(expected.position_covariance + touched)
+        if miss > allowed:
+            findings.append(
+                Finding(
+                    "verification_failed",
+                    f"verification {i + 1} ({touch.target}) misses by {miss:.2f} mm, more than "
+                    f"{allowed:.2f} mm: touch the targets again, or check that nothing moved",
+                    fatal=True,
+                )
+            )
+    return findings, {"verification_max_mm": max(misses)} if misses else {}
+
+
+def _work_offset(calibration: Calibration, touch: Touch) -> np.ndarray:
+    """Verifications touch with the touch tip, expected coordinates are for the work tip."""
+    offset = touch.base_from_wrist.rotation @ calibration.facts.tool.work_from_touch_mm
+    return np.asarray(-offset)
+
+
+def _touches(evidence: Evidence) -> list[Finding]:
+    findings = []
+    for i in np.argsort(-evidence.taught.scores):
+        score = float(evidence.taught.scores[i])
+        if score <= OUTLIER_SIGMA:
+            break
+        touch = evidence.recording.touches[i]
+        off = float(np.linalg.norm(evidence.taught.residuals_mm[i]))
+        findings.append(
+            Finding(
+                "touch_outlier",
+                f"touch {i + 1} ({touch.target}) does not fit: {off:.2f} mm, {score:.1f} sigma; "
+                "undo it and touch that target again",
+                fatal=score > WRONG_SIGMA,
+            )
+        )
+        break
+    return findings
+
+
+def _method(evidence: Evidence) -> list[Finding]:
+    plan, method = evidence.recording.plan, evidence.taught.method
+    if plan is Plan.UNIVERSAL and method == "special":
+        return [
+            Finding(
+                "constant_wrist",
+                "the plan was universal but all touches have one wrist orientation: the TCP stays "
+                "unknown; touch some targets again with the wrist tilted",
+            )
+        ]
+    if plan is Plan.SPECIAL and method == "universal":
+        return [
+            Finding(
+                "varied_wrist",
+                "the plan was special but the wrist was turned between the touches: solved with "
+                "the universal method",
+            )
+        ]
+    return []
+
+
+def _hand_eye(evidence: Evidence) -> list[Finding]:
+    findings = [
+        Finding(
+            "look_outlier",
+            f"{sample.name} was left out of the hand-eye: {sample.reason}; look again there",
+        )
+        for sample in evidence.hand_eye.samples
+        if not sample.used
+    ]
+    blind = [
+        str(i + 1)
+        for i, touch in enumerate(evidence.recording.touches)
+        if touch.observation is None or touch.observation.tag_a is None
+    ]
+    if blind:
+        findings.append(
+            Finding("tag_a_unseen", f"tag A was not in view in touch {', '.join(blind)}")
+        )
+    scale = evidence.hand_eye.noise_scale
+    if scale > _NOISY:
+        findings.append(
+            Finding(
+                "hand_eye_noise",
+                f"the looks scatter {scale:.1f} times as much as robot and camera promise: check "
+                "the intrinsics, the size of tag A, and that bracket and camera are tight",
+            )
+        )
+    return findings
+
+
+def _reference(evidence: Evidence) -> list[Finding]:
+    if not evidence.reference.moved:
+        return []
+    names = ", ".join(str(i + 1) for i in evidence.reference.moved)
+    return [
+        Finding(
+            "object_moved",
+            f"the object stood elsewhere in touch {names}: hold it still while touching, undo "
+            "those touches and touch again",
+            fatal=True,
+        )
+    ]
+
+
+def _spins(evidence: Evidence) -> list[Finding]:
+    center = evidence.center
+    findings = []
+    if evidence.recording.facts.object.motion is Motion.TURNTABLE and not evidence.has_pivot:
+        findings.append(
+            Finding(
+                "no_pivot",
+                "no rotation centre: expected coordinates rest on the hand-eye translation; "
+                "record spins of the turntable",
+            )
+        )
+    if center is None:
+        return findings
+    count, degrees = len(center.residuals_mm), np.degrees(center.spread_rad)
+    if count < _FEW_SPINS or degrees < _FEW_DEGREES:
+        findings.append(
+            Finding(
+                "few_spins",
+                f"{count} spins over {degrees:.0f} degrees rms: turn the object further, "
+                "at least 4 times",
+            )
+        )
+    worst = int(np.argmax(center.scores))
+    off = float(np.linalg.norm(center.residuals_mm[worst]))
+    if center.scores[worst] > _SPIN_SIGMA and off > _SPIN_MM:
+        findings.append(
+            Finding(
+                "spins_not_about_one_axis",
+                f"spin {worst + 1} is {off:.2f} mm off the common axis: the object slipped or "
+                "the camera moved; record the spins again",
+                fatal=True,
+            )
+        )
+    return [*findings, *_pivot_disagrees(evidence, center)]
+
+
+def _pivot_disagrees(evidence: Evidence, center: RotationCenter) -> list[Finding]:
+    """Universal: hand-eye and touches must see the axis at one place."""
+    pivot = evidence.taught.pivot_in_base
+    if pivot is None or evidence.taught.tcp_in_wrist is None:
+        return []
+    B = evidence.hand_eye.mount_from_camera
+    apart = B @ center.center_in_camera - pivot
+    axis = B.rotation @ center.axis_in_camera
+    off = float(np.linalg.norm(apart - axis * float(axis @ apart)))
+    if off <= _DISAGREE_MM:
+        return []
+    return [
+        Finding(
+            "pivot_disagrees",
+            f"camera and touches see the rotation centre {off:.1f} mm apart: check [object] "
+            "center_mm, the CAD points and the size of the tags",
+            fatal=True,
+        )
+    ]
+
+
+def _residuals(evidence: Evidence) -> dict[str, float]:
+    used = [sample for sample in evidence.hand_eye.samples if sample.used]
+    out = {
+        "touch_rms_mm": _rms(np.linalg.norm(evidence.taught.residuals_mm, axis=1)),
+        "touch_worst_sigma": float(evidence.taught.scores.max()),
+        "hand_eye_rms_mm": _rms([sample.mm for sample in used]),
+        "hand_eye_rms_deg": _rms([sample.deg for sample in used]),
+        "hand_eye_noise_scale": evidence.hand_eye.noise_scale,
+        "reference_scatter_mm": evidence.reference.scatter_mm,
+    }
+    if evidence.center is not None:
+        out["spin_rms_mm"] = _rms(np.linalg.norm(evidence.center.residuals_mm, axis=1))
+    return out
+
+
+def _rms(values: Sequence[float] | np.ndarray) -> float:
+    return float(np.sqrt(np.mean(np.square(values))))
