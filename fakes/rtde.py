@@ -14,6 +14,7 @@ import struct
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
+from functools import lru_cache
 
 from fakes.rtde_fields import FORMATS, OUTPUT_TYPES
 from vgrd.geometry import Pose
@@ -72,9 +73,15 @@ def wire_pose(pose: Pose) -> tuple[float, ...]:
     return (*(pose.translation / 1000.0).tolist(), *pose.rotvec().tolist())
 
 
+@lru_cache(maxsize=4)
+def _wire_poses(wrist: Pose, tcp: Pose) -> tuple[tuple[float, ...], tuple[float, ...]]:
+    """TCP pose and offset on the wire; keyed by the objects, so an arm at rest costs nothing."""
+    return wire_pose(wrist @ tcp), wire_pose(tcp)
+
+
 def output_values(state: RtdeState, timestamp_s: float) -> dict[str, Value]:
     """Return the RTDE outputs that are not zero, in wire units."""
-    pose = wire_pose(state.base_from_wrist @ state.wrist_from_tcp)
+    pose, offset = _wire_poses(state.base_from_wrist, state.wrist_from_tcp)
     speed = tuple(v / 1000.0 for v in state.tcp_speed[:3]) + tuple(state.tcp_speed[3:])
     stopped = state.protective_stop
     running = state.program_running and not stopped
@@ -84,7 +91,7 @@ def output_values(state: RtdeState, timestamp_s: float) -> dict[str, Value]:
         "target_TCP_pose": pose,
         "actual_TCP_speed": speed,
         "target_TCP_speed": speed,
-        "tcp_offset": wire_pose(state.wrist_from_tcp),
+        "tcp_offset": offset,
         "actual_digital_input_bits": state.digital_inputs,
         "robot_mode": _ROBOT_RUNNING,
         "safety_mode": _PROTECTIVE_STOP if stopped else _NORMAL,

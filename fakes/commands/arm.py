@@ -28,6 +28,10 @@ class Arm:
 
     def state(self, now_s: float) -> RtdeState:
         """State at a time of the monotonic clock."""
+        if not self.radius_mm:
+            return RtdeState(
+                self.base_from_wrist, self.wrist_from_tcp, digital_inputs=self.digital_inputs
+            )
         rate = 2.0 * math.pi / _PERIOD_S
         sine, cosine = math.sin(rate * now_s), math.cos(rate * now_s)
         shift = self.radius_mm * np.array((cosine, sine, 0.0))
