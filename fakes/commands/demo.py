@@ -65,7 +65,7 @@ def _perform(
 ) -> bool:
     port = free_port()
     with FakeCell(world, place, port, camera) as cell:
-        console.print(_set_up(world, cell))
+        console.print(set_up_table(world, cell))
         with Daemon(cell.cell_file, place / "vgrd.log") as daemon:
             operator = Operator(world, daemon.control, world.seed)
             show = Show(world, operator, daemon, port, console)
@@ -92,7 +92,8 @@ def _perform(
     return report.good
 
 
-def _set_up(world: World, cell: FakeCell) -> Table:
+def set_up_table(world: World, cell: FakeCell) -> Table:
+    """Make the table of what is simulated."""
     noise, layout = world.noise, world.layout
     width, height = layout.optics.size_px
     sizes = layout.tag_a.size_mm, layout.tag_b.size_mm

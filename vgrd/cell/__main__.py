@@ -66,7 +66,9 @@ class Cell:
         )
         teaching = Teaching(self.measuring, self.recorder, facts, config.touch)
         store = CalibrationStore(state, clock)
-        self.operations = Operations(self.measuring, self.serving, teaching, store, state, clock)
+        self.operations = Operations(
+            self.measuring, self.serving, teaching, store, runtime, state, clock
+        )
         self.control = ControlServer(runtime / CONTROL_SOCKET, self.operations.table())
         self.measuring.on_readings.append(self.recorder.on_readings)
         self.measuring.on_sight.append(self.recorder.on_sight)

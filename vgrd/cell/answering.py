@@ -96,21 +96,19 @@ def target_by_id(calibration: Calibration, number: int) -> Target | None:
 def object_displacement_mm(
     calibration: Calibration, then: TagObservation, now: TagObservation
 ) -> float:
-    """How far the farthest taught target moved in the camera's eyes between two pictures, mm.
+    """Upper bound (mm) of how far any taught target moved between two pictures of tag B.
 
-    Targets lie at known flange positions of the reference picture; their distances to the tag bound the lever.
+    The tag's own way, plus its turn times the extent of the targets, among which it sits.
     """
     motion = now.camera_from_tag.compose(then.camera_from_tag.inverse())
-    lever = _lever_mm(calibration)
-    shift = motion.apply(then.camera_from_tag.translation) - then.camera_from_tag.translation
-    _, angle = Pose.identity().distance(motion)
-    return float(np.linalg.norm(shift) + lever * angle)
+    way = now.camera_from_tag.translation - then.camera_from_tag.translation
+    _, angle_rad = Pose.identity().distance(motion)
+    return float(np.linalg.norm(way) + _extent_mm(calibration) * angle_rad)
 
 
-def _lever_mm(calibration: Calibration) -> float:
-    points = np.array([t.target.point_in_object for t in calibration.taught.values()])
-    spread = points - points.mean(axis=0)
-    return float(np.linalg.norm(spread, axis=1).max(initial=0.0))
+def _extent_mm(calibration: Calibration) -> float:
+    points = np.array([taught.target.point_in_object for taught in calibration.taught.values()])
+    return float(np.linalg.norm(points[:, None] - points, axis=-1).max(initial=0.0))
 
 
 def _encode(

@@ -8,7 +8,7 @@ from vgrd.clock import Clock
 from vgrd.devices import CameraImage, FlangeReading
 from vgrd.errors import BadReading, RingUnavailable
 from vgrd.ipc.health import health_path
-from vgrd.ipc.messages import HEALTH_KIND, Health
+from vgrd.ipc.messages import GATE_KIND, GATE_RING, HEALTH_KIND, GateReport, Health
 from vgrd.ipc.ring import Message, RingReader, RingWriter
 from vgrd.observing import wire
 
@@ -128,4 +128,19 @@ class HealthFeed:
         for message in self.feed.poll():
             self.last = Health.unpack(message.payload)
             self.stamp_s = message.stamp_s
+        return self.last
+
+
+class GateFeed:
+    """The gate's table of processes and its counters."""
+
+    def __init__(self, runtime_dir: Path) -> None:
+        self.feed = RingFeed(runtime_dir / GATE_RING, GATE_KIND)
+        self.last: GateReport | None = None
+
+    def poll(self) -> GateReport | None:
+        """The newest report so far, None before the first."""
+        message = self.feed.newest()
+        if message is not None:
+            self.last = GateReport.unpack(message.payload)
         return self.last

@@ -1,7 +1,7 @@
 """The measuring loop: takes pictures, finds tags, pairs them with the flange, tells whoever listens."""
 
 import asyncio
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
@@ -12,7 +12,7 @@ import structlog
 from vgrd.cell.feeds import CameraFeed, HealthFeed, RobotFeed
 from vgrd.clock import Clock
 from vgrd.devices import CameraImage, FlangeReading, Pixels
-from vgrd.errors import DeviceUnavailable, ObservationError
+from vgrd.errors import DeviceUnavailable, NotSteady, ObservationError
 from vgrd.geometry import Pose
 from vgrd.model import CellFacts, Observation, TagObservation
 from vgrd.observing.stillness import RestLimits, rest_pose
@@ -25,6 +25,7 @@ ROBOT_STALE_S = 0.2
 ROBOT_LOST_S = 1.0
 HEALTH_STALE_S = 1.5
 SETTLE_S = 0.5
+READINGS_WITHIN_S = 3.0
 CATCH_UP_S = 0.2
 
 log = structlog.get_logger()
@@ -33,8 +34,10 @@ log = structlog.get_logger()
 class Detector(Protocol):
     """Finds the known tags in grey pixels; `vgrd.vision.tags.TagDetector` in the product."""
 
-    def detect(self, pixels: Pixels) -> dict[int, TagObservation]:
-        """Tags by id."""
+    def detect(
+        self, pixels: Pixels, around: Mapping[int, TagObservation] | None = None
+    ) -> dict[int, TagObservation]:
+        """Tags by id, looked for first near where they were seen before."""
         ...
 
 
@@ -86,6 +89,7 @@ class Measuring:
         self._eyes = ThreadPoolExecutor(1, thread_name_prefix="vision")
         self._evaluating_since_s: float | None = None
         self._evaluation: asyncio.Task[None] | None = None
+        self._last_tags: Mapping[int, TagObservation] = {}
         self._wishes: list[tuple[float, asyncio.Future[Sight]]] = []
         self._last_trigger_s = -self.period_s
         self._last_beat_s = 0.0
@@ -118,16 +122,17 @@ class Measuring:
         """Why the camera cannot be relied on now; empty when it can."""
         return self._device_words("camera")
 
-    async def rest(self, within_s: float = SETTLE_S) -> Pose:
+    async def rest(self) -> Pose:
         """Flange pose now, the arm given a moment to settle; raises NotSteady, TooOld."""
-        end_s = self.clock.monotonic() + within_s
+        start_s = self.clock.monotonic()
         while True:
             newest = self.robot.newest(ROBOT_LOST_S)
             stamp = self.clock.monotonic() if newest is None else newest.stamp_s
             try:
                 return rest_pose(self.robot.readings, stamp, self.limits)
-            except ObservationError:
-                if self.clock.monotonic() > end_s:
+            except ObservationError as err:
+                patience_s = SETTLE_S if isinstance(err, NotSteady) else READINGS_WITHIN_S
+                if self.clock.monotonic() > start_s + patience_s:
                     raise
             await asyncio.sleep(LOOP_S)
 
@@ -167,7 +172,10 @@ class Measuring:
     async def _evaluate(self, image: CameraImage) -> None:
         try:
             loop = asyncio.get_running_loop()
-            tags = await loop.run_in_executor(self._eyes, self.detector.detect, image.pixels)
+            tags = await loop.run_in_executor(
+                self._eyes, self.detector.detect, image.pixels, self._last_tags
+            )
+            self._last_tags = tags
             await self._readings_until(image.stamp_s + self.limits.after_s)
             self._announce(self._pair(image, tags))
         finally:

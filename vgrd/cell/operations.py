@@ -11,6 +11,7 @@ import numpy as np
 
 from vgrd.calibration.system import expected_coordinate
 from vgrd.cell.control_server import Arguments, Operation, text_argument
+from vgrd.cell.feeds import GateFeed
 from vgrd.cell.measuring import Measuring
 from vgrd.cell.serving import Serving
 from vgrd.cell.teaching import PICTURE_TIMEOUT_S, Teaching
@@ -38,6 +39,7 @@ class Operations:
         serving: Serving,
         teaching: Teaching,
         store: CalibrationStore,
+        runtime_dir: Path,
         state_dir: Path,
         clock: Clock,
     ) -> None:
@@ -47,6 +49,7 @@ class Operations:
         self.store = store
         self.state_dir = state_dir
         self.clock = clock
+        self.gate = GateFeed(runtime_dir)
 
     def table(self) -> Mapping[str, Operation]:
         """Operations by name."""
@@ -100,6 +103,17 @@ class Operations:
             "tag_b_seen": sight is not None and sight.tag_b is not None,
             "answer": self.serving.answer.status.name,
             "recording": self.teaching.status(),
+            "processes": self._processes(),
+        }
+
+    def _processes(self) -> Mapping[str, str]:
+        """One line per process of the gate's table."""
+        report = self.gate.poll()
+        rows = report.processes if report else ()
+        return {
+            row.name: f"{row.state}, pid {row.pid}, started {row.starts} times, {row.health}"
+            + (f": {row.detail}" if row.detail else "")
+            for row in rows
         }
 
     async def _solve(self, arguments: Arguments) -> Mapping[str, Any]:

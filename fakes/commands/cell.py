@@ -1,0 +1,91 @@
+"""A fake cell that stays: registers to develop a robot program against, without any hardware."""
+
+import asyncio
+import contextlib
+import math
+import time
+from pathlib import Path
+from typing import Annotated
+
+import typer
+from rich.console import Console
+
+from fakes.cell import FakeCell
+from fakes.commands.demo import SPEED_MM_S, TURN_RAD_S, set_up_table
+from fakes.console import Action, numbers, until_stopped, word
+from fakes.daemon import Daemon
+from fakes.layout import Layout
+from fakes.operator import Operator
+from fakes.poses import retracted_pose
+from fakes.show import Show
+from fakes.world import World
+from vgrd.geometry import Pose
+
+
+def main(
+    port: Annotated[int, typer.Option(help="of the registers on 127.0.0.1")] = 1502,
+    seed: Annotated[int, typer.Option(help="of noise, arm and scripted operator")] = 1,
+    folder: Annotated[
+        Path, typer.Option(help="where state stays from one run to the next")
+    ] = Path("build/fake-cell"),
+    camera: Annotated[str | None, typer.Option(help="aravis or fakes.pylon_camera")] = None,
+) -> None:
+    """Run fake robot, fake camera and the daemon with an active calibration until Ctrl-C.
+
+    The first run teaches the cell. Lines typed here act on the world: turn DEGREES, cover a|b|none,
+    flange and tcp with x y z (mm) and a rotation vector (rad), miss TARGET.
+    """
+    console = Console()
+    world = World(Layout(), seed, speed_mm_s=SPEED_MM_S, turn_rad_s=TURN_RAD_S)
+    with contextlib.ExitStack() as stack:
+        cell = stack.enter_context(FakeCell(world, folder, port, camera))
+        console.print(set_up_table(world, cell))
+        daemon = stack.enter_context(Daemon(cell.cell_file, folder / "vgrd.log"))
+        _teach_once(console, world, daemon, port)
+        world.move_flange(retracted_pose(), time.monotonic())
+        console.print(f"registers on 127.0.0.1:{port}, map in docs/registers.md")
+        console.print(f"vgrd status --config {cell.cell_file}")
+        actions = world_actions(world)
+        asyncio.run(until_stopped(f"type: {', '.join(sorted(actions))}; Ctrl-C ends", actions))
+
+
+def _teach_once(console: Console, world: World, daemon: Daemon, port: int) -> None:
+    status = daemon.control.call("status")
+    if status["calibration"] is not None:
+        console.print(f"calibration {status['calibration']} of an earlier run is active")
+        return
+    operator = Operator(world, daemon.control, world.seed)
+    show = Show(world, operator, daemon, port, console)
+    show.teach(time.strftime("teaching-%Y%m%d-%H%M%S"))
+    show.calibrate()
+
+
+def world_actions(world: World) -> dict[str, Action]:
+    """What can be done to the world by typing."""
+
+    def turn(words: list[float]) -> None:
+        world.turn_table(math.radians(words[0]), time.monotonic())
+
+    def flange(words: list[float]) -> None:
+        world.move_flange(Pose.from_rotvec(words[3:], words[:3]), time.monotonic())
+
+    def tcp(words: list[float]) -> None:
+        world.arm.wrist_from_tcp = Pose.from_rotvec(words[3:], words[:3])
+
+    def cover(name: str) -> None:
+        if name == "none":
+            world.cover()
+        else:
+            world.cover("a" if name == "a" else "b")
+
+    def miss(name: str) -> None:
+        off = world.miss(name, time.monotonic())
+        print(f"true tip minus {name}: {off.round(3).tolist()} mm", flush=True)
+
+    return {
+        "turn": lambda words: turn(numbers(words, 1)),
+        "flange": lambda words: flange(numbers(words, 6)),
+        "tcp": lambda words: tcp(numbers(words, 6)),
+        "cover": lambda words: cover(word(words, "a", "b", "none")),
+        "miss": lambda words: miss(word(words, *world.targets)),
+    }
