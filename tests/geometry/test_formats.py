@@ -75,7 +75,7 @@ def test_every_format_round_trips_any_orientation(fmt, rotvec):
     R = Rotation.from_rotvec(rotvec).as_matrix()
     values = rotation_to(R, fmt)
     assert values.shape == (value_count(fmt),)
-    np.testing.assert_allclose(rotation_from(values, fmt), R, atol=1e-7)
+    np.testing.assert_allclose(rotation_from(values, fmt), R, atol=1e-6)
 
 
 @pytest.mark.parametrize("fmt", [f for f in RotationFormat if value_count(f) == 3])

@@ -2,6 +2,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
 
 from vgrd.errors import InputError
 from vgrd.geometry import Pose, exp_rotation, hat, log_rotation, nearest_rotation
@@ -141,3 +142,17 @@ def test_a_matrix_is_projected_when_near_and_refused_when_far_from_a_rotation():
 def test_a_mirrored_matrix_is_no_rotation():
     with pytest.raises(InputError, match="rotation"):
         nearest_rotation(np.diag([1.0, 1.0, -1.0]))
+
+
+@given(ROTATIONS, st.sampled_from((1.0, 1e-4, 1e-9, 0.0)), st.sampled_from((0.0, np.pi)))
+def test_the_logarithm_agrees_with_scipy_from_no_turn_to_half_a_turn(w, scale, more):
+    w = np.array(w) * scale
+    norm = np.linalg.norm(w)
+    w = w + more * (w / norm if norm > 1e-6 else np.eye(3)[0])
+    R = exp_rotation(w)
+    expected = Rotation.from_matrix(R).as_rotvec()
+    found = log_rotation(R)
+    np.testing.assert_allclose(exp_rotation(found), R, atol=1e-12)
+    assert np.linalg.norm(found) <= np.pi + 1e-12
+    if np.linalg.norm(expected) < 3.1:
+        np.testing.assert_allclose(found, expected, atol=1e-12)

@@ -4,6 +4,7 @@ Tangent vectors are (v, w), translation first; perturbations act on the left (pa
 Lengths are millimetres and angles radians throughout the package.
 """
 
+import math
 from dataclasses import dataclass
 from typing import Self, overload
 
@@ -18,6 +19,7 @@ Array = NDArray[np.float64]
 _SMALL_ANGLE = 1e-2
 _SMALL_ANGLE_FIFTH_ORDER = 0.1
 _ORTHONORMAL_TOLERANCE = 1e-6
+_TINY_SINE = 1e-9
 _IDENTITY = np.eye(3)
 
 
@@ -64,8 +66,28 @@ def exp_rotation(rotvec: ArrayLike) -> Array:
 
 
 def log_rotation(rotation: ArrayLike) -> Array:
-    """Rotation vector (3,), radians in [0, pi], of a rotation matrix (3, 3); through the quaternion."""
-    return Rotation.from_matrix(np.asarray(rotation, dtype=np.float64)).as_rotvec()
+    """Rotation vectors (..., 3), radians in [0, pi], of rotation matrices (..., 3, 3).
+
+    Through the quaternion with the largest component first (Shepperd 1978), which is accurate for
+    the smallest turns and for half turns.
+    """
+    R = np.asarray(rotation, dtype=np.float64)
+    if R.ndim > 2:
+        return np.asarray(Rotation.from_matrix(R).as_rotvec())
+    (a, b, c), (d, e, f), (g, h, i) = R.tolist()
+    squares = (1 + a + e + i, 1 + a - e - i, 1 - a + e - i, 1 - a - e + i)
+    largest = squares.index(max(squares))
+    w, x, y, z = (
+        (squares[0], h - f, c - g, d - b),
+        (h - f, squares[1], b + d, c + g),
+        (c - g, b + d, squares[2], f + h),
+        (d - b, c + g, f + h, squares[3]),
+    )[largest]
+    sine = math.sqrt(x * x + y * y + z * z)
+    if w < 0:
+        w, sine = -w, -sine
+    scale = 2 / w if abs(sine) < _TINY_SINE * w else 2 * math.atan2(abs(sine), w) / sine
+    return np.array([scale * x, scale * y, scale * z])
 
 
 def _determinant(M: Array) -> float:
@@ -120,9 +142,7 @@ class Pose:
         if not (np.isfinite(R).all() and np.isfinite(t).all()):
             raise InputError("a pose must be finite")
         if np.abs(R @ R.T - _IDENTITY).max() > _ORTHONORMAL_TOLERANCE or _determinant(R) < 0:
-            raise InputError(
-                "not a rotation matrix: rows must be orthonormal with determinant +1"
-            )
+            raise InputError("not a rotation matrix: rows must be orthonormal with determinant +1")
         R.setflags(write=False)
         t.setflags(write=False)
         object.__setattr__(self, "rotation", R)
