@@ -17,6 +17,7 @@ from fakes.scene import SnapshotWriter
 from fakes.testing import FakeProcess, free_loopback
 from fakes.world import World
 
+CAMERA_PACKET_BYTES = 16000
 SNAPSHOT_RING = "world.ring"
 SNAPSHOT_PERIOD_S = 0.004
 
@@ -64,14 +65,14 @@ class FakeCell:
     def __exit__(self, *_: object) -> None:
         self._resources.close()
 
-    def _start_camera(self, undo: contextlib.ExitStack) -> dict[str, str]:
+    def _start_camera(self, undo: contextlib.ExitStack) -> dict[str, str | int]:
         """Start the camera where it is a process of its own; returns its settings in the cell file."""
         ring = str((self.folder / SNAPSHOT_RING).resolve())
         if self.camera != "aravis":
             return {"snapshots": ring}
         host = free_loopback(CAMERA_PORT)
         undo.enter_context(FakeProcess("camera", "--host", host, "--snapshots", ring))
-        return {"address": host}
+        return {"address": host, "packet_bytes": CAMERA_PACKET_BYTES}
 
     def _end_controller(self) -> None:
         if self._thread.is_alive():
@@ -101,7 +102,7 @@ class FakeCell:
         now = time.monotonic()
         self._snapshots.publish(self.world.snapshot(now), now)
 
-    def _cell_text(self, camera_settings: dict[str, str]) -> str:
+    def _cell_text(self, camera_settings: dict[str, str | int]) -> str:
         return cell_text(
             self.world.layout,
             robot_host=self.robot_host,
@@ -116,7 +117,7 @@ def cell_text(
     *,
     robot_host: str,
     camera: str,
-    camera_settings: dict[str, str],
+    camera_settings: dict[str, str | int],
     port: int,
 ) -> str:
     """The cell file of a fake cell."""

@@ -4,10 +4,10 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
-from vgrd.calibration.baselines import expected_by_method
 
 from fakes.show import Request
 from fakes.world import World
+from vgrd.calibration.baselines import expected_by_method
 from vgrd.geometry import Array, Pose
 from vgrd.store.sessions import iterate_observations, load_recording
 

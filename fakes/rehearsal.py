@@ -30,7 +30,7 @@ from vgrd.vision.tags import TagDetector
 def facts_of(world: World, folder: Path) -> CellFacts:
     """Facts of the fake cell, by way of its cell file (written into `folder`)."""
     path = folder / "cell.toml"
-    settings = {"address": "127.0.0.3"}
+    settings: dict[str, str | int] = {"address": "127.0.0.3"}
     text = cell_text(
         world.layout, robot_host="127.0.0.2", camera="aravis", camera_settings=settings, port=1502
     )

@@ -6,6 +6,7 @@ It knows only the register map and its own arm, like the programs in config/; py
 import struct
 import time
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from pymodbus.client import ModbusTcpClient
@@ -21,7 +22,7 @@ ANSWER_TIMEOUT_S = 5.0
 APPROACH_MM = 25.0
 
 
-class Stopped(Exception):  # noqa: N818
+class Stopped(Exception):
     """The program stopped the arm: why, and when it knew (monotonic)."""
 
     def __init__(self, reason: str, status: Status | None = None) -> None:
@@ -46,7 +47,7 @@ class RobotProgram:
 
     def __init__(self, world: World, host: str, port: int) -> None:
         self.world = world
-        self.client = ModbusTcpClient(host, port=port, timeout=1, retries=0)
+        self.client: Any = ModbusTcpClient(host, port=port, timeout=1, retries=0)
         self.trigger = int(time.monotonic() * 10) % 30000
         self._beat = (-1, 0.0)
 

@@ -135,11 +135,26 @@ def _ask(
 @app.command()
 def run(config: Annotated[Path, typer.Argument(help="The cell file.")]) -> None:
     """Run the daemon in the foreground until Ctrl-C or SIGTERM."""
-    from vgrd.cell.setup import write_process_table
+    from vgrd.cell.setup import process_table
     from vgrd.config import load_config
+    from vgrd.gate.gate import lock
+    from vgrd.gate.settings import save_table
 
-    table = write_process_table(load_config(config), config)
-    os.execv(sys.executable, [sys.executable, "-m", "vgrd.gate", str(table.parent)])  # noqa: S606
+    loaded = load_config(config)
+    runtime = _runtime_folder(Path(loaded.cell.runtime_dir))
+    lock(runtime)  # released by exec, and taken again by the gate
+    save_table(runtime, process_table(loaded, config))
+    os.execv(sys.executable, [sys.executable, "-m", "vgrd.gate", str(runtime)])  # noqa: S606
+
+
+def _runtime_folder(path: Path) -> Path:
+    try:
+        path.mkdir(parents=True, exist_ok=True)
+    except OSError as err:
+        raise InputError(
+            f"runtime folder {path}: {err.strerror}; set [cell] runtime_dir to a folder of yours"
+        ) from err
+    return path
 
 
 @app.command()

@@ -1,7 +1,6 @@
 """From the checked cell file to the values that the layers below work with."""
 
 import json
-import os
 import sys
 from pathlib import Path
 
@@ -20,7 +19,6 @@ from vgrd.model import (
     frozen_array,
 )
 
-PROCESS_TABLE = "processes.json"
 CONTROL_SOCKET = "control.sock"
 DEVICE_HANG_S = 5.0
 CELL_HANG_S = 5.0
@@ -114,14 +112,3 @@ def process_table(config: CellConfig, config_path: Path) -> dict[str, object]:
             },
         ],
     }
-
-
-def write_process_table(config: CellConfig, config_path: Path) -> Path:
-    """Write the table into the runtime folder (made if needed) and return its path."""
-    runtime = Path(config.cell.runtime_dir)
-    runtime.mkdir(parents=True, exist_ok=True)
-    path = runtime / PROCESS_TABLE
-    draft = path.with_suffix(f".{os.getpid()}")
-    draft.write_text(json.dumps(process_table(config, config_path), indent=1), encoding="utf-8")
-    draft.replace(path)
-    return path

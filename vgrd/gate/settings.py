@@ -1,6 +1,7 @@
 """What `vgrd run` resolved for the gate: processes.json in the runtime folder."""
 
 import json
+import os
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from ipaddress import ip_network
@@ -41,6 +42,13 @@ class GateSettings:
     processes: tuple[ProcessSpec, ...]
     deadline_s: float = 0.25
     timeout_s: float = 5.0
+
+
+def save_table(runtime_dir: Path, table: Mapping[str, object]) -> None:
+    """Write the process table into the runtime folder, whole or not at all."""
+    draft = runtime_dir / f"{PROCESS_TABLE}.{os.getpid()}"
+    draft.write_text(json.dumps(table, indent=1), encoding="utf-8")
+    draft.replace(runtime_dir / PROCESS_TABLE)
 
 
 def load_settings(path: Path) -> GateSettings:
