@@ -38,6 +38,7 @@ class HandEyeProblem:
     """Looks with pose covariances; robot_sigma_*: noise of one flange pose, per axis.
 
     estimate_scale: the size of the target, which scales all its distances, is estimated too.
+    start: an earlier result to start from, instead of the closed form.
     """
 
     mount: Mount
@@ -46,6 +47,7 @@ class HandEyeProblem:
     robot_sigma_rad: float = 2e-4
     robust: bool = True
     estimate_scale: bool = False
+    start: "HandEyeResult | None" = None
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -110,7 +112,7 @@ def calibrate_hand_eye(problem: HandEyeProblem) -> HandEyeResult:
         robot_sigma_mm=problem.robot_sigma_mm,
         robot_sigma_rad=problem.robot_sigma_rad,
         robust=problem.robust,
-        start=HandEye(refines_scale=problem.estimate_scale),
+        start=_start(problem),
     )
     sigma = float(np.sqrt(fit.covariance[-1, -1])) if problem.estimate_scale else 0.0
     return replace(
@@ -118,6 +120,14 @@ def calibrate_hand_eye(problem: HandEyeProblem) -> HandEyeResult:
         target_scale=fit.state.scale,
         target_scale_sigma=fit.state.scale * sigma,
     )
+
+
+def _start(problem: HandEyeProblem) -> HandEye:
+    blank = HandEye(refines_scale=problem.estimate_scale)
+    if problem.start is None:
+        return blank
+    X, Y = problem.start.mount_from_camera, problem.start.mount_from_target
+    return replace(blank, X=X, Y=Y, is_blank=False)
 
 
 class _PoseRows(Rows):

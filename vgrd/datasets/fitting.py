@@ -50,7 +50,7 @@ class Fitter(ABC):
 
     @abstractmethod
     def fit(self, chosen: Sequence[int], near: HandEyeResult) -> HandEyeResult:
-        """Fit the chosen samples, starting from a result near by."""
+        """Fit the chosen samples, as they are, starting from a result near by."""
 
     @abstractmethod
     def scale(self, near: HandEyeResult) -> TargetScale:
@@ -103,9 +103,10 @@ class PointFitter(Fitter):
         return max(float(np.sqrt(squares / max(freedom, 1))), _MIN_SIGMA_PX)
 
     def fit(self, chosen: Sequence[int], near: HandEyeResult) -> HandEyeResult:
-        """Fit the chosen samples, starting from a result near by."""
+        """Fit the chosen samples, as they are, starting from a result near by."""
         samples = [self._problem.samples[i] for i in chosen]
-        return calibrate_hand_eye_from_points(replace(self._problem, samples=samples, start=near))
+        problem = replace(self._problem, samples=samples, start=near, robust=False)
+        return calibrate_hand_eye_from_points(problem)
 
     def scale(self, near: HandEyeResult) -> TargetScale:
         """The size of the target, from all samples."""
@@ -148,8 +149,10 @@ class PoseFitter(Fitter):
         """Noise of the measured poses, in mm and rad, as their misfit shows it."""
         for _ in range(_NOISE_ROUNDS):
             result = calibrate_hand_eye(self._problem)
-            self._problem = self._with_noise_of(result)
-        return calibrate_hand_eye(self._problem)
+            self._problem = replace(self._with_noise_of(result), start=result)
+        result = calibrate_hand_eye(self._problem)
+        self._problem = replace(self._problem, start=None)
+        return result
 
     def _with_noise_of(self, result: HandEyeResult) -> HandEyeProblem:
         good = [residual for residual in result.samples if residual.used]
@@ -159,15 +162,14 @@ class PoseFitter(Fitter):
         return replace(self._problem, samples=_with_noise(self._problem.samples, mm, rad))
 
     def fit(self, chosen: Sequence[int], near: HandEyeResult) -> HandEyeResult:
-        """Fit the chosen samples; the closed form is a start as good as a result near by."""
-        del near
+        """Fit the chosen samples, as they are, starting from a result near by."""
         samples = [self._problem.samples[i] for i in chosen]
-        return calibrate_hand_eye(replace(self._problem, samples=samples))
+        problem = replace(self._problem, samples=samples, start=near, robust=False)
+        return calibrate_hand_eye(problem)
 
     def scale(self, near: HandEyeResult) -> TargetScale:
         """The size of the target, from all samples."""
-        del near
-        result = calibrate_hand_eye(replace(self._problem, estimate_scale=True))
+        result = calibrate_hand_eye(replace(self._problem, estimate_scale=True, start=near))
         return TargetScale(result.target_scale, result.target_scale_sigma)
 
     def own_pose(self, index: int, camera: CameraModel | None) -> Pose:

@@ -158,12 +158,15 @@ def _fitter(dataset: Dataset, found: Found) -> Fitter:
 def _leave_one_out(
     fitter: Fitter, found: Found, result: HandEyeResult, steps: _Steps
 ) -> list[Miss | None]:
-    """How far a fit without each sample misses it; its own pose is seen through that fit's camera."""
+    """How far a fit without each sample misses it; its own pose is seen through that fit's camera.
+
+    Samples that do not fit the others are in no fit, but predicted and counted as all are.
+    """
     misses: list[Miss | None] = []
-    everything = range(len(found.samples))
+    kept = [i for i, residual in enumerate(result.samples) if residual.used]
     for left_out, sample in enumerate(found.samples):
         try:
-            fit = fitter.fit([i for i in everything if i != left_out], result)
+            fit = fitter.fit([i for i in kept if i != left_out], result)
         except CalibrationError:
             misses.append(None)
         else:
