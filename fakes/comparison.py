@@ -1,17 +1,20 @@
 """The paper's methods side by side: what each would have served at the requests of a demo."""
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
 from fakes.show import Request
 from fakes.world import World
-from vgrd.calibration.baselines import expected_by_method
+from vgrd.calibration.baselines import SPECIAL, SPECIAL_CAD, expected_by_method
 from vgrd.geometry import Array, Pose
+from vgrd.model import Observation, Recording
 from vgrd.store.sessions import iterate_observations, load_recording
 
-WITHIN_S = 3.0
+BEFORE_S, AFTER_S = 0.08, 3.0
+SAME_WRIST_RAD = 0.01
 
 
 def misses_by_method(
@@ -19,18 +22,33 @@ def misses_by_method(
 ) -> Mapping[str, Array]:
     """True misses (n, 3) mm of every method, had the robot gone where that method says.
 
-    The observation of a request is the picture recorded nearest in time while the table stood.
+    Each request is judged by the first picture recorded after it was asked, table and arm at rest.
     """
     recording = load_recording(teaching)
+    constant = _constant_wrist(recording)
     observations = [seen for seen in iterate_observations(requests) if seen.tag_b is not None]
     misses: dict[str, list[Array]] = {}
     for request in served:
-        observation = min(observations, key=lambda seen: abs(seen.stamp_s - request.stamp_s))
-        if abs(observation.stamp_s - request.stamp_s) > WITHIN_S:
+        seen = _picture_of(request, observations)
+        if seen is None:
             continue
-        for method, flange in expected_by_method(recording, request.target, observation).items():
+        answers = expected_by_method(recording, request.target, seen)
+        special = expected_by_method(constant, request.target, seen)
+        answers |= {name: special[name] for name in (SPECIAL, SPECIAL_CAD) if name in special}
+        for method, flange in answers.items():
             pose = Pose(request.served.rotation, flange)
-            misses.setdefault(method, []).append(
-                world.miss_at(pose, request.target, request.angle_rad)
-            )
+            miss = world.miss_at(pose, request.target, request.angle_rad)
+            misses.setdefault(method, []).append(miss)
     return {method: np.array(values) for method, values in misses.items()}
+
+
+def _picture_of(request: Request, observations: Sequence[Observation]) -> Observation | None:
+    start, end = request.stamp_s - BEFORE_S, request.stamp_s + AFTER_S
+    return next((seen for seen in observations if start <= seen.stamp_s <= end), None)
+
+
+def _constant_wrist(recording: Recording) -> Recording:
+    """The touches that share the first one's orientation: what the special method asks for."""
+    first = recording.touches[0].base_from_wrist
+    same = [t for t in recording.touches if first.distance(t.base_from_wrist)[1] < SAME_WRIST_RAD]
+    return replace(recording, touches=tuple(same))

@@ -80,7 +80,7 @@ class Rehearsal:
         return Touch(name, pose, sigma, sigma, observation)
 
     def teach(
-        self, *, looks: int = 8, spins: int = 10, tilted: int = 4, points: int = 10
+        self, *, looks: int = 8, spins: int = 10, tilted: int = 6, points: int = 10
     ) -> Recording:
         """Record what the demo records."""
         layout, seed = self.world.layout, self.world.seed

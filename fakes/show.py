@@ -19,7 +19,7 @@ from fakes.world import World
 from vgrd.geometry import Array, Pose
 
 LOOKS, SPINS, FIXED_POINTS = 8, 10, 10
-TILTED_TOUCHES = 4
+TILTED_TOUCHES = 6
 
 
 @dataclass(slots=True)
