@@ -57,17 +57,11 @@ def fit_cad(points_in_object: Array, touches: TouchSet) -> CadFit:
         raise InputError(f"{len(touches)} touches need as many finite points, got {p.shape}")
     if len(touches) < 3:
         raise TooFewObservations(f"a CAD fit needs at least 3 touches, got {len(touches)}")
-    W = touches.base_whiteners()
-
-    def linearize(fit: Pose) -> tuple[Array, Array]:
-        q = fit @ p
-        J = np.concatenate([np.broadcast_to(np.eye(3), W.shape), -hat(q)], axis=2)
-        r = np.einsum("mij,mj->mi", W, q - touches.translations)
-        return r.ravel(), (W @ J).reshape(-1, 6)
-
     start = kabsch(p, touches.translations)
-    _require_rank(p, touches, start, linearize(start)[1])
-    minimum = minimize(linearize, lambda fit, step: Pose.exp(step) @ fit, start)
+    _require_rank(p, touches.measured(), start)
+    minimum = minimize(
+        lambda fit: _linearize(fit, p, touches), lambda fit, step: Pose.exp(step) @ fit, start
+    )
     require_convergence(minimum.report, "fit of the touches to the CAD points")
     return CadFit(
         base_from_object_flange=minimum.state,
@@ -77,13 +71,20 @@ def fit_cad(points_in_object: Array, touches: TouchSet) -> CadFit:
     )
 
 
-def _require_rank(p: Array, touches: TouchSet, fit: Pose, J: Array) -> None:
+def _linearize(fit: Pose, p: Array, touches: TouchSet) -> tuple[Array, Array]:
+    W = touches.base_whiteners()
+    q = fit @ p
+    J = np.concatenate([np.broadcast_to(np.eye(3), W.shape), -hat(q)], axis=2)
+    r = np.einsum("mij,mj->mi", W, q - touches.translations)
+    return r.ravel(), (W @ J).reshape(-1, 6)
+
+
+def _require_rank(p: Array, measured: TouchSet, fit: Pose) -> None:
     about_center = np.eye(6)
     about_center[:3, 3:] = hat(fit @ p.mean(axis=0))
-    lever = max(float(np.std(p - p.mean(axis=0), axis=0).max()), 1.0)
-    smallest = float(min(touches.lateral_sigma_mm.min(), touches.axial_sigma_mm.min()))
-    scales = np.array([1.0] * 3 + [1 / lever] * 3) * smallest
-    rank = observability(J @ about_center, scales, _TOLERANCE).rank
+    lever = max(float(np.std(p, axis=0).max()), 1.0)
+    scales = np.array([1.0] * 3 + [1 / lever] * 3)
+    rank = observability(_linearize(fit, p, measured)[1] @ about_center, scales, _TOLERANCE).rank
     if rank == 6:
         return
     spread = np.linalg.svd(p - p.mean(axis=0), compute_uv=False)

@@ -65,8 +65,8 @@ def find_rotation_center(
         rows = (W @ A).reshape(-1, 6)
         right = -np.einsum("nij,nj->ni", W, t).ravel()
         x, C = _solve_across(rows, right, free)
-    height = float(axis_tag @ x[:3])
-    x = x - height * free
+        to_tag = np.eye(6) - np.outer(free, np.concatenate([axis_tag, np.zeros(3)]))
+        x, C = to_tag @ x, to_tag @ C @ to_tag.T
     e = R @ x[:3] + t - x[3:]
     whitened = np.einsum("nij,nj->ni", W, e)
     if covariances is None:

@@ -35,11 +35,10 @@ def calibrate_fixed_point(touches: TouchSet) -> FixedPointResult:
     m = len(touches)
     if m < 3 or touches.equations() < 6:
         raise TooFewObservations(f"a TCP from one fixed point needs at least 3 touches, got {m}")
+    A = _rows(touches)
     B = touches.base_whiteners()
-    A = np.concatenate([B @ touches.rotations, -B], axis=2).reshape(-1, 6)
     b = -np.einsum("mij,mj->mi", B, touches.translations).ravel()
-    smallest = float(min(touches.lateral_sigma_mm.min(), touches.axial_sigma_mm.min()))
-    rank = observability(A, np.full(6, smallest), _TOLERANCE).rank
+    rank = observability(_rows(touches.measured()), np.ones(6), _TOLERANCE).rank
     if rank < 6:
         raise NotObservable(
             f"fixed point: {rank} of 6 unknowns are determined: "
@@ -55,3 +54,9 @@ def calibrate_fixed_point(touches: TouchSet) -> FixedPointResult:
         residuals_mm=touches.rotations @ x[:3] + touches.translations - x[3:],
         scores=outlier_scores((A @ x - b).reshape(-1, 3), A),
     )
+
+
+def _rows(touches: TouchSet) -> Array:
+    """Whitened derivative (3 m, 6) of `R_i p_T - p_f`."""
+    B = touches.base_whiteners()
+    return np.concatenate([B @ touches.rotations, -B], axis=2).reshape(-1, 6)

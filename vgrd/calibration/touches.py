@@ -62,6 +62,16 @@ class TouchSet:
         """The same for errors in the base frame: (m, 3, 3)."""
         return np.asarray(self.whiteners() @ np.swapaxes(self.rotations, 1, 2))
 
+    def measured(self) -> "TouchSet":
+        """The same touches, every measured direction with sigma 1 mm: what tells the rank."""
+        return TouchSet(
+            self.rotations,
+            self.translations,
+            self.axis_in_wrist,
+            np.where(np.isfinite(self.lateral_sigma_mm), 1.0, np.inf),
+            np.where(np.isfinite(self.axial_sigma_mm), 1.0, np.inf),
+        )
+
     def equations(self) -> int:
         """How many directions were measured."""
         finite = 2 * np.isfinite(self.lateral_sigma_mm) + np.isfinite(self.axial_sigma_mm)

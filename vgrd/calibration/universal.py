@@ -52,7 +52,7 @@ def calibrate_universal(problem: UniversalProblem) -> UniversalResult:
     """
     p = _checked(problem)
     touches = problem.touches
-    equations = _Equations(p, touches)
+    equations = Equations(p, touches)
     candidates = [equations.start(rotation) for rotation in rotation_candidates(p, touches)]
     minima = [minimize(equations.linearize, retract, start) for start in candidates]
     best: Minimum[State] = min(minima, key=lambda minimum: minimum.report.cost)
@@ -90,7 +90,7 @@ def _checked(problem: UniversalProblem) -> Array:
     return p
 
 
-class _Equations:
+class Equations:
     """Eq. 11-15, whitened."""
 
     def __init__(self, points_in_object: Array, touches: TouchSet) -> None:
@@ -128,13 +128,11 @@ class _Equations:
 
     def require_rank(self, state: State) -> None:
         """Raise NotObservable with the reason unless all 9 columns are independent."""
-        J = self.linearize(state)[1]
-        sigmas = np.concatenate([self._touches.lateral_sigma_mm, self._touches.axial_sigma_mm])
-        center = self._p.mean(axis=0)
+        J = Equations(self._p, self._touches.measured()).linearize(state)[1]
         about_center = np.eye(9)
-        about_center[:3, 3:6] = hat(center)
-        lever = max(float(np.std(self._p - center, axis=0).max()), 1.0)
-        scales = np.array([1.0] * 3 + [1 / lever] * 3 + [1.0] * 3) * float(sigmas.min())
+        about_center[:3, 3:6] = hat(self._p.mean(axis=0))
+        lever = max(float(np.std(self._p, axis=0).max()), 1.0)
+        scales = np.array([1.0] * 3 + [1 / lever] * 3 + [1.0] * 3)
         rank = observability(J @ about_center, scales, _TOLERANCE).rank
         if rank < 9:
             raise NotObservable(
