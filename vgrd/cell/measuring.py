@@ -12,7 +12,7 @@ import structlog
 from vgrd.cell.feeds import CameraFeed, HealthFeed, RobotFeed
 from vgrd.clock import Clock
 from vgrd.devices import CameraImage, FlangeReading, Pixels
-from vgrd.errors import DeviceUnavailable, NotSteady, ObservationError
+from vgrd.errors import DeviceUnavailable, InputError, NotSteady, ObservationError
 from vgrd.geometry import Pose
 from vgrd.model import CellFacts, Observation, TagObservation
 from vgrd.observing.stillness import RestLimits, rest_pose
@@ -89,6 +89,7 @@ class Measuring:
         self._eyes = ThreadPoolExecutor(1, thread_name_prefix="vision")
         self._evaluating_since_s: float | None = None
         self._evaluation: asyncio.Task[None] | None = None
+        self._unusable = ""
         self._last_tags: Mapping[int, TagObservation] = {}
         self._wishes: list[tuple[float, asyncio.Future[Sight]]] = []
         self._last_trigger_s = -self.period_s
@@ -120,7 +121,7 @@ class Measuring:
 
     def camera_trouble(self) -> str:
         """Why the camera cannot be relied on now; empty when it can."""
-        return self._device_words("camera")
+        return self._device_words("camera") or self._unusable
 
     async def rest(self) -> Pose:
         """Flange pose now, the arm given a moment to settle; raises NotSteady, TooOld."""
@@ -151,6 +152,9 @@ class Measuring:
         readings = self.robot.poll()
         for listener in self.on_readings if readings else ():
             listener(readings)
+        if self._evaluation is not None and self._evaluation.done():
+            self._evaluation.result()  # a fault in it is a fault of the loop: the gate starts us anew
+            self._evaluation = None
         image = self.camera.newest()
         if image is not None and self._evaluation is None:
             self._evaluating_since_s = now
@@ -177,9 +181,12 @@ class Measuring:
             )
             self._last_tags = tags
             await self._readings_until(image.stamp_s + self.limits.after_s)
+            self._unusable = ""
             self._announce(self._pair(image, tags))
+        except InputError as err:
+            self._unusable = str(err)
+            log.warning("picture_unusable", reason=self._unusable)
         finally:
-            self._evaluation = None
             self._evaluating_since_s = None
 
     async def _readings_until(self, stamp_s: float) -> None:
