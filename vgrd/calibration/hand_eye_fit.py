@@ -53,11 +53,18 @@ class HandEye:
         """Left perturbations of X and Y; intrinsics added; scale multiplied."""
         camera, scale = self.camera, self.scale
         if camera is not None and self.refines_camera:
-            camera = camera.with_intrinsics(camera.intrinsics() + step[12:18])
+            camera = camera.with_intrinsics(_moved_intrinsics(camera.intrinsics(), step[12:18]))
         if self.refines_scale:
             scale = scale * float(np.exp(step[-1]))
         X, Y = Pose.exp(step[:6]) @ self.X, Pose.exp(step[6:12]) @ self.Y
         return replace(self, X=X, Y=Y, camera=camera, scale=scale)
+
+
+def _moved_intrinsics(values: Array, step: Array) -> Array:
+    """Focal lengths stay positive whatever the step: they are multiplied, the rest is added."""
+    moved = values + step
+    moved[:2] = values[:2] * np.exp(np.clip(step[:2] / values[:2], -1, 1))
+    return moved
 
 
 class Rows:

@@ -18,12 +18,16 @@ _MIN_SIGMA_PX = 1e-3
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PointSample:
-    """One picture of a target with known points: points (n, 3) mm in the target, pixels (n, 2)."""
+    """One picture of a target with known points: points (n, 3) mm in the target, pixels (n, 2).
+
+    guess: camera_from_target near by, where it is known; it saves time when many fits are made.
+    """
 
     name: str
     base_from_wrist: Pose
     points_in_target: Array
     pixels: Array
+    guess: Pose | None = None
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -63,13 +67,10 @@ def calibrate_hand_eye_from_points(problem: PointHandEyeProblem) -> HandEyeResul
     Raises InputError (bad sample, named; one pose twice), TooFewObservations, NotObservable (names
     the missing motion) or DidNotConverge.
     """
-    own = [_own_pose(sample, problem.camera) for sample in problem.samples]
-    squares = sum(rms**2 * sample.pixels.size for sample, (_, rms) in _zip(problem, own))
-    freedom = sum(sample.pixels.size - 6 for sample in problem.samples)
-    sigma = problem.sigma_px or max(float(np.sqrt(squares / max(freedom, 1))), _MIN_SIGMA_PX)
+    guesses, sigma = _guesses(problem)
     samples = [
         Sample(sample.name, sample.base_from_wrist, pose, _PointRows(sample, pose, sigma))
-        for sample, (pose, _) in _zip(problem, own)
+        for sample, pose in zip(problem.samples, guesses, strict=True)
     ]
     fit = fit_hand_eye(
         problem.mount,
@@ -112,10 +113,17 @@ def _start(problem: PointHandEyeProblem) -> HandEye:
     )
 
 
-def _zip(
-    problem: PointHandEyeProblem, own: Sequence[tuple[Pose, float]]
-) -> list[tuple[PointSample, tuple[Pose, float]]]:
-    return list(zip(problem.samples, own, strict=True))
+def _guesses(problem: PointHandEyeProblem) -> tuple[list[Pose], float]:
+    """First camera_from_target of every sample, and sigma_px."""
+    known = [sample.guess for sample in problem.samples if sample.guess is not None]
+    if problem.sigma_px and len(known) == len(problem.samples):
+        return known, problem.sigma_px
+    own = [_own_pose(sample, problem.camera) for sample in problem.samples]
+    sizes = [sample.pixels.size for sample in problem.samples]
+    squares = sum(rms**2 * size for (_, rms), size in zip(own, sizes, strict=True))
+    freedom = max(sum(size - 6 for size in sizes), 1)
+    sigma = problem.sigma_px or max(float(np.sqrt(squares / freedom)), _MIN_SIGMA_PX)
+    return [pose for pose, _ in own], sigma
 
 
 def _own_pose(sample: PointSample, camera: CameraModel) -> tuple[Pose, float]:

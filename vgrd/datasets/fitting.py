@@ -17,6 +17,7 @@ from vgrd.calibration.hand_eye_points import (
     PointSample,
     calibrate_hand_eye_from_points,
 )
+from vgrd.errors import CalibrationError
 from vgrd.geometry import Array, Pose, hat
 from vgrd.geometry.camera import CameraModel
 from vgrd.geometry.point_pose import pose_from_points
@@ -57,6 +58,10 @@ class Fitter(ABC):
         """The size of the target, from all samples."""
 
     @abstractmethod
+    def refined_px(self, near: HandEyeResult) -> float:
+        """Reprojection error, px, if the intrinsics were refined; NaN where that cannot be."""
+
+    @abstractmethod
     def own_pose(self, index: int, camera: CameraModel | None) -> Pose:
         """camera_from_target of one sample by itself, seen through `camera`."""
 
@@ -71,10 +76,19 @@ class PointFitter(Fitter):
     def __init__(
         self, mount: Mount, camera: CameraModel, samples: Sequence[PointSample], *, refine: bool
     ) -> None:
+        guessed = [
+            replace(
+                sample,
+                guess=pose_from_points(
+                    sample.points_in_target, sample.pixels, camera
+                ).camera_from_target,
+            )
+            for sample in samples
+        ]
         self._problem = PointHandEyeProblem(
             mount,
             camera,
-            samples,
+            guessed,
             refine_intrinsics=refine,
             robot_sigma_mm=ARM_SIGMA_MM,
             robot_sigma_rad=ARM_SIGMA_RAD,
@@ -114,6 +128,15 @@ class PointFitter(Fitter):
             replace(self._problem, estimate_scale=True, start=near)
         )
         return TargetScale(result.target_scale, result.target_scale_sigma)
+
+    def refined_px(self, near: HandEyeResult) -> float:
+        """Reprojection error, px, if the intrinsics were refined; NaN where that cannot be."""
+        problem = replace(self._problem, refine_intrinsics=True, start=near, robust=False)
+        try:
+            result = calibrate_hand_eye_from_points(problem)
+        except CalibrationError:
+            return float("nan")
+        return float(np.sqrt(np.mean([sample.px**2 for sample in result.samples])))
 
     def own_pose(self, index: int, camera: CameraModel | None) -> Pose:
         """camera_from_target with the lowest reprojection error of this sample alone."""
@@ -171,6 +194,11 @@ class PoseFitter(Fitter):
         """The size of the target, from all samples."""
         result = calibrate_hand_eye(replace(self._problem, estimate_scale=True, start=near))
         return TargetScale(result.target_scale, result.target_scale_sigma)
+
+    def refined_px(self, near: HandEyeResult) -> float:
+        """NaN: poses hold no pixels."""
+        del near
+        return float("nan")
 
     def own_pose(self, index: int, camera: CameraModel | None) -> Pose:
         """camera_from_target as it was given."""

@@ -2,15 +2,16 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from itertools import combinations
 
 import numpy as np
 
 from vgrd.calibration.hand_eye import HandEyeResult
+from vgrd.calibration.hand_eye_fit import move_of
+from vgrd.calibration.hand_eye_start import park_martin
 from vgrd.datasets.fitting import TargetScale
 from vgrd.datasets.loading import Dataset
 from vgrd.errors import InputError
-from vgrd.geometry import Array, Pose
+from vgrd.geometry import Pose
 from vgrd.geometry.formats import RotationFormat, pose_from, value_count
 from vgrd.model import Finding, Mount, Verdict
 
@@ -24,8 +25,7 @@ _WEAK_DEG = 1.0
 _SCALE_SIGMAS = 3.0
 _SCALE_MATTERS = 1e-3
 _CLEARLY_BETTER = 0.6
-_CONVENTION_DEG = 2.0
-_CONVENTION_SURE = 0.25
+_SAME_READING_MM = 0.01
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,7 +43,7 @@ class Evidence:
     """All that the verdict looks at; misses: None where the others did not determine a fit.
 
     unseen, partly_seen: reasons by sample. refined_px: reprojection error with refined intrinsics
-    where they were not asked for. refit_mm: typical misfit under the other mount.
+    where they were not asked for.
     """
 
     dataset: Dataset
@@ -55,7 +55,6 @@ class Evidence:
     partly_seen: dict[str, str]
     scale: TargetScale
     refined_px: Callable[[], float]
-    refit_mm: Callable[[Mount], float]
 
 
 def judge(evidence: Evidence) -> Verdict:
@@ -111,7 +110,6 @@ def _contradiction(evidence: Evidence) -> list[Finding]:
     if mm < _CONTRADICTORY_MM and deg < _CONTRADICTORY_DEG and 2 * lost < len(evidence.names):
         return []
     hints = suspects(evidence.dataset, evidence.names, evidence.camera_from_target)
-    hints += mount_hint(evidence.dataset.mount, evidence.refit_mm)
     advice = " ".join(hints) or (
         "Check rotation format, unit, mount, and that poses and pictures belong together."
     )
@@ -125,47 +123,48 @@ def _contradiction(evidence: Evidence) -> list[Finding]:
 def suspects(
     dataset: Dataset, names: Sequence[str], camera_from_target: Sequence[Pose]
 ) -> list[str]:
-    """Rotation formats under which robot and target turn alike, when the given one does not fit.
-
-    Whatever the hand-eye pose is, wrist and target turn by the same angle between two samples.
-    """
+    """Other readings of the same numbers (rotation format, mount) under which the samples agree."""
     rows = {s.name: v for s, v in zip(dataset.samples, dataset.pose_values, strict=True)}
-    seen = _angles_deg([pose.rotation for pose in camera_from_target])
-    off: dict[RotationFormat, float] = {}
+    off: dict[tuple[RotationFormat, Mount], float] = {}
     for fmt in RotationFormat:
         if value_count(fmt) != value_count(dataset.rotation):
             continue
         try:
-            turned = [pose_from(rows[name], fmt, dataset.unit).rotation for name in names]
+            poses = [pose_from(rows[name], fmt, dataset.unit) for name in names]
         except InputError:
             continue
-        off[fmt] = float(np.median(np.abs(_angles_deg(turned) - seen)))
-    given = off[dataset.rotation]
-    better = [fmt for fmt, deg in off.items() if deg < _CONVENTION_SURE * given]
-    if given < _CONVENTION_DEG or not better:
+        for mount in Mount:
+            off[fmt, mount] = _closed_form_mm(mount, poses, camera_from_target)
+    best = min(off.values())
+    if not best < min(_CONTRADICTORY_MM, _CLEARLY_BETTER * off[dataset.rotation, dataset.mount]):
         return []
-    best = min(better, key=lambda fmt: off[fmt])
+    alike = [reading for reading, mm in off.items() if mm < best + _SAME_READING_MM]
+    formats = " or ".join(dict.fromkeys(str(fmt) for fmt, _ in alike))
+    mounts = " or ".join(dict.fromkeys(str(mount) for _, mount in alike))
     return [
-        f"poses.rotation: read as {dataset.rotation}, robot and target turn by angles that differ "
-        f"by {given:.1f} deg; read as {best} by {off[best]:.2f} deg: is it {best}?"
+        f"Read as rotation = {formats}, mount = {mounts}, the samples agree to {best:.1f} mm: is "
+        "that meant? (The other mount also fits poses that were written inverted.)"
     ]
 
 
-def mount_hint(mount: Mount, refit_mm: Callable[[Mount], float]) -> list[str]:
-    """The other mount, when the samples agree under it."""
-    other = Mount.EYE_IN_HAND if mount is Mount.EYE_TO_HAND else Mount.EYE_TO_HAND
-    mm = refit_mm(other)
-    if not mm < _CONTRADICTORY_MM:
-        return []
-    return [
-        f"mount: as {other} the samples agree to {mm:.1f} mm: is mount = '{other}' meant, or are "
-        "the poses base in flange instead of flange in base?"
-    ]
-
-
-def _angles_deg(rotations: Sequence[Array]) -> Array:
-    cosines = [(np.trace(a.T @ b) - 1) / 2 for a, b in combinations(rotations, 2)]
-    return np.asarray(np.degrees(np.arccos(np.clip(cosines, -1, 1))))
+def _closed_form_mm(
+    mount: Mount, base_from_wrist: Sequence[Pose], camera_from_target: Sequence[Pose]
+) -> float:
+    """Typical misfit of the closed form, mm."""
+    moves = [move_of(mount, pose) for pose in base_from_wrist]
+    try:
+        X, Y = park_martin(moves, camera_from_target)
+    except (InputError, np.linalg.LinAlgError):
+        return float("inf")
+    camera_from_mount = X.inverse()
+    return float(
+        np.median(
+            [
+                (camera_from_mount @ move @ Y).distance(seen)[0]
+                for move, seen in zip(moves, camera_from_target, strict=True)
+            ]
+        )
+    )
 
 
 def _weakness(evidence: Evidence) -> list[Finding]:

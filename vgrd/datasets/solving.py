@@ -1,7 +1,7 @@
 """Dataset in, solution out: detect, fit, leave each sample out once, judge."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 
 import cv2
@@ -81,8 +81,7 @@ def solve_dataset(path: Path, progress: Progress | None = None) -> DatasetSoluti
         unseen=found.unseen,
         partly_seen=_partly_seen(found),
         scale=fitter.scale(result),
-        refined_px=lambda: _typical(replace(dataset, refine=True), found, "px"),
-        refit_mm=lambda mount: _typical(replace(dataset, mount=mount), found, "mm"),
+        refined_px=lambda: fitter.refined_px(result),
     )
     solution = DatasetSolution(
         mount=dataset.mount,
@@ -197,16 +196,6 @@ def _partly_seen(found: Found) -> dict[str, str]:
         for sample, seen in zip(found.samples, found.seen, strict=True)
         if isinstance(seen, BoardObservation) and len(seen.pixels) < _PARTLY * seen.total
     }
-
-
-def _typical(dataset: Dataset, found: Found, unit: str) -> float:
-    """Typical misfit ("px" or "mm") of the samples under other assumptions; NaN without a fit."""
-    try:
-        result = _fitter(dataset, found).match_noise()
-    except CalibrationError:
-        return float("nan")
-    values = [sample.px if unit == "px" else sample.mm for sample in result.samples]
-    return float(np.sqrt(np.mean(np.square(values)))) if unit == "px" else float(np.median(values))
 
 
 def _reports(evidence: Evidence) -> tuple[SampleReport, ...]:

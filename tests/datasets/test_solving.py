@@ -1,0 +1,269 @@
+"""Datasets with known truth, solved."""
+
+import math
+
+import cv2
+import numpy as np
+import pytest
+
+from vgrd.datasets import solve_dataset
+from vgrd.errors import CalibrationError, ConfigError, NotObservable, TooFewObservations
+from vgrd.geometry import Pose
+from vgrd.geometry.camera import CameraModel
+from vgrd.geometry.formats import RotationFormat
+from vgrd.model import Mount
+
+MOUNTS = pytest.mark.parametrize("mount", list(Mount))
+KEYS = {
+    Mount.EYE_TO_HAND: ("base_from_camera", "wrist_from_target"),
+    Mount.EYE_IN_HAND: ("wrist_from_camera", "base_from_target"),
+}
+
+
+def off(result, recording):
+    """(mm, rad) that the two transforms of the JSON miss the truth by, the worse of both."""
+    truth = zip(KEYS[recording.mount], (recording.X, recording.Y), strict=True)
+    misses = [Pose.from_matrix(result[key]).distance(pose) for key, pose in truth]
+    return max(mm for mm, _ in misses), max(rad for _, rad in misses)
+
+
+def codes(solution):
+    return [finding.code for finding in solution.verdict.findings]
+
+
+@MOUNTS
+def test_exact_points_give_the_true_transforms(tmp_path, make_recording, plain, mount):
+    recording = make_recording(mount)
+    result = plain(solve_dataset(recording.write_points(tmp_path)))
+    mm, rad = off(result, recording)
+    assert mm < 1e-3
+    assert rad < 1e-6
+    assert result["verdict"] == {"ok": True, "findings": []}
+    assert result["leave_one_out"]["mm"] < 1e-3
+    assert result["target_scale"]["value"] == pytest.approx(1, abs=1e-5)
+
+
+@MOUNTS
+@pytest.mark.parametrize("unit", ["m", "mm"])
+def test_exact_matrices_give_the_true_transforms(tmp_path, make_recording, plain, mount, unit):
+    recording = make_recording(mount)
+    result = plain(solve_dataset(recording.write_matrices(tmp_path, unit=unit)))
+    mm, rad = off(result, recording)
+    assert mm < 1e-3
+    assert rad < 1e-6
+    assert result["leave_one_out"]["px"] is None
+    assert result["intrinsics"] is None
+    assert result["target_scale"]["value"] == pytest.approx(1, abs=1e-5)
+
+
+@pytest.mark.parametrize(
+    "rotation", [RotationFormat.ROTVEC, RotationFormat.KUKA_ABC_DEG, RotationFormat.FANUC_WPR_DEG]
+)
+def test_poses_are_read_in_any_rotation_format(tmp_path, recording, plain, rotation):
+    path = recording.write_matrices(tmp_path, rotation=rotation)
+    assert off(plain(solve_dataset(path)), recording)[0] < 1e-3
+
+
+def test_the_json_holds_exactly_the_promised_keys(tmp_path, recording, plain):
+    result = plain(solve_dataset(recording.write_points(tmp_path)))
+    assert set(result) == {
+        "mount",
+        "base_from_camera",
+        "wrist_from_target",
+        "leave_one_out",
+        "samples",
+        "target_scale",
+        "intrinsics",
+        "verdict",
+    }
+    assert set(result["leave_one_out"]) == {"deg", "mm", "px"}
+    assert set(result["samples"][0]) == {"name", "used", "reason", "px", "deg", "mm"}
+    assert np.shape(result["base_from_camera"]) == (4, 4)
+
+
+def test_pixel_noise_shows_in_leave_one_out_as_large_as_it_is(tmp_path, recording, plain):
+    path = recording.write_points(tmp_path, pixels=recording.pixels(sigma_px=0.3))
+    result = plain(solve_dataset(path))
+    assert off(result, recording)[0] < 1.0
+    assert 0.3 < result["leave_one_out"]["px"] < 0.9
+    assert 0.05 < result["leave_one_out"]["mm"] < 1.0
+
+
+def test_refining_finds_the_true_intrinsics(tmp_path, make_recording, plain):
+    true = CameraModel(
+        np.array([[1420.0, 0, 640], [0, 1425.0, 478], [0, 0, 1]]), [-0.1, 0.05, 0, 0], (1260, 940)
+    )
+    recording = make_recording(count=10, camera=true)
+    path = recording.write_points(tmp_path, pixels=recording.pixels(sigma_px=0.05), refine=True)
+    result = plain(solve_dataset(path))
+    assert result["intrinsics"]["refined"]
+    assert result["intrinsics"]["matrix"] == pytest.approx([1420, 1425, 640, 478], abs=3)
+    assert result["intrinsics"]["distortion"][0] == pytest.approx(-0.1, abs=0.02)
+    assert off(result, recording)[0] < 2.0
+
+
+def test_wrong_intrinsics_are_named_where_they_were_not_to_be_refined(tmp_path, make_recording):
+    true = CameraModel(
+        np.array([[1420.0, 0, 640], [0, 1425.0, 478], [0, 0, 1]]), [-0.1, 0.05, 0, 0], (1260, 940)
+    )
+    recording = make_recording(count=10, camera=true)
+    path = recording.write_points(tmp_path, pixels=recording.pixels(sigma_px=0.05))
+    assert "intrinsics_doubtful" in codes(solve_dataset(path))
+
+
+@pytest.mark.parametrize("kind", ["points", "matrices"])
+def test_a_target_of_the_wrong_size_is_measured_by_the_robot(tmp_path, recording, kind):
+    if kind == "points":
+        path = recording.write_points(tmp_path, pixels=recording.pixels(scale=1.01))
+    else:
+        recording.seen = [Pose(p.rotation, p.translation / 1.01) for p in recording.seen]
+        path = recording.write_matrices(tmp_path)
+    solution = solve_dataset(path)
+    assert solution.target_scale.value == pytest.approx(1.01, abs=2e-3)
+    assert "target_size" in codes(solution)
+
+
+@pytest.mark.parametrize("kind", ["points", "matrices"])
+def test_a_sample_paired_with_a_wrong_pose_is_left_out_and_named(
+    tmp_path, make_recording, plain, kind
+):
+    recording = make_recording(count=12)
+    recording.robot[4] = Pose.from_rotvec([0.1, 0.2, 0], [30, 40, 10]) @ recording.robot[4]
+    write = recording.write_points if kind == "points" else recording.write_matrices
+    solution = solve_dataset(write(tmp_path))
+    result = plain(solution)
+    assert [sample["name"] for sample in result["samples"] if not sample["used"]] == ["4"]
+    assert "off" in result["samples"][4]["reason"]
+    assert result["samples"][4]["mm"] > 20
+    assert result["leave_one_out"]["mm"] > 20 / 12
+    assert "sample_rejected" in codes(solution)
+    assert off(result, recording)[0] < 0.5
+
+
+def hints(path):
+    """What the user reads, whether a solution came out or not."""
+    try:
+        solution = solve_dataset(path)
+    except CalibrationError as error:
+        return str(error)
+    assert not solution.verdict.ok
+    return " ".join(finding.message for finding in solution.verdict.findings)
+
+
+def test_a_wrong_rotation_format_is_recognised_and_the_right_one_named(tmp_path, recording):
+    path = recording.write_points(tmp_path, rotation=RotationFormat.KUKA_ABC_DEG)
+    path.write_text(path.read_text().replace("kuka-abc-deg", "fanuc-wpr-deg"))
+    assert "rotation = kuka-abc-deg or epson-uvw-deg, mount = eye-to-hand" in hints(path)
+
+
+def test_a_wrong_mount_is_recognised(tmp_path, recording):
+    path = recording.write_points(tmp_path, mount=Mount.EYE_IN_HAND)
+    assert "rotation = quaternion-xyzw, mount = eye-to-hand, the samples agree" in hints(path)
+
+
+def test_a_wrist_that_never_turns_is_refused_with_the_missing_motion(tmp_path, recording):
+    recording.robot = [Pose(recording.robot[0].rotation, p.translation) for p in recording.robot]
+    with pytest.raises(NotObservable, match="turn it by"):
+        solve_dataset(recording.write_matrices(tmp_path))
+
+
+def test_three_samples_give_no_leave_one_out_and_say_so(tmp_path, make_recording, plain):
+    solution = solve_dataset(make_recording(count=3).write_points(tmp_path))
+    assert plain(solution)["leave_one_out"] == {"deg": None, "mm": None, "px": None}
+    assert "no_leave_one_out" in codes(solution)
+
+
+def test_progress_counts_up_to_the_end(tmp_path, recording):
+    calls = []
+    solve_dataset(recording.write_matrices(tmp_path), lambda *call: calls.append(call))
+    assert calls[0][0] == 0
+    assert calls[-1][0] == calls[-1][1]
+    assert calls == sorted(calls)
+
+
+def test_the_summary_names_units(tmp_path, recording):
+    rows = dict(solve_dataset(recording.write_points(tmp_path)).summary_rows())
+    assert "deg" in rows["leave-one-out"]
+    assert "mm" in rows["leave-one-out"]
+    assert rows["samples"] == "8 of 8 used"
+
+
+CHARUCO = (
+    "[target]",
+    'type = "charuco"',
+    "columns = 6",
+    "rows = 5",
+    "square_mm = 25.0",
+    "marker_mm = 18.0",
+    'dictionary = "5x5_100"',
+)
+
+
+def picture(recording, camera_from_target, px_per_mm=8):
+    """The board as the camera sees it; the drawing's (0, 0) pixel corner is the target's origin."""
+    board = cv2.aruco.CharucoBoard(
+        (6, 5), 25.0, 18.0, cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_5X5_100)
+    )
+    margin = 20 * px_per_mm
+    drawing = cv2.copyMakeBorder(
+        board.generateImage((150 * px_per_mm, 125 * px_per_mm)),
+        *[margin] * 4,
+        cv2.BORDER_CONSTANT,
+        value=255,
+    )
+    shift = (0.5 - margin - 0.5) / px_per_mm
+    mm_from_drawing = np.array(
+        [
+            [1 / px_per_mm, 0, shift + 0.5 / px_per_mm],
+            [0, 1 / px_per_mm, shift + 0.5 / px_per_mm],
+            [0, 0, 1],
+        ]
+    )
+    plane = np.column_stack([camera_from_target.rotation[:, :2], camera_from_target.translation])
+    homography = recording.camera.matrix @ plane @ mm_from_drawing
+    seen = cv2.warpPerspective(
+        drawing, homography, (1260, 940), flags=cv2.INTER_AREA, borderValue=170
+    )
+    return cv2.GaussianBlur(seen, (0, 0), 0.7)
+
+
+def test_pictures_give_the_true_transforms_and_an_empty_one_is_named(tmp_path, recording, plain):
+    for number, pose in enumerate(recording.seen):
+        cv2.imwrite(str(tmp_path / f"{number}.png"), picture(recording, pose))
+    cv2.imwrite(str(tmp_path / "2.png"), np.full((940, 1260), 120, np.uint8))
+    lines = [f'image = "{number}.png"' for number in range(recording.count)]
+    result = plain(solve_dataset(recording.write(tmp_path, lines, target=CHARUCO)))
+    assert off(result, recording)[0] < 1.0
+    assert [s["name"] for s in result["samples"] if not s["used"]] == ["2"]
+    assert "0 of 20 corners" in result["samples"][2]["reason"]
+    assert result["samples"][2]["mm"] is None
+    assert result["verdict"]["findings"][0]["code"] == "target_not_seen"
+
+
+def test_pictures_that_cannot_be_read_are_all_named(tmp_path, recording):
+    for number in range(recording.count):
+        (tmp_path / f"{number}.png").write_bytes(b"no picture")
+    lines = [f'image = "{number}.png"' for number in range(recording.count)]
+    path = recording.write(tmp_path, lines, target=CHARUCO)
+    with pytest.raises(ConfigError) as caught:
+        solve_dataset(path)
+    assert len(caught.value.faults) == recording.count
+
+
+def test_a_target_seen_too_rarely_is_refused_with_all_reasons(tmp_path, recording):
+    for number in range(recording.count):
+        cv2.imwrite(str(tmp_path / f"{number}.png"), np.full((94, 126), 120, np.uint8))
+    lines = [f'image = "{number}.png"' for number in range(recording.count)]
+    path = recording.write(tmp_path, lines, target=CHARUCO)
+    with pytest.raises(TooFewObservations, match=r"seen in 0 of 8 samples.*7: no usable"):
+        solve_dataset(path)
+
+
+def test_points_on_a_line_leave_their_sample_out(tmp_path, recording, plain):
+    path = recording.write_points(tmp_path)
+    lines = (tmp_path / "5.csv").read_text().splitlines()
+    (tmp_path / "5.csv").write_text("\n".join(lines[:7]) + "\n")
+    sample = plain(solve_dataset(path))["samples"][5]
+    assert not sample["used"]
+    assert "one line" in sample["reason"]
+    assert math.isfinite(plain(solve_dataset(path))["leave_one_out"]["mm"])
