@@ -31,9 +31,13 @@ class CellSection(Section):
     """Who this is and where files go; relative paths count from the cell file's folder."""
 
     name: Name
-    state_dir: str = ""
-    runtime_dir: str = ""
-    simulation: bool = False
+    state_dir: str = Field(
+        default="", description="sessions and calibrations; $STATE_DIRECTORY, /var/lib/vgrd"
+    )
+    runtime_dir: str = Field(
+        default="", description="rings and socket; $RUNTIME_DIRECTORY, /run/vgrd"
+    )
+    simulation: bool = Field(default=False, description="tells the robot so (STATE bit 15)")
 
 
 class RobotSection(Section):
@@ -41,7 +45,9 @@ class RobotSection(Section):
 
     driver: str
     id: str = ""
-    sigma_mm: Positive = 0.1
+    sigma_mm: Positive = Field(
+        default=0.1, description="what its absolute position is good for, 1 sigma"
+    )
     settings: dict[str, Any] = {}
 
 
@@ -51,7 +57,9 @@ class CameraSection(Section):
     driver: str
     id: str = ""
     mount: Literal["eye-to-hand", "eye-in-hand"] = "eye-to-hand"
-    rate_hz: Annotated[float, Field(gt=0, le=60)] = 2.0
+    rate_hz: float = Field(
+        default=2.0, gt=0, le=60, description="pictures taken unasked, to watch the cell"
+    )
     bits: Literal[8, 16] = 8
     matrix: Annotated[list[float], Field(min_length=4, max_length=4)]
     distortion: Annotated[list[float], Field(max_length=8)] = []
@@ -100,8 +108,11 @@ class ToolSection(Section):
     """The tool: direction out of its tip in the flange frame, offset from touching to working tip."""
 
     name: str = "tool"
-    axis: Vector = [0.0, 0.0, 1.0]
-    work_offset_mm: Vector = [0.0, 0.0, 0.0]
+    axis: Vector = Field(default=[0.0, 0.0, 1.0], description="out of the tip, flange frame")
+    work_offset_mm: Vector = Field(
+        default=[0.0, 0.0, 0.0],
+        description="from the tip that touches to the tip that works, flange frame",
+    )
 
     @model_validator(mode="after")
     def _direction(self) -> Self:
@@ -116,15 +127,20 @@ class TargetSection(Section):
 
     id: Annotated[int, Field(ge=1, le=65535)]
     name: Name
-    point_mm: Vector
-    work_rotvec_deg: Vector | None = None
+    point_mm: Vector = Field(description="CAD coordinates")
+    work_rotvec_deg: Vector | None = Field(
+        default=None,
+        description="wrist orientation for the work, object as taught; none: as touched",
+    )
 
 
 class ObjectSection(Section):
     """The object: how it moves, its centre of rotation in CAD, its targets."""
 
     motion: Literal["turntable", "planar", "free"] = "turntable"
-    center_mm: Vector | None = None
+    center_mm: Vector | None = Field(
+        default=None, description="a point of the turntable's axis, CAD"
+    )
     targets: Annotated[list[TargetSection], Field(min_length=1)]
 
     @model_validator(mode="after")
@@ -148,17 +164,33 @@ class TouchSection(Section):
 class ServingSection(Section):
     """The registers: where, for whom, and what an answer must satisfy."""
 
-    host: str = "127.0.0.1"
-    port: Annotated[int, Field(ge=1, le=65535)] = 502
-    allow: Annotated[list[str], Field(min_length=1)] = ["127.0.0.1"]
-    policy: Literal["fixed", "follow"] = "fixed"
-    max_age_s: Annotated[float, Field(gt=0, le=60)] = 3.0
-    deadline_s: Annotated[float, Field(ge=0.05, le=1.0)] = 0.25
-    timeout_s: Annotated[float, Field(gt=0, le=60)] = 2.0
-    max_u95_mm: Positive = 1.0
-    warn_u95_mm: Positive = 0.5
-    moved_mm: Positive = 0.3
-    drift_mm: Positive = 1.5
+    host: str = Field(default="127.0.0.1", description="address to listen at, one of this machine")
+    port: int = Field(default=502, ge=1, le=65535)
+    allow: list[str] = Field(
+        default=["127.0.0.1"], min_length=1, description="robots that may connect"
+    )
+    policy: Literal["fixed", "follow"] = Field(
+        default="fixed", description="how the wrist will stand"
+    )
+    max_age_s: float = Field(
+        default=3.0, gt=0, le=60, description="an answer expires this long after its picture"
+    )
+    deadline_s: float = Field(
+        default=0.25, ge=0.05, le=1.0, description="a silent cell process is lost after this"
+    )
+    timeout_s: float = Field(
+        default=2.0, gt=0, le=60, description="a request without an answer ends with 106"
+    )
+    max_u95_mm: Positive = Field(
+        default=1.0, description="less certain answers are refused with 504"
+    )
+    warn_u95_mm: Positive = Field(default=0.5, description="less certain answers are OK_DEGRADED")
+    moved_mm: Positive = Field(
+        default=0.3, description="an object that moves farther ends the answer with 206"
+    )
+    drift_mm: Positive = Field(
+        default=1.5, description="tag A farther off than this, three times: 503"
+    )
 
 
 class CellConfig(Section):

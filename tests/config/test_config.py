@@ -8,6 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from vgrd.config import CellConfig, load_config
+from vgrd.config_document import document
 from vgrd.errors import ConfigError
 
 GOOD = """
@@ -150,3 +151,15 @@ def test_the_model_covers_every_section_with_a_docstring() -> None:
         for field in CellConfig.model_fields.values()
         if field.annotation is not None
     )
+
+
+ROOT = Path(__file__).parents[2]
+
+
+def test_the_documentation_of_the_cell_file_is_up_to_date() -> None:
+    page = (ROOT / "docs" / "cell-file.md").read_text(encoding="utf-8")
+    assert page == document(), "run: python -m vgrd.config_document docs/cell-file.md"
+
+
+def test_the_example_is_good() -> None:
+    load_config(ROOT / "config" / "cell.example.toml")
