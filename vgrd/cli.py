@@ -22,6 +22,7 @@ from vgrd.ipc.control import ControlClient
 
 SAMPLE_TIMEOUT_S = 15.0
 SOLVE_TIMEOUT_S = 300.0
+SOCKET_FOLDER_BYTES = 90
 
 app = typer.Typer(
     no_args_is_help=True,
@@ -148,6 +149,11 @@ def run(config: Annotated[Path, typer.Argument(help="The cell file.")]) -> None:
 
 
 def _runtime_folder(path: Path) -> Path:
+    if len(bytes(path)) > SOCKET_FOLDER_BYTES:
+        raise InputError(
+            f"runtime folder {path}: too long for a Unix socket in it (more than "
+            f"{SOCKET_FOLDER_BYTES} bytes); set [cell] runtime_dir to a shorter path"
+        )
     try:
         path.mkdir(parents=True, exist_ok=True)
     except OSError as err:

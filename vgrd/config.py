@@ -56,7 +56,7 @@ class CameraSection(Section):
 
     driver: str
     id: str = ""
-    mount: Literal["eye-to-hand", "eye-in-hand"] = "eye-to-hand"
+    mount: Literal["eye-to-hand"] = "eye-to-hand"
     rate_hz: float = Field(
         default=2.0, gt=0, le=60, description="pictures taken unasked, to watch the cell"
     )

@@ -14,8 +14,8 @@ _INTRODUCTION = """\
 
 Generated from `vgrd/config.py` by `python -m vgrd.config_document docs/cell-file.md`.
 
-TOML; units are part of the keys; an unknown key is an error. `vgrd check CELL.toml` tells all faults at once. An example
-is `config/cell.example.toml`. Settings of a driver are described in its module in `drivers/`.
+TOML; units are part of the keys; an unknown key is an error. `vgrd check CELL.toml` tells all faults
+at once. An example is `config/cell.example.toml`. Settings of a driver are described in its module.
 """
 
 
