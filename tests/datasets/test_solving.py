@@ -7,12 +7,15 @@ import numpy as np
 import pytest
 
 from vgrd.datasets import solve_dataset
+from vgrd.datasets.half_turns import turn_alike
 from vgrd.errors import CalibrationError, ConfigError, NotObservable, TooFewObservations
 from vgrd.geometry import Pose
 from vgrd.geometry.camera import CameraModel
 from vgrd.geometry.formats import RotationFormat
 from vgrd.model import Mount
+from vgrd.vision.boards import BoardObservation
 
+GRID = np.array([(25.0 * x, 25.0 * y, 0.0) for y in range(5) for x in range(6)])
 MOUNTS = pytest.mark.parametrize("mount", list(Mount))
 KEYS = {
     Mount.EYE_TO_HAND: ("base_from_camera", "wrist_from_target"),
@@ -267,3 +270,52 @@ def test_points_on_a_line_leave_their_sample_out(tmp_path, recording, plain):
     assert not sample["used"]
     assert "one line" in sample["reason"]
     assert math.isfinite(plain(solve_dataset(path))["leave_one_out"]["mm"])
+
+
+CIRCLES = ("[target]", 'type = "circles"', "columns = 6", "rows = 5", "spacing_mm = 25.0")
+
+
+def circles(camera, camera_from_target):
+    """Picture of dark discs of 8 mm radius."""
+    picture = np.full((940, 1260), 235, np.uint8)
+    rim = 8 * np.array([[np.cos(a), np.sin(a), 0] for a in np.linspace(0, 2 * np.pi, 60)])
+    for centre in GRID:
+        outline = np.round(camera.project(camera_from_target @ (centre + rim)) * 256)
+        cv2.fillPoly(picture, [outline.astype(np.int32)], 20, cv2.LINE_AA, shift=8)
+    return cv2.GaussianBlur(picture, (0, 0), 0.8)
+
+
+def test_pictures_of_a_circle_grid_give_the_true_transforms(tmp_path, recording, plain):
+    for number, pose in enumerate(recording.seen):
+        cv2.imwrite(str(tmp_path / f"{number}.png"), circles(recording.camera, pose))
+    lines = [f'image = "{number}.png"' for number in range(recording.count)]
+    result = plain(solve_dataset(recording.write(tmp_path, lines, target=CIRCLES)))
+    assert Pose.from_matrix(result["base_from_camera"]).distance(recording.X)[0] < 1.0
+
+
+def test_a_grid_without_direction_is_turned_as_the_robot_says(make_recording):
+    recording = make_recording(count=12)
+    reversed_ones = np.random.default_rng(1).random(12) < 0.5
+    seen = [
+        BoardObservation(GRID, uv[::-1] if turned else uv, len(GRID))
+        for uv, turned in zip(recording.pixels(), reversed_ones, strict=True)
+    ]
+    turned = turn_alike(recording.robot, seen, recording.camera)
+    alike = [
+        np.array_equal(board.pixels, uv)
+        for board, uv in zip(turned, recording.pixels(), strict=True)
+    ]
+    assert 0 < reversed_ones.sum() < 12
+    assert all(alike) or not any(alike)
+
+
+def test_a_single_tag_is_enough(tmp_path, make_recording, plain):
+    recording = make_recording(count=12)
+    corners = np.array([(0, 0, 0), (60, 0, 0), (60, 60, 0), (0, 60, 0)], dtype=float)
+    rng = np.random.default_rng(0)
+    pixels = [
+        recording.camera.project(pose @ corners) + rng.normal(0, 0.05, (4, 2))
+        for pose in recording.seen
+    ]
+    path = recording.write_points(tmp_path, pixels=pixels, points=corners)
+    assert off(plain(solve_dataset(path)), recording)[0] < 2.0

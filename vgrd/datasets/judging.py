@@ -58,12 +58,14 @@ class Evidence:
 
 
 def judge(evidence: Evidence) -> Verdict:
-    """All findings, worst first."""
-    findings = [
-        *_contradiction(evidence),
+    """All findings, worst first; camera and target are not judged by contradictory samples."""
+    general = _contradiction(evidence) or [
         *_weakness(evidence),
         *_camera(evidence),
         *_size(evidence),
+    ]
+    findings = [
+        *general,
         *(Finding("target_not_seen", f"sample {n}: {r}") for n, r in evidence.unseen.items()),
         *(
             Finding("sample_rejected", f"sample {sample.name}: left out, {sample.reason}")

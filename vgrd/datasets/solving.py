@@ -10,13 +10,14 @@ import numpy as np
 from vgrd.calibration.hand_eye import HandEyeResult
 from vgrd.calibration.hand_eye_points import PointSample
 from vgrd.datasets.fitting import Fitter, PointFitter, PoseFitter
+from vgrd.datasets.half_turns import turn_alike
 from vgrd.datasets.judging import Evidence, Miss, doubtful, judge, suspects
 from vgrd.datasets.loading import MIN_SAMPLES, Dataset, DatasetSample, load_dataset
 from vgrd.datasets.solution import DatasetSolution, LeaveOneOut, SampleReport
 from vgrd.errors import CalibrationError, ConfigError, InputError, TagNotSeen, TooFewObservations
 from vgrd.geometry import Pose
 from vgrd.geometry.point_pose import checked_points
-from vgrd.vision.boards import BoardObservation, TargetSpec, detect_board
+from vgrd.vision.boards import BoardObservation, TargetSpec, detect_board, has_direction
 
 Progress = Callable[[int, int], None]
 
@@ -146,10 +147,12 @@ def _fitter(dataset: Dataset, found: Found) -> Fitter:
             dataset.mount,
             [(s.name, s.base_from_wrist, seen) for s, seen in pairs if isinstance(seen, Pose)],
         )
+    boards = [seen for _, seen in pairs if isinstance(seen, BoardObservation)]
+    if dataset.target is not None and not has_direction(dataset.target):
+        boards = turn_alike([s.base_from_wrist for s, _ in pairs], boards, dataset.camera)
     points = [
-        PointSample(s.name, s.base_from_wrist, seen.points_in_target, seen.pixels)
-        for s, seen in pairs
-        if isinstance(seen, BoardObservation)
+        PointSample(s.name, s.base_from_wrist, board.points_in_target, board.pixels)
+        for (s, _), board in zip(pairs, boards, strict=True)
     ]
     return PointFitter(dataset.mount, dataset.camera, points, refine=dataset.refine)
 

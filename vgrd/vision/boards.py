@@ -109,6 +109,17 @@ class SingleTag:
 TargetSpec = Charuco | Chessboard | CircleGrid | SingleTag
 
 
+def has_direction(target: TargetSpec) -> bool:
+    """Whether a half turn changes the target's looks; otherwise its points may come reversed."""
+    match target:
+        case Chessboard():
+            return (target.columns + target.rows) % 2 == 1
+        case CircleGrid():
+            return target.asymmetric and target.rows % 2 == 1
+        case _:
+            return True
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class BoardObservation:
     """Points found: points_in_target (n, 3) mm, pixels (n, 2); the target has `total` of them."""
@@ -202,7 +213,7 @@ def _detect_chessboard(image: Grey, target: Chessboard) -> BoardObservation:
         )
     points = _grid(*size) * target.square_mm
     pixels = np.asarray(corners, dtype=np.float64).reshape(-1, 2)
-    if (target.columns + target.rows) % 2 and not _first_square_is_dark(image, pixels, size):
+    if has_direction(target) and not _first_square_is_dark(image, pixels, size):
         pixels = pixels[::-1]
     return _observation(points, pixels, len(points))
 
@@ -227,13 +238,13 @@ def _detect_circles(image: Grey, target: CircleGrid) -> BoardObservation:
     parameters = cv2.SimpleBlobDetector.Params()
     parameters.minArea = 20
     parameters.maxArea = image.size / len(indices)
-    ok, centres = cv2.findCirclesGrid(
-        image,
-        (target.columns, target.rows),
-        flags=layout,
-        blobDetector=cv2.SimpleBlobDetector.create(parameters),
-    )
-    if not ok:
+    blobs = cv2.SimpleBlobDetector.create(parameters)
+    for flags in (layout, layout | cv2.CALIB_CB_CLUSTERING):
+        size = (target.columns, target.rows)
+        ok, centres = cv2.findCirclesGrid(image, size, flags=flags, blobDetector=blobs)
+        if ok:
+            break
+    else:
         kind = "asymmetric" if target.asymmetric else "symmetric"
         raise TagNotSeen(
             f"no {kind} grid of {target.columns} x {target.rows} dark circles found; the whole grid "
