@@ -5,6 +5,7 @@ import contextlib
 import socket
 import threading
 import time
+from collections.abc import Callable
 from pathlib import Path
 from typing import Self
 
@@ -45,6 +46,8 @@ class FakeCell:
         self._ready = threading.Event()
         self._error: BaseException | None = None
         self._resources = contextlib.ExitStack()
+        self._camera: FakeProcess | None = None
+        self._controller: RtdeServer | None = None
 
     def __enter__(self) -> Self:
         self.folder.mkdir(parents=True, exist_ok=True)
@@ -65,13 +68,34 @@ class FakeCell:
     def __exit__(self, *_: object) -> None:
         self._resources.close()
 
+    def disturb(self, act: Callable[[RtdeServer], None]) -> None:
+        """Let `act` do something to the controller (faults, drop), in its own loop; wait until it is done."""
+
+        async def perform() -> None:
+            if self._controller is not None:
+                act(self._controller)
+
+        asyncio.run_coroutine_threadsafe(perform(), self._loop).result(timeout=5.0)
+
+    def unplug_camera(self) -> None:
+        """Take the camera off the network; LookupError where it is no process of its own."""
+        if self._camera is None:
+            raise LookupError(f"{self.camera} runs inside the daemon and cannot be unplugged")
+        self._camera.kill()
+
+    def plug_camera(self) -> None:
+        """Put an unplugged camera back, at the same address."""
+        if self._camera is not None:
+            self._camera = self._resources.enter_context(self._camera.again())
+
     def _start_camera(self, undo: contextlib.ExitStack) -> dict[str, str | int]:
         """Start the camera where it is a process of its own; returns its settings in the cell file."""
         ring = str((self.folder / SNAPSHOT_RING).resolve())
         if self.camera != "aravis":
             return {"snapshots": ring}
         host = free_loopback(CAMERA_PORT)
-        undo.enter_context(FakeProcess("camera", "--host", host, "--snapshots", ring))
+        fake = FakeProcess("camera", "--host", host, "--snapshots", ring)
+        self._camera = undo.enter_context(fake)
         return {"address": host, "packet_bytes": CAMERA_PACKET_BYTES}
 
     def _end_controller(self) -> None:
@@ -88,7 +112,7 @@ class FakeCell:
             self._ready.set()
 
     async def _run(self) -> None:
-        async with RtdeServer(self._controller_state, self.robot_host):
+        async with RtdeServer(self._controller_state, self.robot_host) as self._controller:
             self._ready.set()
             while not self._stop.is_set():
                 self._publish()
@@ -147,7 +171,7 @@ host = "{robot_host}"
 [camera]
 driver = "{camera}"
 id = "fake-camera"
-rate_hz = 2.0
+rate_hz = 1.0
 matrix = {[float(x) for x in (fx, fy, cx, cy)]}
 distortion = {optics.distortion.tolist()}
 size_px = {list(optics.size_px)}

@@ -13,7 +13,6 @@ from vgrd.geometry import Array, Pose
 from vgrd.model import Observation, Recording
 from vgrd.store.sessions import iterate_observations, load_recording
 
-BEFORE_S, AFTER_S = 0.08, 3.0
 SAME_WRIST_RAD = 0.01
 
 
@@ -22,7 +21,7 @@ def misses_by_method(
 ) -> Mapping[str, Array]:
     """True misses (n, 3) mm of every method, had the robot gone where that method says.
 
-    Each request is judged by the first picture recorded after it was asked, table and arm at rest.
+    Each request is judged by the picture that was recorded for its answer.
     """
     recording = load_recording(teaching)
     constant = _constant_wrist(recording)
@@ -43,8 +42,13 @@ def misses_by_method(
 
 
 def _picture_of(request: Request, observations: Sequence[Observation]) -> Observation | None:
-    start, end = request.stamp_s - BEFORE_S, request.stamp_s + AFTER_S
-    return next((seen for seen in observations if start <= seen.stamp_s <= end), None)
+    """The last one recorded until the answer: a picture that shows nothing new is not recorded."""
+    answered_s = request.stamp_s + request.latency_s
+    return max(
+        (seen for seen in observations if seen.stamp_s <= answered_s),
+        key=lambda seen: seen.stamp_s,
+        default=None,
+    )
 
 
 def _constant_wrist(recording: Recording) -> Recording:

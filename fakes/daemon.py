@@ -19,12 +19,26 @@ START_TIMEOUT_S = 30.0
 STOP_TIMEOUT_S = 5.0
 
 
-class Daemon:
-    """`vgrd run CELL_FILE`, from `with` to its end; its log goes to `log`."""
+def has_devices(status: dict[str, object]) -> bool:
+    """Robot and camera work."""
+    return status["robot"] == "ok" and status["camera"] == "ok"
 
-    def __init__(self, cell_file: Path, log: Path) -> None:
+
+class Daemon:
+    """`vgrd run CELL_FILE`, from `with` (which waits until its status is `good`) to its end.
+
+    Its log goes to `log`.
+    """
+
+    def __init__(
+        self,
+        cell_file: Path,
+        log: Path,
+        good: Callable[[dict[str, object]], bool] = has_devices,
+    ) -> None:
         self.cell_file = cell_file
         self.log = log
+        self.good = good
         self.runtime = cell_file.parent / "run"
         self.control = ControlClient(self.runtime / "control.sock")
 
@@ -35,7 +49,7 @@ class Daemon:
                 command, stderr=log, stdout=log, start_new_session=True
             )
         try:
-            self.wait_until(lambda status: status["robot"] == "ok" and status["camera"] == "ok")
+            self.wait_until(self.good)
         except BaseException:
             self.stop()
             raise

@@ -20,6 +20,7 @@ POLL_S = 0.01
 HEARTBEAT_LOST_S = 0.5
 ANSWER_TIMEOUT_S = 5.0
 APPROACH_MM = 25.0
+TOO_LATE = (Status.GRAB_TIMEOUT, Status.TIMEOUT, Status.IMAGE_TOO_OLD)
 
 
 class Stopped(Exception):
@@ -49,6 +50,7 @@ class RobotProgram:
         self.world = world
         self.client: Any = ModbusTcpClient(host, port=port, timeout=1, retries=0)
         self.trigger = int(time.monotonic() * 10) % 30000
+        self.repeats = 0
         self._beat = (-1, 0.0)
 
     def __enter__(self) -> "RobotProgram":
@@ -60,15 +62,19 @@ class RobotProgram:
 
     def read(self) -> dict[str, float]:
         """Read the whole response block at once; Stopped when the link or the heartbeat is gone."""
+        values = RESPONSE.decode(self.block())
+        self._watch_beat(int(values["HB"]))
+        return values
+
+    def block(self) -> bytes:
+        """Bytes of the response block, in one read; Stopped when the link is gone."""
         try:
             reply = self.client.read_holding_registers(RESPONSE.start, count=68, device_id=1)
         except ModbusException as err:
             raise Stopped(f"no link: {err}") from err
         if reply.isError():
             raise Stopped(f"registers refused: {reply}")
-        values = RESPONSE.decode(struct.pack(">68H", *reply.registers))
-        self._watch_beat(int(values["HB"]))
-        return values
+        return struct.pack(">68H", *reply.registers)
 
     def ask(
         self,
@@ -87,8 +93,12 @@ class RobotProgram:
         }
         words = struct.unpack(">32H", REQUEST.encode(request))
         asked_s = time.monotonic()
-        if self.client.write_registers(0, list(words), device_id=1).isError():
-            raise Stopped("the request was refused")
+        try:
+            written = self.client.write_registers(0, list(words), device_id=1)
+        except ModbusException as err:
+            raise Stopped(f"no link: {err}") from err
+        if written.isError():
+            raise Stopped(f"the request was refused: {written}")
         while time.monotonic() - asked_s < ANSWER_TIMEOUT_S:
             values = self.read()
             busy = int(values["STATE"]) & State.BUSY
@@ -96,6 +106,17 @@ class RobotProgram:
                 return self._reply(values, time.monotonic() - asked_s)
             time.sleep(POLL_S)
         raise Stopped("no answer")
+
+    def ask_again(self, point: int, attempts: int = 3) -> Reply:
+        """`ask`, once more where the answer only came too late; `repeats` counts."""
+        for _ in range(attempts - 1):
+            try:
+                return self.ask(point)
+            except Stopped as stop:
+                if stop.status not in TOO_LATE:
+                    raise
+                self.repeats += 1
+        return self.ask(point)
 
     def touch(self, reply: Reply) -> None:
         """Go to the coordinate by way of an approach above it, watching the answer on the way."""

@@ -41,6 +41,7 @@ class Shown:
     """Everything the demo measured."""
 
     requests: list[Request] = field(default_factory=list)
+    repeats: int = 0
     calibration: dict[str, object] = field(default_factory=dict)
     faults: list[tuple[str, str, float, float]] = field(default_factory=list)
 
@@ -95,6 +96,7 @@ class Show:
         with self._progress() as progress, self._program() as program:
             for k in progress.track(rng.permutation(count), description="robot requests"):
                 self._request(program, names[int(k) % len(names)], float(angles[k]))
+            self.shown.repeats = program.repeats
         self.operator.press("record.stop")
 
     def faults(self) -> None:
@@ -122,7 +124,7 @@ class Show:
         turned = self.world.turn_table(angle_rad, time.monotonic())
         time.sleep(max(0.0, max(arrival, turned) - time.monotonic()) + 0.08)
         asked = time.monotonic()
-        reply = program.ask(self.world.targets[target].id)
+        reply = program.ask_again(self.world.targets[target].id)
         program.touch(reply)
         self.shown.requests.append(
             Request(

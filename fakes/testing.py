@@ -73,6 +73,10 @@ class FakeProcess:
         if not answer.startswith("ok"):
             raise ValueError(answer)
 
+    def again(self) -> "FakeProcess":
+        """One more like it, not started yet."""
+        return FakeProcess(*self._arguments)
+
     def kill(self) -> None:
         """SIGKILL it."""
         self._process.kill()

@@ -1,6 +1,8 @@
 """Recording beside everything else: one thread writes, in order, so that no disk stalls the measuring."""
 
 import asyncio
+import os
+import threading
 from collections.abc import Callable, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from pathlib import Path
@@ -18,6 +20,7 @@ from vgrd.store.images import encode_image
 from vgrd.store.sessions import SessionWriter
 
 BACKLOG = 200
+NICENESS = 10
 SAME_PLACE_MM = 0.1
 SAME_PLACE_RAD = 2e-4
 
@@ -34,7 +37,7 @@ class Recorder:
         self.writer: SessionWriter | None = None
         self.trouble = ""
         self.dropped = 0
-        self._pen = ThreadPoolExecutor(1, thread_name_prefix="recorder")
+        self._pen = ThreadPoolExecutor(1, thread_name_prefix="recorder", initializer=_give_way)
         self._pending = 0
         self._last_image: tuple[Pose, Pose | None] | None = None
 
@@ -119,6 +122,11 @@ class Recorder:
 
     async def _in_thread(self, work: Callable[[], Result]) -> Result:
         return await asyncio.get_running_loop().run_in_executor(self._pen, work)
+
+
+def _give_way() -> None:
+    """Compressing pictures must not delay an answer: Linux keeps niceness per thread."""
+    os.setpriority(os.PRIO_PROCESS, threading.get_native_id(), NICENESS)
 
 
 Place = tuple[Pose, Pose | None]
