@@ -102,6 +102,8 @@ def _flat(result: Result, prefix: str = "") -> Iterator[tuple[str, object]]:
     for key, value in result.items():
         if isinstance(value, Mapping):
             yield from _flat(value, f"{prefix}{key}.")
+        elif key == "findings":
+            yield from ((f"finding: {item['code']}", item["message"]) for item in value)
         else:
             yield f"{prefix}{key}", value
 
