@@ -147,6 +147,7 @@ def _served(recording: Recording, target: str, now: Observation) -> Array:
 _calibrated = lru_cache(maxsize=4)(calibrate_system)
 
 
+@lru_cache(maxsize=4)
 def _hand_eye(recording: Recording) -> HandEyeResult:
     return calibrate_hand_eye(HandEyeProblem(recording.facts.mount, hand_eye_samples(recording)))
 

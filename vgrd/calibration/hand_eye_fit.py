@@ -160,9 +160,8 @@ class _Engine:
         """Minimise, renew whitening and weights, until neither changes."""
         weights: Array = kept.astype(np.float64)
         for _ in range(_ROUNDS):
-            whiteners = [self._whitener(i, state) for i in range(len(self.samples))]
+            whiteners, misfits = self._weigh(state)
             if robust:
-                misfits = self.misfits(state)
                 ratio = misfits / (self.variance_of(misfits) * _CHI2_6_95)
                 weights = 1 / (1 + ratio)
             linearize = partial(self._linearize, whiteners=whiteners, weights=weights)
@@ -182,12 +181,7 @@ class _Engine:
 
     def misfits(self, state: HandEye) -> Array:
         """Squared Mahalanobis distance (n,), 6 degrees of freedom, of every sample's own pose."""
-        out = np.empty(len(self.samples))
-        for i, sample in enumerate(self.samples):
-            r = sample.rows.linearize(state, self._predict(i, state))[0]
-            U, shrink = self._whitener(i, state)
-            out[i] = np.sum(((1 - shrink) * (U.T @ r)) ** 2)
-        return out
+        return self._weigh(state)[1]
 
     def variance_of(self, misfits: Array) -> float:
         """Noise variance over the promised one, from the median; at least 1."""
@@ -243,16 +237,23 @@ class _Engine:
             jacobians.append(np.sqrt(weight) * _apply(W, J))
         return np.concatenate(residuals), np.vstack(jacobians)
 
-    def _whitener(self, i: int, state: HandEye) -> tuple[Array, Array]:
-        """Low-rank form of (I + G S G^T)^-1/2, where G S G^T is what robot noise adds."""
+    def _weigh(self, state: HandEye) -> tuple[list[tuple[Array, Array]], Array]:
+        """Whiteners of all samples, and their squared misfits (n,).
+
+        A whitener is the low-rank form of (I + G S G^T)^-1/2, G S G^T being what robot noise adds.
+        """
         camera_from_mount = state.X.inverse()
-        D = self.samples[i].rows.linearize(state, self._predict(i, state))[1]
-        if self.mount is Mount.EYE_TO_HAND:
-            lever = (camera_from_mount @ self.moves[i]).adjoint()
-        else:
-            lever = camera_from_mount.adjoint()
-        U, s, _ = np.linalg.svd(D @ lever * self.robot_sigmas, full_matrices=False)
-        return U, 1 - 1 / np.sqrt(1 + s * s)
+        whiteners, misfits = [], np.empty(len(self.samples))
+        for i, (sample, move) in enumerate(zip(self.samples, self.moves, strict=True)):
+            turn = camera_from_mount @ move
+            r, D, _ = sample.rows.linearize(state, turn @ state.Y)
+            lever = turn if self.mount is Mount.EYE_TO_HAND else camera_from_mount
+            G = D @ lever.adjoint() * self.robot_sigmas
+            U, s, _ = np.linalg.svd(G, full_matrices=False)
+            kept = 1 / np.sqrt(1 + s * s)
+            whiteners.append((U, 1 - kept))
+            misfits[i] = np.sum((kept * (U.T @ r)) ** 2)
+        return whiteners, misfits
 
 
 def _apply(whitener: tuple[Array, Array], rows: Array) -> Array:

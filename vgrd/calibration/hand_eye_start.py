@@ -26,7 +26,8 @@ def park_martin(moves: Sequence[Pose], cameras: Sequence[Pose]) -> tuple[Pose, P
     U, _, Vt = np.linalg.svd(alpha[stable].T @ beta[stable])
     R: Array = U @ np.diag([1.0, 1.0, np.linalg.det(U @ Vt)]) @ Vt
     rows = (R_A - np.eye(3)).reshape(-1, 3)
-    X = Pose(R, np.linalg.lstsq(rows, (t_B @ R.T - t_A).ravel(), rcond=None)[0])
+    t = np.linalg.lstsq(rows, (t_B @ R.T - t_A).ravel(), rcond=None)[0]
+    X = Pose(R, np.asarray(t, dtype=np.float64))
     return X, _mean([m.inverse() @ X @ c for m, c in zip(moves, cameras, strict=True)])
 
 
