@@ -1,7 +1,5 @@
 """Datasets with known truth, solved."""
 
-import math
-
 import cv2
 import numpy as np
 import pytest
@@ -70,7 +68,6 @@ def test_poses_are_read_in_any_rotation_format(tmp_path, recording, plain, rotat
 def test_the_json_holds_exactly_the_promised_keys(tmp_path, recording, plain):
     result = plain(solve_dataset(recording.write_points(tmp_path)))
     assert set(result) == {
-        "mount",
         "base_from_camera",
         "wrist_from_target",
         "leave_one_out",
@@ -130,7 +127,7 @@ def test_a_target_of_the_wrong_size_is_measured_by_the_robot(tmp_path, recording
 def test_a_sample_paired_with_a_wrong_pose_is_left_out_and_named(
     tmp_path, make_recording, plain, kind
 ):
-    recording = make_recording(count=12)
+    recording = make_recording(count=9)
     recording.robot[4] = Pose.from_rotvec([0.1, 0.2, 0], [30, 40, 10]) @ recording.robot[4]
     write = recording.write_points if kind == "points" else recording.write_matrices
     solution = solve_dataset(write(tmp_path))
@@ -138,7 +135,7 @@ def test_a_sample_paired_with_a_wrong_pose_is_left_out_and_named(
     assert [sample["name"] for sample in result["samples"] if not sample["used"]] == ["4"]
     assert "off" in result["samples"][4]["reason"]
     assert result["samples"][4]["mm"] > 20
-    assert result["leave_one_out"]["mm"] > 20 / 12
+    assert result["leave_one_out"]["mm"] > 20 / 9
     assert "sample_rejected" in codes(solution)
     assert off(result, recording)[0] < 0.5
 
@@ -160,7 +157,7 @@ def test_a_wrong_rotation_format_is_recognised_and_the_right_one_named(tmp_path,
 
 
 def test_a_wrong_mount_is_recognised(tmp_path, recording):
-    path = recording.write_points(tmp_path, mount=Mount.EYE_IN_HAND)
+    path = recording.write_matrices(tmp_path, mount=Mount.EYE_IN_HAND)
     assert "rotation = quaternion-xyzw, mount = eye-to-hand, the samples agree" in hints(path)
 
 
@@ -266,10 +263,10 @@ def test_points_on_a_line_leave_their_sample_out(tmp_path, recording, plain):
     path = recording.write_points(tmp_path)
     lines = (tmp_path / "5.csv").read_text().splitlines()
     (tmp_path / "5.csv").write_text("\n".join(lines[:7]) + "\n")
-    sample = plain(solve_dataset(path))["samples"][5]
-    assert not sample["used"]
-    assert "one line" in sample["reason"]
-    assert math.isfinite(plain(solve_dataset(path))["leave_one_out"]["mm"])
+    result = plain(solve_dataset(path))
+    assert not result["samples"][5]["used"]
+    assert "one line" in result["samples"][5]["reason"]
+    assert result["leave_one_out"]["mm"] < 1e-3
 
 
 CIRCLES = ("[target]", 'type = "circles"', "columns = 6", "rows = 5", "spacing_mm = 25.0")

@@ -136,7 +136,7 @@ class PointFitter(Fitter):
             result = calibrate_hand_eye_from_points(problem)
         except CalibrationError:
             return float("nan")
-        return float(np.sqrt(np.mean([sample.px**2 for sample in result.samples])))
+        return reprojection_px(result)
 
     def own_pose(self, index: int, camera: CameraModel | None) -> Pose:
         """camera_from_target with the lowest reprojection error of this sample alone."""
@@ -209,6 +209,14 @@ class PoseFitter(Fitter):
         """Nothing: such samples hold no pixels."""
         del index, camera, predicted
         return np.zeros((0, 2))
+
+
+def reprojection_px(result: HandEyeResult) -> float:
+    """Rms distance of predicted and seen points over the samples used; NaN where none has pixels.
+
+    `SampleResidual.px` counts one coordinate, a distance has two.
+    """
+    return float(np.sqrt(2 * np.mean([s.px**2 for s in result.samples if s.used])))
 
 
 def _with_noise(samples: Sequence[PoseSample], mm: float, rad: float) -> list[PoseSample]:

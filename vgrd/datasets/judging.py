@@ -8,7 +8,7 @@ import numpy as np
 from vgrd.calibration.hand_eye import HandEyeResult
 from vgrd.calibration.hand_eye_fit import move_of
 from vgrd.calibration.hand_eye_start import park_martin
-from vgrd.datasets.fitting import TargetScale
+from vgrd.datasets.fitting import TargetScale, reprojection_px
 from vgrd.datasets.loading import Dataset
 from vgrd.errors import InputError
 from vgrd.geometry import Pose
@@ -182,10 +182,9 @@ def _weakness(evidence: Evidence) -> list[Finding]:
 
 
 def _camera(evidence: Evidence) -> list[Finding]:
-    px = [sample.px for sample in evidence.result.samples if sample.used]
-    if evidence.dataset.refine or evidence.dataset.camera is None or not np.isfinite(px).all():
+    if evidence.dataset.refine or evidence.dataset.camera is None:
         return []
-    given, refined = float(np.sqrt(np.mean(np.square(px)))), evidence.refined_px()
+    given, refined = reprojection_px(evidence.result), evidence.refined_px()
     if not refined < _CLEARLY_BETTER * given:
         return []
     message = (

@@ -1,6 +1,5 @@
 """DATASET.toml and the files it names, checked: every fault of all of them in one message."""
 
-import csv
 import tomllib
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -17,6 +16,7 @@ from vgrd.datasets.document import (
     hint,
     parse,
 )
+from vgrd.datasets.points import read_points
 from vgrd.errors import ConfigError, InputError
 from vgrd.geometry import Pose
 from vgrd.geometry.camera import CameraModel
@@ -27,11 +27,9 @@ from vgrd.vision.boards import BoardObservation, TargetSpec
 MIN_SAMPLES = 3
 _TABLES = ("mount", "camera", "poses", "target", "sample")
 _SOURCES = ("image", "points", "camera_from_target")
-_POINTS_HEADER = ["x_mm", "y_mm", "z_mm", "u_px", "v_px"]
 _MM_PER = {"mm": 1.0, "m": 1000.0}
 _REACH_MM = 20_000.0
 _SMALLEST_ARM_MM = 10.0
-_SMALLEST_TARGET_MM = 1.0
 _SAME_MM = 1e-3
 _SAME_RAD = 1e-6
 
@@ -248,37 +246,6 @@ class _SampleReader:
             return Pose.from_matrix(matrix)
         except InputError as error:
             raise InputError(f"{error}; 16 numbers, row by row") from error
-
-
-def read_points(path: Path) -> BoardObservation:
-    """Points of the target and their pixels from a CSV file; InputError names file, line, fault."""
-    try:
-        with path.open(encoding="utf-8", newline="") as file:
-            lines = list(csv.reader(file))
-    except (OSError, UnicodeDecodeError, csv.Error) as error:
-        raise InputError(f"{path} cannot be read: {error}") from error
-    header = [word.strip() for word in lines[0]] if lines else []
-    if header != _POINTS_HEADER:
-        raise InputError(f"{path}: header must be {','.join(_POINTS_HEADER)}, got {header}")
-    rows = [_numbers(line, path, number) for number, line in enumerate(lines[1:], 2) if line]
-    values = np.array(rows).reshape(-1, len(_POINTS_HEADER))
-    points = values[:, :3]
-    if len(points) and np.ptp(points, axis=0).max() < _SMALLEST_TARGET_MM:
-        span = float(np.ptp(points, axis=0).max())
-        raise InputError(f"{path}: the points span {span:g} mm only: are they in metres?")
-    return BoardObservation(points, values[:, 3:], len(points))
-
-
-def _numbers(line: Sequence[str], path: Path, number: int) -> list[float]:
-    try:
-        values = [float(word) for word in line]
-    except ValueError as error:
-        raise InputError(f"{path} line {number}: {error}") from error
-    if len(values) != len(_POINTS_HEADER) or not np.isfinite(values).all():
-        raise InputError(
-            f"{path} line {number}: {len(_POINTS_HEADER)} finite numbers are needed, got {line}"
-        )
-    return values
 
 
 def _pose_faults(samples: Sequence[DatasetSample], unit: str) -> list[str]:

@@ -61,7 +61,6 @@ class DatasetSolution:
     def to_json(self) -> dict[str, Any]:
         """Plain values for `--json`; unknown numbers are null; lengths mm."""
         return {
-            "mount": str(self.mount),
             **{name: pose.matrix().tolist() for name, pose in self.transforms().items()},
             "leave_one_out": {
                 "deg": _known(self.leave_one_out.deg),
