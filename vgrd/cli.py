@@ -132,7 +132,8 @@ def _ask(
 ) -> dict[str, object]:
     given: dict[str, object] = {k: v for k, v in arguments.items() if v is not None}
     client = _client(config, socket)
-    return client.call(op, timeout_s=timeout_s, **given)
+    with Console(stderr=True).status(op):
+        return client.call(op, timeout_s=timeout_s, **given)
 
 
 @app.command()
@@ -239,7 +240,8 @@ def _sample_command(op: str, argument: str | None, text: str) -> None:
     ) -> None:
         client = _client(config, socket)
         arguments: dict[str, object] = {argument.lower(): name}
-        result = client.call(op, timeout_s=SAMPLE_TIMEOUT_S, **arguments)
+        with Console(stderr=True).status(op):
+            result = client.call(op, timeout_s=SAMPLE_TIMEOUT_S, **arguments)
         _print_result(result, json_to, _show_fields(op))
 
     app.command(op, help=text)(named)
@@ -268,9 +270,7 @@ def solve(
 ) -> None:
     """Solve a dataset, a recorded session, or the daemon's last session; nothing becomes active."""
     if source is None:
-        with _progress("solving") as report:
-            report(0, 1)
-            result = _ask(config, socket, "solve", timeout_s=SOLVE_TIMEOUT_S)
+        result = _ask(config, socket, "solve", timeout_s=SOLVE_TIMEOUT_S)
         _print_result(result, json_to, _show_fields("solved"))
     elif source.is_dir():
         from vgrd.cell.solver import solve_session

@@ -177,6 +177,7 @@ class StillMeasuring:
     def __init__(self, clock: ManualClock, sight: Sight, tcp: Pose | None) -> None:
         self.clock = clock
         self.sight: Sight | None = sight
+        self.sight_of_object: Sight | None = sight
         self.tcp = tcp
         self.beat = 0
         self.on_sight: list[Callable[[Sight], None]] = []
@@ -204,6 +205,8 @@ class StillMeasuring:
 
     def show(self, sight: Sight) -> None:
         self.sight = sight
+        if sight.tag_b is not None:
+            self.sight_of_object = sight
         for listener in self.on_sight:
             listener(sight)
 
@@ -311,6 +314,16 @@ def test_a_cell_that_drifted_stops_serving(bench: Bench, taught: Taught) -> None
     assert bench.ask().answer.status is Status.CALIBRATION_DRIFT
     bench.measuring.show(taught.sight)
     assert bench.ask().answer.status is Status.OK
+
+
+def test_the_newest_picture_of_the_object_serves_until_it_is_too_old(
+    bench: Bench, taught: Taught
+) -> None:
+    bench.measuring.show(replace(taught.sight, tag_b=None))
+    assert bench.ask(CMD=Command.EC_NEWEST).answer.status is Status.OK
+    assert bench.ask(CMD=Command.EC_FRESH).answer.status is Status.TAG_B_NOT_FOUND
+    bench.clock.sleep(3.0)
+    assert bench.ask(CMD=Command.EC_NEWEST).answer.status is Status.IMAGE_TOO_OLD
 
 
 def test_clear_drops_the_answer(bench: Bench) -> None:

@@ -1,6 +1,7 @@
 """The cell process; started by the gate: `python -m vgrd.cell CELL_FILE`."""
 
 import asyncio
+import contextlib
 import os
 import socket
 import sys
@@ -114,14 +115,18 @@ class Cell:
         """Requests of the robot, passed on by the gate; the end of the link is the end of the process."""
         reader, writer = await asyncio.open_unix_connection(sock=gate)
         writer.write(encode_line({"op": "ready"}))
-        while line := await reader.readline():
-            message = decode_line(line)
-            if message["op"] == "request":
-                self.serving.request(Request.parse(bytes.fromhex(str(message["registers"]))))
-            elif message["op"] == "abort":
-                self.serving.abort()
+        with contextlib.suppress(ConnectionError):
+            while line := await reader.readline():
+                self._obey_line(line)
         log.warning("gate_gone")
         raise SystemExit(0)
+
+    def _obey_line(self, line: bytes) -> None:
+        message = decode_line(line)
+        if message["op"] == "request":
+            self.serving.request(Request.parse(bytes.fromhex(str(message["registers"]))))
+        elif message["op"] == "abort":
+            self.serving.abort()
 
 
 def main() -> int:

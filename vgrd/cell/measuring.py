@@ -64,7 +64,10 @@ class Sight:
 
 
 class Measuring:
-    """Owns the feeds and the detector; `sight` is the newest evaluated picture."""
+    """Owns the feeds and the detector.
+
+    `sight` is the newest evaluated picture, `sight_of_object` the newest one that shows tag B.
+    """
 
     def __init__(
         self,
@@ -83,6 +86,7 @@ class Measuring:
         self.period_s = 1.0 / rate_hz
         self.limits = RestLimits()
         self.sight: Sight | None = None
+        self.sight_of_object: Sight | None = None
         self.beat = 0
         self.on_readings: list[Callable[[Sequence[FlangeReading]], None]] = []
         self.on_sight: list[Callable[[Sight], None]] = []
@@ -208,6 +212,8 @@ class Measuring:
 
     def _announce(self, sight: Sight) -> None:
         self.sight = sight
+        if sight.tag_b is not None:
+            self.sight_of_object = sight
         for listener in self.on_sight:
             listener(sight)
         for asked_s, wish in self._wishes:

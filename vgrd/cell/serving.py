@@ -136,8 +136,8 @@ class Serving:
         return self._judge(request, self.calibration, sight), sight
 
     async def _picture(self, request: Request) -> Sight | None:
-        if request.command == Command.EC_NEWEST and self.measuring.sight is not None:
-            return self.measuring.sight
+        if request.command == Command.EC_NEWEST and self.measuring.sight_of_object is not None:
+            return self.measuring.sight_of_object
         try:
             return await self.measuring.fresh(request.timeout_s or RETRY_WITHIN_S)
         except DeviceUnavailable:
