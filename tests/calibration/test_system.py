@@ -13,6 +13,7 @@ from vgrd.model import Mount, Observation, Plan, Policy, Tool, frozen_array
 SOMEWHERE = Pose(fixed_wrist(), np.array([300.0, 60.0, 300.0]))
 PERFECT = Vision(1e-6, 1e-6, 1e-7)
 VARIED = "varied"
+HELD = fixed_wrist()
 
 
 def cell(seed, **options):
@@ -263,7 +264,17 @@ def test_recordings_that_determine_too_little_are_refused_with_the_reason():
         ),
         (replace(recording, looks=()), NotObservable, "kept its orientation"),
         (
-            replace(recording, touches=(recording.touches[0], *recording.touches[:2])),
+            replace(recording, touches=(recording.touches[0], *recording.touches[:3])),
+            InputError,
+            r"touch 1 \(P1\)' and 'touch 2 \(P1\)' hold the same robot pose",
+        ),
+        (
+            replace(recording, touches=(recording.touches[0],) * 4),
+            NotObservable,
+            "all 4 robot poses are equal",
+        ),
+        (
+            replace(recording, touches=(*recording.touches[::3], world.touch("P1", HELD))),
             NotObservable,
             "one line",
         ),

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from vgrd.errors import DidNotConverge, NotObservable
+from vgrd.errors import DidNotConverge, InputError, NotObservable
 from vgrd.geometry import Pose
 from vgrd.geometry.covariance import (
     covariance_from,
@@ -50,6 +50,14 @@ def test_a_whitener_makes_the_covariance_one():
     C = A @ A.T + np.eye(6)
     W = whitener(C)
     np.testing.assert_allclose(W @ C @ W.T, np.eye(6), atol=1e-9)
+
+
+@pytest.mark.parametrize("bad", [np.zeros((6, 6)), -np.eye(6), np.full((6, 6), np.nan)])
+def test_what_is_no_covariance_is_refused(bad):
+    with pytest.raises(InputError, match="positive definite"):
+        whitener(bad)
+    with pytest.raises(InputError, match="positive definite"):
+        mean_pose([Pose.identity()], [bad])
 
 
 def test_a_mean_of_poses_lies_where_the_certain_ones_are():

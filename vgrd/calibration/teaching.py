@@ -7,7 +7,7 @@ import numpy as np
 
 from vgrd.calibration.cad_fit import CadFit, fit_cad
 from vgrd.calibration.expected import SAME_ORIENTATION_RAD
-from vgrd.calibration.motion import Axes, turned_axes
+from vgrd.calibration.motion import Axes, refuse_repeats, turned_axes
 from vgrd.calibration.touches import TouchSet, touch_set
 from vgrd.calibration.universal import UniversalProblem, UniversalResult, calibrate_universal
 from vgrd.errors import InputError, NotObservable, TooFewObservations
@@ -64,6 +64,8 @@ def teach(recording: Recording) -> Taught:
     if not touches:
         raise TooFewObservations("nothing was touched: touch at least 4 targets of the object")
     points = np.array([_target(recording, touch).point_in_object for touch in touches])
+    names = [f"touch {i + 1} ({touch.target})" for i, touch in enumerate(touches)]
+    refuse_repeats(names, [touch.base_from_wrist for touch in touches])
     arrays = arm_touches(touches, recording)
     if turned_axes(list(arrays.rotations))[0] is Axes.NONE:
         return _special(recording, fit_cad(points, arrays))

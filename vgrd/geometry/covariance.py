@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.special import gammaincinv
 
-from vgrd.errors import NotObservable
+from vgrd.errors import InputError, NotObservable
 from vgrd.geometry.pose import Array, Pose
 
 
@@ -53,8 +53,16 @@ def covariance_from(jacobian: Array) -> Array:
 
 
 def whitener(covariance: Array) -> Array:
-    """Matrix W with `W.T @ W == inverse(covariance)`."""
-    W: Array = np.linalg.inv(np.linalg.cholesky(covariance))
+    """Matrices W (..., n, n) with `W.T @ W == inverse(covariance)`.
+
+    Raises InputError on a covariance that is not finite and positive definite.
+    """
+    try:
+        W: Array = np.linalg.inv(np.linalg.cholesky(covariance))
+    except np.linalg.LinAlgError as fault:
+        raise InputError("a covariance must be finite and positive definite") from fault
+    if not np.isfinite(W).all():
+        raise InputError("a covariance must be finite and positive definite")
     return W
 
 
@@ -74,7 +82,8 @@ def radius95(covariance: Array) -> float:
 
 def mean_pose(poses: Sequence[Pose], covariances: Sequence[Array]) -> tuple[Pose, Array]:
     """Weighted mean in the tangent space and its covariance (6, 6)."""
-    informations = [np.linalg.inv(c) for c in covariances]
+    whiteners = [whitener(c) for c in covariances]
+    informations = [W.T @ W for W in whiteners]
     covariance = np.linalg.inv(np.sum(informations, axis=0))
     mean = poses[0]
     for _ in range(4):
