@@ -107,6 +107,18 @@ def test_before_the_cell_lives_the_daemon_is_starting_and_answers_so(tmp_path):
     assert bench.status() == (0, Status.BUSY)
 
 
+def test_a_cell_that_does_not_live_finds_no_old_requests_when_it_starts(bench):
+    bench.desk.cell_lost()
+    for trig in range(1, 400):
+        bench.trigger(trig)
+        assert bench.status() == (trig, Status.INTERNAL_ERROR)
+    assert bench.forwarded == []
+    bench.start_cell()
+    bench.publish()
+    bench.trigger(400)
+    assert [request.trig for request in bench.forwarded] == [400]
+
+
 def test_a_request_is_busy_before_its_write_is_answered_and_then_holds_its_answer(bench):
     bench.trigger(7)
     assert bench.desk._space[2 * 104 : 2 * 105] == struct.pack(">H", Status.BUSY)

@@ -61,7 +61,8 @@ class ImageFeed:
             return False
 
     def lose(self) -> None:
-        """Treat the image as too old from now on: its writer is dead."""
+        """Treat the image as too old from now on, also its last one: its writer is dead."""
+        self.poll()
         if self.image:
             self.image = replace(self.image, published_s=-math.inf)
 
@@ -185,10 +186,9 @@ class Desk:
 
     def _refresh(self, now_s: float) -> None:
         image = self._feed.image
-        alive = image is not None and abs(now_s - image.published_s) < self._deadline_s
         if self._pending and image is not None and self._is_answer(image.answer):
             self._pending, self._overdue_s = None, math.inf
-        elif self._pending and not alive:
+        elif self._pending and not self._is_alive(now_s):
             self._refuse(Status.INTERNAL_ERROR if image else Status.STARTING)
         elif self._pending and now_s >= self._overdue_s:
             self._abort()
@@ -206,6 +206,11 @@ class Desk:
         self._space = b"".join(
             (self._request, gap, self._view.response, gap_between, self._view.swapped)
         )
+
+    def _is_alive(self, now_s: float) -> bool:
+        """Whether the cell has published within the deadline."""
+        image = self._feed.image
+        return image is not None and abs(now_s - image.published_s) < self._deadline_s
 
     def _is_answer(self, answer: Answer) -> bool:
         """Whether it is to the pending request, not to an earlier one with the same TRIG."""
@@ -229,12 +234,14 @@ class Desk:
             self._clear(echo=request.trig)
             return
         self._feed.poll()
+        now = self._clock.monotonic()
         self.counters["triggers"] += 1
         self.counters["superseded"] += self._pending is not None
         self._pending, self._refusal = request, None
         self._remember_answer()
-        self._overdue_s = self._clock.monotonic() + (request.timeout_s or self._timeout_s)
-        if not self._forward(self._request):
+        self._overdue_s = now + (request.timeout_s or self._timeout_s)
+        # A cell that does not read yet must not find its link full of requests long refused.
+        if not (self._is_alive(now) and self._forward(self._request)):
             self._refuse(Status.INTERNAL_ERROR if self._feed.image else Status.STARTING)
 
     def _clear(self, *, echo: int) -> None:

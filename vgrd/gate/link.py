@@ -26,7 +26,9 @@ class CellLink:
         self._loop.add_reader(ours, self._read)
 
     def send(self, **message: object) -> bool:
-        """Send a message; False when the cell is gone or has stopped reading."""
+        """Send a message; False when the cell is gone or has stopped reading, which ends the link."""
+        if self._socket.fileno() < 0:
+            return False
         line = encode_line(message)
         try:
             if self._socket.send(line) == len(line):
