@@ -1,5 +1,6 @@
 """The daemon under a fake cell: `vgrd run` as a subprocess, used by control API and registers only."""
 
+import contextlib
 import os
 import signal
 import subprocess
@@ -9,7 +10,7 @@ from collections.abc import Callable
 from pathlib import Path
 from types import TracebackType
 
-from vgrd.errors import ControlError, DaemonUnreachable
+from vgrd.errors import ControlError, DaemonUnreachable, IpcError
 from vgrd.ipc.control import ControlClient
 from vgrd.ipc.health import HEALTH_FOLDER
 from vgrd.ipc.messages import HEALTH_KIND, Health
@@ -103,6 +104,16 @@ class Daemon:
         if message is None:
             raise LookupError(f"{process} has not said anything yet")
         return Health.unpack(message.payload).pid
+
+    def wait_reborn(self, process: str, former_pid: int) -> None:
+        """Wait until a process runs again, as another one than `former_pid`. TimeoutError."""
+        end_s = time.monotonic() + START_TIMEOUT_S
+        while time.monotonic() < end_s:
+            with contextlib.suppress(LookupError, IpcError):  # its ring is new and empty
+                if self.pid_of(process) != former_pid:
+                    return
+            time.sleep(0.01)
+        raise TimeoutError(f"{process} does not run again after {START_TIMEOUT_S:.0f} s")
 
     def pids(self) -> dict[str, int]:
         """Process ids of the gate and its children."""
