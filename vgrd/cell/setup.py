@@ -20,6 +20,8 @@ from vgrd.model import (
 )
 
 CONTROL_SOCKET = "control.sock"
+# The processes share the cores among themselves; libraries that start a thread per core fight over them.
+ONE_THREAD = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
 DEVICE_HANG_S = 5.0
 CELL_HANG_S = 5.0
 
@@ -87,7 +89,7 @@ def process_table(config: CellConfig, config_path: Path) -> dict[str, object]:
             "name": kind,
             "kind": "device",
             "argv": module + arguments,
-            "env": {},
+            "env": ONE_THREAD,
             "hang_s": DEVICE_HANG_S,
         }
 
@@ -107,7 +109,7 @@ def process_table(config: CellConfig, config_path: Path) -> dict[str, object]:
                 "name": "cell",
                 "kind": "cell",
                 "argv": [sys.executable, "-m", "vgrd.cell", str(config_path.resolve())],
-                "env": {},
+                "env": ONE_THREAD,
                 "hang_s": CELL_HANG_S,
             },
         ],
