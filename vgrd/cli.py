@@ -17,7 +17,7 @@ from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 from rich.table import Table
 
-from vgrd.errors import DaemonUnreachable, InputError, VgrdError
+from vgrd.errors import CalibrationError, DaemonUnreachable, InputError, VgrdError
 from vgrd.ipc.control import ControlClient
 
 SAMPLE_TIMEOUT_S = 15.0
@@ -41,8 +41,26 @@ SocketOption = Annotated[
     Path | None,
     typer.Option("--socket", envvar="VGRD_SOCKET", help="The daemon's control socket."),
 ]
+
+
+def _json_target(json_to: str | None) -> str | None:
+    """Refuse a file that cannot be written before the work is done, not after it."""
+    if json_to not in (None, "-"):
+        path = Path(json_to)
+        if not path.parent.is_dir():
+            raise InputError(f"--json {json_to}: there is no folder {path.parent}; make it first")
+        if path.is_dir():
+            raise InputError(f"--json {json_to}: is a folder; name a file in it")
+        if not os.access(path if path.exists() else path.parent, os.W_OK):
+            raise InputError(f"--json {json_to}: may not be written; choose another place")
+    return json_to
+
+
 JsonOption = Annotated[
-    str | None, typer.Option("--json", help="Write the result as JSON to FILE, - is the output.")
+    str | None,
+    typer.Option(
+        "--json", help="Write the result as JSON to FILE, - is the output.", callback=_json_target
+    ),
 ]
 
 console = Console()
@@ -271,13 +289,20 @@ def solve(
     """Solve a dataset, a recorded session, or the daemon's last session; nothing becomes active."""
     if source is None:
         result = _ask(config, socket, "solve", timeout_s=SOLVE_TIMEOUT_S)
-        _print_result(result, json_to, _show_fields("solved"))
+        _print_calibration(result, json_to, "solved")
     elif source.is_dir():
         from vgrd.cell.solver import solve_session
 
-        _print_result(solve_session(source), json_to, _show_fields(f"{source.name} solved"))
+        _print_calibration(solve_session(source), json_to, f"{source.name} solved")
     else:
         _solve_dataset(source, json_to)
+
+
+def _print_calibration(result: Result, json_to: str | None, title: str) -> None:
+    """Print what was solved; a rejected calibration is told by the exit code too."""
+    _print_result(result, json_to, _show_fields(title))
+    if not result["verdict"]["ok"]:
+        raise typer.Exit(CalibrationError.exit_code)
 
 
 def _solve_dataset(source: Path, json_to: str | None) -> None:
