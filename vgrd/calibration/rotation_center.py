@@ -37,7 +37,7 @@ class RotationCenter:
     spread_rad: float
     wobble_rad: float
 
-    def at_height(self, center_in_camera: Array) -> "tuple[Array, Array]":
+    def at_height(self, center_in_camera: Array) -> tuple[Array, Array]:
         """(center_in_tag, center_in_camera) of the point of the axis nearest to the given one."""
         height = float(self.axis_in_camera @ (center_in_camera - self.center_in_camera))
         return (

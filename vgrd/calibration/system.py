@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 
 from vgrd.calibration.coordinates import expected_coordinate
 from vgrd.calibration.hand_eye import HandEyeProblem, HandEyeResult, PoseSample, calibrate_hand_eye
-from vgrd.calibration.reference import Reference, find_reference
+from vgrd.calibration.reference import find_reference
 from vgrd.calibration.rotation_center import RotationCenter, find_rotation_center
 from vgrd.calibration.teaching import Taught, teach
 from vgrd.calibration.verdict import Evidence, judge, verify
@@ -46,7 +46,7 @@ def calibrate_system(recording: Recording) -> Calibration:
     hand_eye = calibrate_hand_eye(_hand_eye_problem(recording))
     reference = find_reference(recording.touches)
     center, doubts = _center(recording)
-    pivot = _pivot(taught, center, reference, hand_eye, doubts)
+    pivot = _pivot(taught, center, hand_eye, doubts)
     calibration = Calibration(
         id="",
         session=recording.session,
@@ -140,7 +140,6 @@ def _with_tag_b(observations: Sequence[Observation]) -> list[Observation]:
 def _pivot(
     taught: Taught,
     center: RotationCenter | None,
-    reference: Reference,
     hand_eye: HandEyeResult,
     doubts: list[Finding],
 ) -> _Pivot | None:
@@ -159,9 +158,7 @@ def _pivot(
     in_tag = center.center_in_tag
     if taught.tcp_in_wrist is not None:
         wanted = hand_eye.mount_from_camera.inverse() @ taught.pivot_in_base
-        in_reference = reference.camera_from_tag_b @ center.center_in_tag
-        axis = reference.camera_from_tag_b.rotation @ center.axis_in_tag
-        in_tag = in_tag + float(axis @ (wanted - in_reference)) * center.axis_in_tag
+        in_tag, _ = center.at_height(wanted)
     return _Pivot(
         frozen_array(in_tag, 3),
         frozen_array(taught.pivot_in_base, 3),

@@ -102,19 +102,16 @@ def outlier_scores(residuals: Array, jacobian: Array) -> Array:
     """
     Q, _ = np.linalg.qr(jacobian)
     Q = Q.reshape(len(residuals), 3, -1)
-    scores = np.zeros(len(residuals))
-    for i, (r, q) in enumerate(zip(residuals, Q, strict=True)):
-        values, vectors = np.linalg.eigh(np.eye(3) - q @ q.T)
-        measured = (values > _LEVERAGE_FLOOR) & (np.abs(vectors.T @ r) > 0)
-        parts = (vectors.T @ r)[measured]
-        if parts.size:
-            squared = float(np.sum(parts**2 / values[measured]))
-            scores[i] = _equivalent_sigmas(squared, parts.size)
-    return scores
+    values, vectors = np.linalg.eigh(np.eye(3) - Q @ Q.transpose(0, 2, 1))
+    parts = np.einsum("mij,mi->mj", vectors, residuals)
+    measured = (values > _LEVERAGE_FLOOR) & (parts != 0)
+    squares = np.sum(parts**2 / np.where(measured, values, np.inf), axis=1)
+    return _equivalent_sigmas(squares, measured.sum(axis=1))
 
 
-def _equivalent_sigmas(squared: float, freedom: int) -> float:
-    """Normal quantile with the same tail as chi2(freedom) at `squared`; Wilson and Hilferty 1931."""
-    cube = (squared / freedom) ** (1 / 3)
-    width = 2 / (9 * freedom)
-    return max(0.0, float((cube - (1 - width)) / np.sqrt(width)))
+def _equivalent_sigmas(squares: Array, freedom: Array) -> Array:
+    """Normal quantile with the same tail as chi2(freedom) at `squares`; Wilson, Hilferty 1931."""
+    known = np.maximum(freedom, 1)
+    width = 2 / (9 * known)
+    sigmas = ((squares / known) ** (1 / 3) - (1 - width)) / np.sqrt(width)
+    return np.where(freedom > 0, np.maximum(sigmas, 0.0), 0.0)

@@ -16,6 +16,7 @@ from vgrd.geometry.pose import left_jacobian_rotation
 _TOLERANCE = 2.5e-3
 _LINE = 1e-2
 _MIN_TOUCHES = 4
+_CLOSE = 1e-8
 
 State = tuple[Array, Array, Array]
 
@@ -54,7 +55,10 @@ def calibrate_universal(problem: UniversalProblem) -> UniversalResult:
     touches = problem.touches
     equations = Equations(p, touches)
     candidates = [equations.start(rotation) for rotation in rotation_candidates(p, touches)]
-    minima = [minimize(equations.linearize, retract, start) for start in candidates]
+    minima = [
+        minimize(equations.linearize, retract, start, tolerance=_CLOSE, damping=1e-9)
+        for start in candidates
+    ]
     best: Minimum[State] = min(minima, key=lambda minimum: minimum.report.cost)
     equations.require_rank(best.state)
     require_convergence(best.report, "universal method")

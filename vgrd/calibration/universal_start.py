@@ -12,7 +12,11 @@ from numpy.typing import ArrayLike
 from vgrd.calibration.touches import TouchSet
 from vgrd.geometry import Array, exp_rotation, hat
 
-_STEPS = 12
+_FIRST_STEPS = 5
+_STEPS = 10
+_PROMISING = 8
+_COMPARABLE = 4.0
+_CLOSE_RAD = 1e-3
 _MAX_TURN_RAD = 1.0
 _DAMPING = 1e-3
 _SAME_RAD = 0.02
@@ -32,19 +36,21 @@ def _cube_rotations() -> Array:
 
 _CUBE = _cube_rotations()
 _GENERATORS = hat(np.eye(3))
+_DIAGONAL = np.arange(3)
 
 
 def rotation_candidates(points_in_object: Array, touches: TouchSet) -> list[Array]:
     """Rotations (3, 3) of X in the best valleys of the reduced cost, best first."""
     K = _reduced(points_in_object, touches)
     linear = np.linalg.lstsq(K[:, :9], -K[:, 9], rcond=1e-9)[0].reshape(3, 3)
-    S, costs = _descend(K, np.concatenate([_CUBE, _nearest(linear)[None]]))
+    S, costs = _descend(K, np.concatenate([_CUBE, _nearest(linear)[None]]), _FIRST_STEPS)
+    S, costs = _descend(K, S[np.argsort(costs)[:_PROMISING]], _STEPS)
+    order = np.argsort(costs)
+    order = order[costs[order] <= _COMPARABLE * costs[order[0]] + 1e-9]
     kept: list[Array] = []
-    for i in np.argsort(costs):
-        if costs[i] > 4 * costs.min() + 1e-9 and kept:
-            break
-        if all(np.abs(S[i] - other).max() > _SAME_RAD for other in kept):
-            kept.append(S[i])
+    for one in S[order]:
+        if not kept or (np.abs(np.array(kept) - one).max(axis=(1, 2)) > _SAME_RAD).all():
+            kept.append(one)
     return [np.ascontiguousarray(one.T) for one in kept[:_KEPT]]
 
 
@@ -71,23 +77,23 @@ def _reduced(p: Array, touches: TouchSet) -> Array:
     return np.asarray(np.linalg.qr(M - U @ (U.T @ M), mode="r"), dtype=np.float64)
 
 
-def _descend(K: Array, S: Array) -> tuple[Array, Array]:
+def _descend(K: Array, S: Array, steps: int) -> tuple[Array, Array]:
     """Damped Gauss-Newton on SO(3) for all starts (k, 3, 3) at once; ends and costs."""
-    A, b = K[:, :9], K[:, 9]
-    for _ in range(_STEPS):
-        r = S.reshape(-1, 9) @ A.T + b
-        turned = _GENERATORS[None] @ S[:, None]
-        J = turned.reshape(len(S), 3, 9) @ A.T
-        normal = J @ np.swapaxes(J, 1, 2)
-        damping = _DAMPING * np.trace(normal, axis1=1, axis2=2) + 1e-12
-        normal = normal + damping[:, None, None] * np.eye(3)
-        step = -np.linalg.solve(normal, J @ r[:, :, None])[:, :, 0]
-        length = np.linalg.norm(step, axis=1)
+    A, b = K[:, :9].T.copy(), K[:, 9]
+    for _ in range(steps):
+        r = S.reshape(-1, 9) @ A + b
+        J = (_GENERATORS @ S[:, None]).reshape(len(S), 3, 9) @ A
+        normal = J @ J.transpose(0, 2, 1)
+        normal[:, _DIAGONAL, _DIAGONAL] *= 1 + _DAMPING
+        normal[:, _DIAGONAL, _DIAGONAL] += 1e-12
+        solved = np.linalg.solve(normal, J @ r[:, :, None])
+        step = -np.asarray(solved[:, :, 0], dtype=np.float64)
+        length = np.sqrt(np.einsum("ki,ki->k", step, step))
         step *= np.minimum(1, _MAX_TURN_RAD / np.maximum(length, 1e-12))[:, None]
         S = _exp(step) @ S
-        if length.max() < 1e-6:
+        if length.max() < _CLOSE_RAD:
             break
-    r = S.reshape(-1, 9) @ A.T + b
+    r = S.reshape(-1, 9) @ A + b
     return S, np.einsum("ki,ki->k", r, r)
 
 
