@@ -1,0 +1,236 @@
+"""Joint estimate: one maximum-likelihood problem over everything that a session tells.
+
+Unknowns: base_from_camera, wrist_from_tag_a, TCP, base_from_object, object_from_tag_b, the axis of
+turning and every turn. Corrections of the robot's poses are eliminated in closed form: with a
+prior S and derivative G they widen the noise to I + G S G^T. What the data leave undetermined is
+reported, and refused only by the expected coordinate that depends on it.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import partial
+
+import numpy as np
+from scipy.linalg import solve_triangular
+from scipy.special import gammaincinv
+
+from vgrd.calibration.joint_problem import ArmModel, JointData, Sighting, gather
+from vgrd.calibration.joint_rows import arm_jacobian, linearize
+from vgrd.calibration.joint_state import JointState, Layout, guess, layout_of
+from vgrd.calibration.reference import find_reference
+from vgrd.geometry import Array
+from vgrd.geometry.least_squares import Report, minimize, require_convergence
+from vgrd.model import Recording
+
+__all__ = ["ArmModel", "JointResult", "Sighting", "calibrate_joint"]
+
+_UNDETERMINED_MM = 1000.0
+_UNDETERMINED_RAD = 1.0
+_ROUNDS = 5
+_SETTLED_MM = 1e-3
+_TOLERANCE = 1e-8
+_NOISE_CONFIDENCE = 0.999
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class JointResult:
+    """Estimates (`state`), their uncertainty, and how well the samples agree.
+
+    covariance: (n, n) of a step in `layout`, undetermined directions left out; undetermined:
+    (n, z), the step that 1 m or 1 rad along each of them is. noise_scale: residuals over what the
+    sigmas promise; where that is more than chance the covariance was enlarged by its square.
+    cost: half the sum of squares. residuals: rms per kind, in mm, deg and sigmas. whitened,
+    jacobian: residuals (r,) and derivative (r, n) at the optimum, in sigmas, noise of the arm
+    included by `arm_factor` (lower triangle of I + G S G^T) of `arm_by`: G.
+    """
+
+    recording: Recording
+    data: JointData
+    layout: Layout
+    state: JointState
+    covariance: Array
+    undetermined: Array
+    cost: float
+    freedom: int
+    noise_scale: float
+    residuals: Mapping[str, float]
+    whitened: Array
+    jacobian: Array
+    arm_by: Array
+    arm_factor: Array
+    report: Report
+
+    @property
+    def variance_scale(self) -> float:
+        """What the covariance was multiplied by."""
+        return enlargement(2 * self.cost, self.freedom)
+
+    def unknown_in_words(self) -> str:
+        """Which unknowns the data leave undetermined."""
+        names = {
+            "base_from_camera": self.layout.CAMERA,
+            "wrist_from_tag_a": self.layout.TAG_A,
+            "the TCP": self.layout.TCP,
+            "base_from_object": self.layout.OBJECT,
+            "object_from_tag_b": self.layout.TAG_B,
+        }
+        size = np.linalg.norm(self.undetermined / _units(self.layout)[:, None], axis=1)
+        return ", ".join(name for name, part in names.items() if (size[part] > 0.05).any())
+
+
+def calibrate_joint(
+    recording: Recording,
+    sightings: Sequence[Sighting] = (),
+    *,
+    arm: ArmModel | None = None,
+    center_sigma_mm: float = 0.02,
+) -> JointResult:
+    """Most likely values of all unknowns; verifications are held out.
+
+    sightings: holes that the camera saw. arm: None takes facts.robot_sigma_mm as a new draw at
+    every stand. center_sigma_mm: how far the object's centre in CAD may be from the axis. Raises
+    InputError, TooFewObservations, NotObservable or DidNotConverge.
+    """
+    data = gather(recording, sightings, arm, center_sigma_mm)
+    layout = layout_of(data)
+    start = guess(data, find_reference(recording.touches).camera_from_tag_b)
+    return _finish(recording, data, layout, _settle(data, layout, start))
+
+
+def enlargement(squares: float, freedom: int) -> float:
+    """1, or squares / freedom where that is beyond chance."""
+    if freedom <= 0 or squares <= 2 * gammaincinv(freedom / 2, _NOISE_CONFIDENCE):
+        return 1.0
+    return squares / freedom
+
+
+def information_inverse(jacobian: Array, layout: Layout) -> tuple[Array, Array]:
+    """Covariance (n, n) from a whitened Jacobian (r, n), and what it leaves undetermined (n, z).
+
+    A direction is undetermined when the data leave it uncertain by more than 1 m or 1 rad.
+    """
+    units = _units(layout)
+    R = np.linalg.qr(jacobian * units, mode="r")
+    _, s, Vt = np.linalg.svd(R, full_matrices=True)
+    rank = int(np.sum(s > 1.0))
+    half = units[:, None] * Vt[:rank].T / s[:rank]
+    return half @ half.T, units[:, None] * Vt[rank:].T
+
+
+def whiten_arm(factor: Array, rows: Array) -> Array:
+    """Rows (r,) or (r, n) with the noise of the arm taken into account."""
+    k = len(factor)
+    if not k:
+        return rows
+    first = solve_triangular(factor, rows[:k], lower=True, check_finite=False)
+    return np.concatenate([first, rows[k:]])
+
+
+def _units(layout: Layout) -> Array:
+    return np.where(layout.is_length(), _UNDETERMINED_MM, _UNDETERMINED_RAD)
+
+
+def _arm_factor(state: JointState, data: JointData) -> tuple[Array, Array]:
+    """G and the Cholesky factor of I + G S G^T; both empty for an exact arm."""
+    if data.arm.is_exact:
+        return np.zeros((0, 0)), np.zeros((0, 0))
+    G = arm_jacobian(state, data)
+    own = np.linalg.cholesky(data.arm.prior(data.flange_at) + 1e-12 * np.eye(len(data.flange_at)))
+    F = G @ np.kron(own, np.diag(data.arm.scales()))
+    factor: Array = np.linalg.cholesky(np.eye(len(G)) + F @ F.T)
+    return G, factor
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Optimum:
+    state: JointState
+    whitened: Array
+    jacobian: Array
+    arm_by: Array
+    arm_factor: Array
+    report: Report
+
+
+def _settle(data: JointData, layout: Layout, state: JointState) -> _Optimum:
+    """Minimise, renew the noise of the arm, until the estimate stays."""
+    for _ in range(_ROUNDS):
+        G, factor = _arm_factor(state, data)
+        minimum = minimize(
+            partial(_whitened, data=data, layout=layout, factor=factor),
+            partial(_retract, layout=layout),
+            state,
+            tolerance=_TOLERANCE,
+        )
+        before, state = state, minimum.state
+        if not len(G) or _moved_mm(before, state) < _SETTLED_MM:
+            break
+    require_convergence(minimum.report, "joint estimate")
+    return _Optimum(state, minimum.residuals, minimum.jacobian, G, factor, minimum.report)
+
+
+def _whitened(
+    state: JointState, data: JointData, layout: Layout, factor: Array
+) -> tuple[Array, Array]:
+    r, J = linearize(state, data, layout)
+    return whiten_arm(factor, r), whiten_arm(factor, J)
+
+
+def _retract(state: JointState, step: Array, layout: Layout) -> JointState:
+    return state.retract(step, layout)
+
+
+def _moved_mm(before: JointState, after: JointState) -> float:
+    """How far the levers of the arm moved (1 mrad counts as 1 mm)."""
+    mm, rad = before.base_from_camera.distance(after.base_from_camera)
+    tip = float(np.linalg.norm(before.tcp_in_wrist - after.tcp_in_wrist))
+    return max(mm, 1e3 * rad, tip)
+
+
+def _finish(
+    recording: Recording, data: JointData, layout: Layout, optimum: _Optimum
+) -> JointResult:
+    covariance, undetermined = information_inverse(optimum.jacobian, layout)
+    squares = 2 * optimum.report.cost
+    freedom = max(data.measured() - (layout.size - undetermined.shape[1]), 0)
+    return JointResult(
+        recording=recording,
+        data=data,
+        layout=layout,
+        state=optimum.state,
+        covariance=covariance * enlargement(squares, freedom),
+        undetermined=undetermined,
+        cost=optimum.report.cost,
+        freedom=freedom,
+        noise_scale=float(np.sqrt(squares / freedom)) if freedom else 1.0,
+        residuals=_residuals(data, optimum),
+        whitened=optimum.whitened,
+        jacobian=optimum.jacobian,
+        arm_by=optimum.arm_by,
+        arm_factor=optimum.arm_factor,
+        report=optimum.report,
+    )
+
+
+def _residuals(data: JointData, optimum: _Optimum) -> dict[str, float]:
+    state = optimum.state
+    out = {
+        f"{link.name.lower()}_rms_sigma": _rms(optimum.whitened[data.rows_of(link)])
+        for link, rows in data.counts.items()
+        if rows
+    }
+    touches = data.touches
+    tips = touches.rotations @ state.tcp_in_wrist + touches.translations
+    out["touches_rms_mm"] = _rms(np.linalg.norm(tips - state.base_from_object @ data.cad, axis=1))
+    camera_from_base = state.base_from_camera.inverse()
+    off = np.array(
+        [
+            (camera_from_base @ wrist @ state.wrist_from_tag_a).distance(tag)
+            for wrist, tag in zip(data.looks.poses(), data.looks.tags.poses(), strict=True)
+        ]
+    )
+    out["hand_eye_rms_mm"], out["hand_eye_rms_deg"] = _rms(off[:, 0]), _rms(np.degrees(off[:, 1]))
+    return out
+
+
+def _rms(values: Array) -> float:
+    return float(np.sqrt(np.mean(np.square(values))))

@@ -1,0 +1,234 @@
+"""Residuals of the joint estimate, whitened by the sensors' noise, and their derivatives."""
+
+import numpy as np
+
+from vgrd.calibration.joint_problem import Indices, JointData, Link, Tags
+from vgrd.calibration.joint_state import JointState, Layout
+from vgrd.calibration.touches import TouchSet
+from vgrd.geometry import Array, hat, log_rotation
+
+_EYE = np.eye(3)
+_BERNOULLI = (1 / 12, -1 / 720, 1 / 30240)
+
+
+def linearize(state: JointState, data: JointData, layout: Layout) -> tuple[Array, Array]:
+    """Residuals (r,) and derivative (r, n), rows in the order of `data.counts`."""
+    blocks = [
+        _hand_eye(state, data, layout),
+        _touches(state, data, layout),
+        _points(state, data, layout),
+        _reference(state, data, layout),
+    ]
+    if layout.spins:
+        blocks.append(_spins(state, data, layout))
+    if len(data.holes.cad):
+        blocks.append(_holes(state, data, layout))
+    if data.center is not None:
+        blocks.append(_center(state, data, layout))
+    return np.concatenate([r for r, _ in blocks]), np.vstack([J for _, J in blocks])
+
+
+def arm_jacobian(state: JointState, data: JointData) -> Array:
+    """Derivative (rows of the arm, 6 s) of the residuals by a deviation (mm, rad) at every stand.
+
+    The arm stands at its report shifted by the deviation and turned about the flange.
+    """
+    G = np.zeros((data.arm_rows, len(data.flange_at), 6))
+    X_inv = state.base_from_camera.inverse()
+    looks = data.looks
+    D = _tag_residuals(*_predicted_tag_a(state, data), looks.tags)[1] @ X_inv.adjoint()
+    D[:, :, 3:] += D[:, :, :3] @ hat(looks.translations)
+    _put(G, data.rows_of(Link.HAND_EYE), D, looks.stands)
+    for link, touches, stands in (
+        (Link.TOUCHES, data.touches, data.touch_stands),
+        (Link.POINTS, data.points, data.point_stands),
+    ):
+        lever = -hat(touches.rotations @ state.tcp_in_wrist)
+        D = np.concatenate([np.broadcast_to(_EYE, lever.shape), lever], axis=2)
+        _put(G, data.rows_of(link), touches.base_whiteners() @ D, stands)
+    return G.reshape(data.arm_rows, -1)
+
+
+def _put(G: Array, rows: slice, blocks: Array, stands: Indices) -> None:
+    part = G[rows].reshape(len(blocks), -1, *G.shape[1:])
+    part[np.arange(len(blocks)), :, stands] = blocks
+
+
+def adjoints(R: Array, t: Array) -> Array:
+    """Adjoints (n, 6, 6) of poses (n, 3, 3), (n, 3)."""
+    A = np.zeros((len(R), 6, 6))
+    A[:, :3, :3] = A[:, 3:, 3:] = R
+    A[:, :3, 3:] = hat(t) @ R
+    return A
+
+
+def _tag_residuals(R: Array, t: Array, tags: Tags) -> tuple[Array, Array]:
+    """Whitened log(predicted measured^-1) (n, 6), derivative (n, 6, 6) by a left perturbation."""
+    turn = R @ np.swapaxes(tags.rotations, 1, 2)
+    shift = t - np.einsum("nij,nj->ni", turn, tags.translations)
+    w = log_rotation(turn).reshape(-1, 3)
+    W = hat(w)
+    ad = np.zeros((len(w), 6, 6))
+    ad[:, :3, :3] = ad[:, 3:, 3:] = W
+    v = np.einsum("nij,nj->ni", _inverse_jacobian(W), shift)
+    ad[:, :3, 3:] = hat(v)
+    D = tags.whiteners @ _inverse_jacobian(ad)
+    return np.einsum("nij,nj->ni", tags.whiteners, np.concatenate([v, w], axis=1)), D
+
+
+def _inverse_jacobian(ad: Array) -> Array:
+    """Inverse left Jacobian as a series in the adjoint of the logarithm; turns below a radian."""
+    square = ad @ ad
+    out = np.eye(ad.shape[-1]) - ad / 2
+    power = square
+    for factor in _BERNOULLI:
+        out = out + factor * power
+        power = power @ square
+    return np.asarray(out)
+
+
+def _predicted_tag_a(state: JointState, data: JointData) -> tuple[Array, Array]:
+    X_inv = state.base_from_camera.inverse()
+    Y, looks = state.wrist_from_tag_a, data.looks
+    t = looks.rotations @ Y.translation + looks.translations
+    return X_inv.rotation @ looks.rotations @ Y.rotation, X_inv @ t
+
+
+def _rows(count: int, width: int, layout: Layout) -> Array:
+    return np.zeros((count, width, layout.size))
+
+
+def _flat(r: Array, J: Array) -> tuple[Array, Array]:
+    return r.ravel(), J.reshape(-1, J.shape[2])
+
+
+def _hand_eye(state: JointState, data: JointData, layout: Layout) -> tuple[Array, Array]:
+    X_inv, looks = state.base_from_camera.inverse(), data.looks
+    r, D = _tag_residuals(*_predicted_tag_a(state, data), looks.tags)
+    D = D @ X_inv.adjoint()
+    J = _rows(len(r), 6, layout)
+    J[:, :, layout.CAMERA] = -D
+    J[:, :, layout.TAG_A] = D @ adjoints(looks.rotations, looks.translations)
+    return _flat(r, J)
+
+
+def _tips(state: JointState, touches: TouchSet) -> Array:
+    return np.asarray(touches.rotations @ state.tcp_in_wrist + touches.translations)
+
+
+def _touches(state: JointState, data: JointData, layout: Layout) -> tuple[Array, Array]:
+    touches = data.touches
+    W = touches.base_whiteners()
+    at = state.base_from_object @ data.cad
+    J = _rows(len(W), 3, layout)
+    J[:, :, layout.TCP] = W @ touches.rotations
+    J[:, :, layout.OBJECT] = -W @ _by_left(at)
+    return _flat(np.einsum("nij,nj->ni", W, _tips(state, touches) - at), J)
+
+
+def _points(state: JointState, data: JointData, layout: Layout) -> tuple[Array, Array]:
+    points = data.points
+    W = points.base_whiteners()
+    J = _rows(len(W), 3, layout)
+    if len(W):
+        J[:, :, layout.TCP] = W @ points.rotations
+        J[:, :, layout.point_columns] = -W
+    off = _tips(state, points) - state.fixed_point_in_base
+    return _flat(np.einsum("nij,nj->ni", W, off), J)
+
+
+def _by_left(points: Array) -> Array:
+    """Derivative (n, 3, 6) of points (n, 3) by a left perturbation of the pose they came by."""
+    lever = -hat(points)
+    return np.concatenate([np.broadcast_to(_EYE, lever.shape), lever], axis=2)
+
+
+def _reference(state: JointState, data: JointData, layout: Layout) -> tuple[Array, Array]:
+    camera_from_object = state.base_from_camera.inverse() @ state.base_from_object
+    seen = camera_from_object @ state.object_from_tag_b
+    n = len(data.reference)
+    R = np.broadcast_to(seen.rotation, (n, 3, 3))
+    r, D = _tag_residuals(R, np.broadcast_to(seen.translation, (n, 3)), data.reference)
+    J = _rows(n, 6, layout)
+    J[:, :, layout.OBJECT] = D @ state.base_from_camera.inverse().adjoint()
+    J[:, :, layout.CAMERA] = -J[:, :, layout.OBJECT]
+    J[:, :, layout.TAG_B] = D @ camera_from_object.adjoint()
+    return _flat(r, J)
+
+
+def motions(state: JointState, layout: Layout) -> tuple[Array, Array, Array, Array]:
+    """How the object moved in every spin, in its own frame, and what moves it.
+
+    Rotations (n, 3, 3), translations (n, 3), left derivatives by the axis (n, 6, a) and by the
+    planar motion (n, 6, k).
+    """
+    G = state.object_from_axis
+    c, s = np.cos(state.planar[:, 2]), np.sin(state.planar[:, 2])
+    P = np.zeros((len(c), 3, 3))
+    P[:, 0, 0], P[:, 0, 1], P[:, 1, 0], P[:, 1, 1], P[:, 2, 2] = c, -s, s, c, 1.0
+    shift = np.column_stack([state.planar[:, :2], np.zeros(len(c))])
+    R = G.rotation @ P @ G.rotation.T
+    t = shift @ G.rotation.T + G.translation - R @ G.translation
+    own = G.adjoint()
+    by_axis = (np.eye(6) - adjoints(R, t)) @ own[:, list(layout.axis)]
+    by_move = np.broadcast_to(own[:, list(layout.moves)], (len(c), 6, len(layout.moves)))
+    return R, t, by_axis, by_move
+
+
+def _spins(state: JointState, data: JointData, layout: Layout) -> tuple[Array, Array]:
+    R, t, by_axis, by_move = motions(state, layout)
+    X_inv, Z = state.base_from_camera.inverse(), state.object_from_tag_b
+    camera_from_object = X_inv @ state.base_from_object
+    moved = R @ Z.translation + t
+    r, D = _tag_residuals(
+        camera_from_object.rotation @ R @ Z.rotation, camera_from_object @ moved, data.spins
+    )
+    J = _rows(len(r), 6, layout)
+    J[:, :, layout.OBJECT] = D @ X_inv.adjoint()
+    J[:, :, layout.CAMERA] = -J[:, :, layout.OBJECT]
+    D = D @ camera_from_object.adjoint()
+    J[:, :, layout.TAG_B] = D @ adjoints(R, t)
+    J[:, :, layout.axis_columns] = D @ by_axis
+    _put_moves(J, D @ by_move, np.arange(len(r)), layout)
+    return _flat(r, J)
+
+
+def _put_moves(J: Array, blocks: Array, spins: Indices, layout: Layout) -> None:
+    columns = layout.spin_columns()[spins]
+    for i, (block, own) in enumerate(zip(blocks, columns, strict=True)):
+        J[i][:, own] = block
+
+
+def _holes(state: JointState, data: JointData, layout: Layout) -> tuple[Array, Array]:
+    holes = data.holes
+    h, spun = len(holes.cad), holes.spin >= 0
+    at = holes.cad.copy()
+    J = _rows(h, 2, layout)
+    by_motion = np.zeros((h, 3, layout.size))
+    if spun.any():
+        R, t, by_axis, by_move = motions(state, layout)
+        k = holes.spin[spun]
+        at[spun] = np.einsum("nij,nj->ni", R[k], holes.cad[spun]) + t[k]
+        lever = _by_left(at[spun])
+        moved = np.zeros((len(k), 3, layout.size))
+        moved[:, :, layout.axis_columns] = lever @ by_axis[k]
+        _put_moves(moved, lever @ by_move[k], k, layout)
+        by_motion[spun] = moved
+    in_base = state.base_from_object @ at
+    X_inv = state.base_from_camera.inverse()
+    pixels, D = holes.camera.linearize(X_inv @ in_base)
+    D = D @ X_inv.rotation / holes.sigma_px[:, None, None]
+    J[:, :, layout.OBJECT] = D @ _by_left(in_base)
+    J[:, :, layout.CAMERA] = -J[:, :, layout.OBJECT]
+    J += D @ state.base_from_object.rotation @ by_motion
+    return _flat((pixels - holes.pixels) / holes.sigma_px[:, None], J)
+
+
+def _center(state: JointState, data: JointData, layout: Layout) -> tuple[Array, Array]:
+    """The centre across the axis is where CAD says; along it nothing is said."""
+    G = state.object_from_axis
+    off = G.rotation.T @ (G.translation - np.asarray(data.center)) / data.center_sigma_mm
+    by_body = np.hstack([_EYE / data.center_sigma_mm, hat(off)])
+    J = np.zeros((2, layout.size))
+    J[:, layout.axis_columns] = by_body[:2, list(layout.axis)]
+    return off[:2], J
