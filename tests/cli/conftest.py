@@ -34,7 +34,6 @@ def vgrd(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) ->
         capsys.readouterr()
         with pytest.raises(SystemExit) as ended:
             cli.main()
-            sys.exit(0)
         out, err = capsys.readouterr()
         assert "Traceback" not in err
         return Done(int(ended.value.code or 0), out, err)
