@@ -10,7 +10,7 @@ from vgrd.calibration.universal import (
     calibrate_universal,
     retract,
 )
-from vgrd.calibration.universal_start import rotation_candidates
+from vgrd.calibration.universal_start import reduced_cost, rotation_candidates
 from vgrd.errors import InputError, NotObservable, TooFewObservations
 from vgrd.geometry import Pose, exp_rotation
 from vgrd.geometry.least_squares import minimize
@@ -81,7 +81,8 @@ def test_the_covariance_is_as_large_as_the_scatter():
 def test_the_jacobian_agrees_with_finite_differences(axial):
     problem, *_ = simulate(3, 6, noise=1, axis=(0.6, 0, 0.8), lateral=1.0, axial=axial)
     equations = Equations(problem.points_in_object, problem.touches)
-    state = equations.start(rotation_candidates(problem.points_in_object, problem.touches)[0])
+    K = reduced_cost(problem.points_in_object, problem.touches)
+    state = equations.start(rotation_candidates(K)[0])
     state = retract(state, np.array([3, -2, 1, 0.01, 0.02, -0.01, 1, 2, 3]))
     J = equations.linearize(state)[1]
     for k, scale in enumerate([1e-3] * 3 + [1e-6] * 3 + [1e-3] * 3):

@@ -1,32 +1,39 @@
 """The universal method (paper section IV, Eq. 7-15): TCP and object from touches of CAD points."""
 
 from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 
-from vgrd.calibration.motion import Axes, missing_rotation, turned_axes
-from vgrd.calibration.touches import TouchSet, outlier_scores
-from vgrd.calibration.universal_start import rotation_candidates, solve_linear_part
-from vgrd.errors import InputError, NotObservable, TooFewObservations
-from vgrd.geometry import Array, Pose, exp_rotation, hat
-from vgrd.geometry.covariance import covariance_from, observability
+from vgrd.calibration.certificate import certify_rotation
+from vgrd.calibration.rotation_relaxation import Certificate, prove, relax
+from vgrd.calibration.touches import outlier_scores
+from vgrd.calibration.universal_problem import (
+    Equations,
+    State,
+    UniversalProblem,
+    checked_points,
+    retract,
+)
+from vgrd.calibration.universal_start import linear_rotation, reduced_cost, rotation_candidates
+from vgrd.geometry import Array, Pose
+from vgrd.geometry.covariance import covariance_from
 from vgrd.geometry.least_squares import Minimum, Report, minimize, require_convergence
-from vgrd.geometry.pose import left_jacobian_rotation
 
-_TOLERANCE = 2.5e-3
-_LINE = 1e-2
-_MIN_TOUCHES = 4
+__all__ = [
+    "Equations",
+    "UniversalMethod",
+    "UniversalProblem",
+    "UniversalResult",
+    "calibrate_universal",
+    "retract",
+]
+
+UniversalMethod = Literal["certified", "gauss-newton"]
+
 _CLOSE = 1e-8
-
-State = tuple[Array, Array, Array]
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class UniversalProblem:
-    """m touches of CAD points: points_in_object (m, 3) mm, one per touch."""
-
-    points_in_object: Array
-    touches: TouchSet
+_PAPERS_STEP = 1e-3
+_PAPERS_STEPS = 100
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -34,7 +41,8 @@ class UniversalResult:
     """object_from_base: X of Eq. 7; tcp_in_wrist: (3,) mm.
 
     covariance: (9, 9) of the left tangent of object_from_base and of tcp_in_wrist. residuals_mm:
-    (m, 3), e_i of Eq. 12 in the object frame; scores: (m,) sigmas each touch is off.
+    (m, 3), e_i of Eq. 12 in the object frame; scores: (m,) sigmas each touch is off. certificate:
+    whether this is the global optimum.
     """
 
     object_from_base: Pose
@@ -43,23 +51,31 @@ class UniversalResult:
     residuals_mm: Array
     scores: Array
     report: Report
+    certificate: Certificate
 
 
-def calibrate_universal(problem: UniversalProblem) -> UniversalResult:
-    """Lowest weighted sum of squares of Eq. 8, Gauss-Newton of Eq. 9 from several global starts.
+def calibrate_universal(
+    problem: UniversalProblem,
+    method: UniversalMethod = "certified",
+    start: tuple[Pose, Array] | None = None,
+) -> UniversalResult:
+    """Lowest weighted sum of squares of Eq. 8.
 
-    Raises InputError, TooFewObservations, NotObservable (with the motion that is missing) or
-    DidNotConverge.
+    "certified" ends in the proven global optimum (where the semidefinite relaxation is not tight:
+    in the best of many starts). "gauss-newton" is Eq. 9-15 as published, from
+    `start` (object_from_base, tcp_in_wrist (3,) mm), by default identity and zero: it may end in
+    a wrong optimum, which the certificate then shows. Raises InputError, TooFewObservations,
+    NotObservable (with the motion that is missing) or DidNotConverge.
     """
-    p = _checked(problem)
-    touches = problem.touches
-    equations = Equations(p, touches)
-    candidates = [equations.start(rotation) for rotation in rotation_candidates(p, touches)]
-    minima = [
-        minimize(equations.linearize, retract, start, tolerance=_CLOSE, damping=1e-9)
-        for start in candidates
-    ]
-    best: Minimum[State] = min(minima, key=lambda minimum: minimum.report.cost)
+    p = checked_points(problem)
+    equations = Equations(p, problem.touches)
+    K = reduced_cost(p, problem.touches)
+    if method == "gauss-newton":
+        X, tcp = start or (Pose.identity(), np.zeros(3))
+        best = _gauss_newton(equations, (X.rotation, X.translation, np.asarray(tcp)))
+        certificate = certify_rotation(K.T @ K, best.state[0])
+    else:
+        best, certificate = _global_optimum(equations, K)
     equations.require_rank(best.state)
     require_convergence(best.report, "universal method")
     R, t, tcp = best.state
@@ -70,88 +86,44 @@ def calibrate_universal(problem: UniversalProblem) -> UniversalResult:
         residuals_mm=equations.residuals_mm(best.state),
         scores=outlier_scores(best.residuals.reshape(-1, 3), best.jacobian),
         report=best.report,
+        certificate=certificate,
     )
 
 
-def retract(state: State, step: Array) -> State:
-    """Left perturbation of X, addition to the TCP."""
-    R, t, tcp = state
-    turn = exp_rotation(step[3:6])
-    shift = left_jacobian_rotation(step[3:6]) @ step[:3]
-    return turn @ R, turn @ t + shift, tcp + step[6:]
+def _global_optimum(equations: Equations, K: Array) -> tuple[Minimum[State], Certificate]:
+    """The linear solution where that is proven best, else the relaxation's, else the best valley."""
+    C = K.T @ K
+    best = _polish(equations, linear_rotation(K))
+    certificate = prove(C, best.state[0].T)
+    if certificate.tight:
+        return best, certificate
+    relaxed = relax(C)
+    best = _lower(best, _polish(equations, relaxed.rotation.T))
+    certificate = prove(C, best.state[0].T, relaxed.slack)
+    if not certificate.tight:
+        best = _lower(best, *(_polish(equations, R) for R in rotation_candidates(K)))
+        certificate = prove(C, best.state[0].T, relaxed.slack)
+    return best, certificate
 
 
-def _checked(problem: UniversalProblem) -> Array:
-    p = np.array(problem.points_in_object, dtype=np.float64)
-    m = len(problem.touches)
-    if p.shape != (m, 3) or not np.isfinite(p).all():
-        raise InputError(f"{m} touches need as many finite points (m, 3), got shape {p.shape}")
-    if m < _MIN_TOUCHES or problem.touches.equations() < 9:
-        raise TooFewObservations(
-            f"the universal method needs at least {_MIN_TOUCHES} touches and 9 measured "
-            f"directions, got {m} touches and {problem.touches.equations()} directions"
-        )
-    return p
+def _lower(*minima: Minimum[State]) -> Minimum[State]:
+    return min(minima, key=lambda minimum: minimum.report.cost)
 
 
-class Equations:
-    """Eq. 11-15, whitened."""
+def _polish(equations: Equations, rotation: Array) -> Minimum[State]:
+    """Damped Gauss-Newton from a rotation of X."""
+    start = equations.start(rotation)
+    return minimize(equations.linearize, retract, start, tolerance=_CLOSE, damping=1e-9)
 
-    def __init__(self, points_in_object: Array, touches: TouchSet) -> None:
-        self._p = points_in_object
-        self._touches = touches
-        self._R, self._t = touches.rotations, touches.translations
-        self._W = touches.base_whiteners()
-        self._isotropic = touches.is_isotropic
-        self._weights = 1 / touches.lateral_sigma_mm[:, None]
 
-    def start(self, R_X: Array) -> State:
-        """State with the best translation and TCP for a rotation of X."""
-        return solve_linear_part(self._p, self._touches, R_X)
-
-    def residuals_mm(self, state: State) -> Array:
-        """e_i (m, 3) of Eq. 12."""
-        R, t, tcp = state
-        return self._p - ((self._R @ tcp + self._t) @ R.T + t)
-
-    def linearize(self, state: State) -> tuple[Array, Array]:
-        """f(x) of Eq. 11 and J(x) of Eq. 15, in units of sigma."""
-        R, t, tcp = state
-        y = (self._R @ tcp + self._t) @ R.T + t
-        e = self._p - y
-        J = np.empty((len(y), 3, 9))
-        J[:, :, :3] = -np.eye(3)
-        J[:, :, 3:6] = hat(y)
-        J[:, :, 6:] = -R @ self._R
-        if self._isotropic:
-            return (e * self._weights).ravel(), (J * self._weights[:, :, None]).reshape(-1, 9)
-        # Weights stand in the frame of the tool, which X turns: that is the additional term.
-        J[:, :, 3:6] += hat(e)
-        W = self._W @ R.T
-        return np.einsum("mij,mj->mi", W, e).ravel(), (W @ J).reshape(-1, 9)
-
-    def require_rank(self, state: State) -> None:
-        """Raise NotObservable with the reason unless all 9 columns are independent."""
-        J = Equations(self._p, self._touches.measured()).linearize(state)[1]
-        about_center = np.eye(9)
-        about_center[:3, 3:6] = hat(self._p.mean(axis=0))
-        lever = max(float(np.std(self._p, axis=0).max()), 1.0)
-        scales = np.array([1.0] * 3 + [1 / lever] * 3 + [1.0] * 3)
-        rank = observability(J @ about_center, scales, _TOLERANCE).rank
-        if rank < 9:
-            raise NotObservable(
-                f"universal method: {rank} of 9 unknowns are determined: {self._missing()}",
-                rank=rank,
-                unknowns=9,
-            )
-
-    def _missing(self) -> str:
-        spread = np.linalg.svd(self._p - self._p.mean(axis=0), compute_uv=False)
-        reasons = []
-        if spread[1] <= _LINE * max(spread[0], 1e-9):
-            reasons.append("the touched points lie on one line; touch a point beside it")
-        if turned_axes(list(self._R))[0] is not Axes.MANY:
-            reasons.append(missing_rotation(list(self._R)))
-        if not np.isfinite(self._touches.axial_sigma_mm).all():
-            reasons.append("some touches measure nothing along the tool; add touches that do")
-        return "; ".join(reasons) or "add touches with other wrist orientations"
+def _gauss_newton(equations: Equations, state: State) -> Minimum[State]:
+    """Eq. 9-15: full steps until one is shorter than 1e-3 (mm and rad in one norm)."""
+    steps, converged = 0, False
+    r, J = equations.linearize(state)
+    while steps < _PAPERS_STEPS and not converged:
+        step = np.linalg.lstsq(J, -r, rcond=None)[0]
+        state = retract(state, np.asarray(step, dtype=np.float64))
+        r, J = equations.linearize(state)
+        steps += 1
+        converged = float(np.linalg.norm(step)) < _PAPERS_STEP
+    return Minimum(state, r, J, Report(converged, steps, 0.5 * float(r @ r)))

@@ -7,10 +7,9 @@ What is left of the cost when p_T and t' are eliminated is a quadratic in the ni
 from itertools import permutations, product
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from vgrd.calibration.touches import TouchSet
-from vgrd.geometry import Array, exp_rotation, hat
+from vgrd.geometry import Array, exp_rotation, hat, nearest_rotation
 
 _FIRST_STEPS = 5
 _STEPS = 10
@@ -39,11 +38,15 @@ _GENERATORS = hat(np.eye(3))
 _DIAGONAL = np.arange(3)
 
 
-def rotation_candidates(points_in_object: Array, touches: TouchSet) -> list[Array]:
-    """Rotations (3, 3) of X in the best valleys of the reduced cost, best first."""
-    K = _reduced(points_in_object, touches)
-    linear = np.linalg.lstsq(K[:, :9], -K[:, 9], rcond=1e-9)[0].reshape(3, 3)
-    S, costs = _descend(K, np.concatenate([_CUBE, _nearest(linear)[None]]), _FIRST_STEPS)
+def linear_rotation(K: Array) -> Array:
+    """Rotation (3, 3) of X nearest to the unconstrained minimum of a `reduced_cost` (n, 10)."""
+    S = np.linalg.lstsq(K[:, :9], -K[:, 9], rcond=1e-9)[0].reshape(3, 3)
+    return nearest_rotation(S, tolerance=np.inf).T
+
+
+def rotation_candidates(K: Array) -> list[Array]:
+    """Rotations (3, 3) of X in the best valleys of a `reduced_cost` (n, 10), best first."""
+    S, costs = _descend(K, _CUBE, _FIRST_STEPS)
     S, costs = _descend(K, S[np.argsort(costs)[:_PROMISING]], _STEPS)
     order = np.argsort(costs)
     order = order[costs[order] <= _COMPARABLE * costs[order[0]] + 1e-9]
@@ -65,9 +68,9 @@ def solve_linear_part(
     return R_X, -R_X @ x[3:], x[:3]
 
 
-def _reduced(p: Array, touches: TouchSet) -> Array:
+def reduced_cost(points_in_object: Array, touches: TouchSet) -> Array:
     """Square root (n, 10), n <= 10, of the cost in (vec S, 1), rows of S one after the other."""
-    B = touches.base_whiteners()
+    B, p = touches.base_whiteners(), points_in_object
     A = (B[:, :, :, None] * (p - p.mean(axis=0))[:, None, None, :]).reshape(-1, 9)
     b = np.einsum("mij,mj->mi", B, touches.translations - touches.translations.mean(axis=0))
     N = np.concatenate([B @ touches.rotations, B], axis=2).reshape(-1, 6)
@@ -104,10 +107,4 @@ def _exp(rotvecs: Array) -> Array:
     out: Array = (
         np.eye(3) + np.sin(angle) / angle * W + 2 * (np.sin(angle / 2) / angle) ** 2 * (W @ W)
     )
-    return out
-
-
-def _nearest(matrix: ArrayLike) -> Array:
-    U, _, Vt = np.linalg.svd(np.asarray(matrix, dtype=np.float64))
-    out: Array = U @ np.diag([1.0, 1.0, np.linalg.det(U @ Vt)]) @ Vt
     return out
