@@ -1,0 +1,318 @@
+"""The paper's cell as equations, no pictures: recordings with known truth, by the thousand.
+
+Experiment B (table 3): a camera that stands still, tag A on the flange, tag B on a turntable with
+six targets on an 80 mm radius, touches with truncated normal noise. Studies and tests of
+statistics use it; it shares no code with the methods that it judges.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from types import MappingProxyType
+
+import numpy as np
+from numpy.random import SeedSequence
+from scipy.spatial.transform import Rotation
+from scipy.special import ndtr, ndtri
+
+from vgrd.geometry import Array, Pose, exp_rotation, hat
+from vgrd.model import (
+    CellFacts,
+    Mount,
+    ObjectSpec,
+    Observation,
+    Plan,
+    Recording,
+    TagObservation,
+    TagSpec,
+    Target,
+    Tool,
+    Touch,
+    frozen_array,
+)
+
+TAG_A = TagSpec("36h11", 0, 25.0)
+TAG_B = TagSpec("36h11", 1, 25.0)
+WORK_ROTATION = frozen_array(Rotation.from_euler("xyz", [np.pi, 0, 0.3]).as_matrix(), 3, 3)
+TOUCH_SIGMA_MM = 0.233
+_TRUNCATED_SIGMAS = 3.0
+_WAVES = 64
+_SECONDS_PER_SAMPLE = 5.0
+_K = ((6486.0, 0.0, 2012.0), (0.0, 6486.0, 1518.0), (0.0, 0.0, 1.0))
+
+
+@dataclass(frozen=True, slots=True)
+class Vision:
+    """Noise of a tag's pose, in the camera across and along the view, and about the tag's axes."""
+
+    lateral_mm: float
+    depth_mm: float
+    tilt_deg: float
+    roll_deg: float
+
+    def finer(self, times: float) -> "Vision":
+        """The same, smaller."""
+        return Vision(
+            self.lateral_mm / times,
+            self.depth_mm / times,
+            self.tilt_deg / times,
+            self.roll_deg / times,
+        )
+
+
+COARSE = Vision(0.01, 0.06, 0.03, 0.006)
+FINE = COARSE.finer(20)
+
+
+@dataclass(frozen=True, slots=True)
+class ArmErrors:
+    """How the arm differs from its report: a new draw for every move, and a smooth field.
+
+    sigma_mm, field_mm: per axis; turns are rad_per_mm times as large; length_mm: over which the
+    field changes (squared-exponential correlation).
+    """
+
+    sigma_mm: float = 0.0
+    field_mm: float = 0.0
+    length_mm: float = 200.0
+    rad_per_mm: float = 0.75e-3
+
+
+EXACT_ARM = ArmErrors()
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Hole:
+    """Where the camera saw the hole of a target: (2,) px; spin: index, None while touching."""
+
+    target: str
+    pixel: Array
+    sigma_px: float
+    spin: int | None = None
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Request:
+    """A picture of the turned object at run time, and the angle that nobody knows."""
+
+    target: str
+    angle_rad: float
+    seen: Observation
+
+
+class Simulation:
+    """One cell; everything random comes from `seed`."""
+
+    base_from_camera = Pose(
+        Rotation.from_euler("xyz", [np.pi, 0.1, 0.2]).as_matrix(), np.array([350.0, 0, 700])
+    )
+    wrist_from_tag_a = Pose(
+        Rotation.from_euler("xyz", [np.pi, 0.05, -0.1]).as_matrix(), np.array([60.0, 20, 30])
+    )
+    object_from_tag_b = Pose(
+        Rotation.from_euler("xyz", [0.02, -0.01, 0.7]).as_matrix(), np.array([30.0, 40, 10])
+    )
+    tcp_in_wrist = frozen_array((5, -8, 120), 3)
+    center_in_base = frozen_array((350, 0, 50), 3)
+    fixed_point_in_base = frozen_array((400, 100, 60), 3)
+    standing = Pose(WORK_ROTATION, np.array([300.0, 60, 300]))
+
+    def __init__(
+        self,
+        seed: int | SeedSequence,
+        *,
+        vision: Vision = COARSE,
+        touch_sigma_mm: float = TOUCH_SIGMA_MM,
+        axial_sigma_mm: float | None = None,
+        arm: ArmErrors = EXACT_ARM,
+        one_axis: bool = False,
+    ) -> None:
+        self.rng = np.random.default_rng(seed)
+        self.vision = vision
+        self.sigmas_mm = (touch_sigma_mm, axial_sigma_mm or touch_sigma_mm)
+        self.arm = arm
+        self._one_axis = one_axis
+        self._field = _field(self.rng, arm)
+        self._stamp_s = 0.0
+        circle = np.arange(6) * np.pi / 3
+        self.targets = {
+            f"P{k + 1}": Target(
+                k + 1, f"P{k + 1}", frozen_array((80 * np.cos(a), 80 * np.sin(a), 0), 3)
+            )
+            for k, a in enumerate(circle)
+        }
+
+    def base_from_object(self, angle_rad: float) -> Pose:
+        """Object on its turntable."""
+        return Pose.from_rotvec((0.0, 0.0, angle_rad), self.center_in_base)
+
+    def point(self, target: str, angle_rad: float) -> Array:
+        """Where a target is, (3,) base, mm."""
+        return self.base_from_object(angle_rad) @ self.targets[target].point_in_object
+
+    def miss(self, request: Request, base_from_wrist: Pose) -> Array:
+        """Tip minus target, (3,) mm, after the arm was sent to `base_from_wrist`."""
+        tip = self._true(base_from_wrist, self._draw()) @ self.tcp_in_wrist
+        return np.asarray(tip - self.point(request.target, request.angle_rad))
+
+    def wrist(self, spread_rad: float = 0.0) -> Array:
+        """Work orientation (3, 3), turned at random within the spread about each axis."""
+        spread = np.array([0, 0, 1.0]) if self._one_axis else np.ones(3)
+        angles = self.rng.uniform(-1, 1, 3) * spread * spread_rad
+        return np.asarray(WORK_ROTATION @ Rotation.from_euler("xyz", angles).as_matrix())
+
+    def looks(self, count: int) -> tuple[Observation, ...]:
+        """Hand-eye samples over the working volume."""
+        out = []
+        for _ in range(count):
+            turn = self.rng.uniform(-1, 1, 3) * (0.4, 0.4, 0.8)
+            turn[:2] *= not self._one_axis
+            R = WORK_ROTATION @ Rotation.from_euler("xyz", turn).as_matrix()
+            position = np.array([350, 0, 250]) + self.rng.uniform(-100, 100, 3)
+            out.append(self.observe(Pose(R, position), 0.0))
+        return tuple(out)
+
+    def spins(self, count: int) -> tuple[Observation, ...]:
+        """Pictures of the turning object, the robot standing at one pose."""
+        draw = self._draw()
+        angles = np.linspace(0, 1.6 * np.pi, count)
+        return tuple(self.observe(self.standing, float(angle), draw) for angle in angles)
+
+    def touch(self, target: str, R: Array, angle_rad: float = 0.0) -> Touch:
+        """Touch a target with the wrist oriented as R (reported)."""
+        return self._touch(target, self.point(target, angle_rad), R, angle_rad)
+
+    def points(self, count: int, spread_rad: float = np.radians(25)) -> tuple[Touch, ...]:
+        """Touches of one fixed point with varied wrists, no picture."""
+        at = self.fixed_point_in_base
+        return tuple(self._touch("spike", at, self.wrist(spread_rad), None) for _ in range(count))
+
+    def holes(self, spins: Sequence[int | None], sigma_px: float = 0.1) -> tuple[Hole, ...]:
+        """All holes as the camera sees them, object as in each spin (of 1.6 pi over 10) or still."""
+        K = np.array(_K)
+        out = []
+        for spin in spins:
+            angle = 0.0 if spin is None else self.spin_angles[spin]
+            for name in self.targets:
+                ray = K @ (self.base_from_camera.inverse() @ self.point(name, angle))
+                pixel = ray[:2] / ray[2] + self.rng.normal(size=2) * sigma_px
+                out.append(Hole(name, frozen_array(pixel, 2), sigma_px, spin))
+        return tuple(out)
+
+    def record(
+        self,
+        *,
+        looks: int = 8,
+        spins: int = 10,
+        wrists: Sequence[Array] | None = None,
+        names: Sequence[str] | None = None,
+        points: int = 0,
+        plan: Plan = Plan.JOINT,
+    ) -> Recording:
+        """A session; wrists: orientation of every touch, None for six alike."""
+        wrists = [WORK_ROTATION] * 6 if wrists is None else wrists
+        every = list(self.targets)
+        names = [every[i % 6] for i in range(len(wrists))] if names is None else names
+        self.spin_angles = [float(a) for a in np.linspace(0, 1.6 * np.pi, max(spins, 1))]
+        return Recording(
+            session="simulated",
+            plan=plan,
+            facts=self.facts(),
+            looks=self.looks(looks),
+            spins=self.spins(spins),
+            touches=tuple(self.touch(n, R) for n, R in zip(names, wrists, strict=True)),
+            points=self.points(points),
+        )
+
+    def request(self) -> Request:
+        """The object turned at random, one picture from where the robot waits."""
+        angle = float(self.rng.uniform(-np.pi, np.pi))
+        target = f"P{self.rng.integers(6) + 1}"
+        return Request(target, angle, self.observe(self.standing, angle))
+
+    def facts(self) -> CellFacts:
+        """What a cell file would tell."""
+        return CellFacts(
+            mount=Mount.EYE_TO_HAND,
+            camera_matrix=frozen_array(_K, 3, 3),
+            distortion=frozen_array((), 0),
+            image_size_px=(4024, 3036),
+            tag_a=TAG_A,
+            tag_b=TAG_B,
+            tool=Tool(),
+            object=ObjectSpec(
+                MappingProxyType(self.targets), center_in_object=frozen_array((0, 0, 0), 3)
+            ),
+            robot_sigma_mm=max(float(np.hypot(self.arm.sigma_mm, self.arm.field_mm)), 1e-3),
+        )
+
+    def observe(
+        self, reported: Pose, angle_rad: float, deviation: Array | None = None
+    ) -> Observation:
+        """One picture of both tags, the arm standing where it reports `reported`."""
+        deviation = self._draw() if deviation is None else deviation
+        camera_from_base = self.base_from_camera.inverse()
+        A = camera_from_base @ self._true(reported, deviation) @ self.wrist_from_tag_a
+        B = camera_from_base @ self.base_from_object(angle_rad) @ self.object_from_tag_b
+        self._stamp_s += _SECONDS_PER_SAMPLE
+        return Observation(reported, self._stamp_s, self._see(TAG_A, A), self._see(TAG_B, B))
+
+    def _touch(self, target: str, point: Array, R: Array, angle_rad: float | None) -> Touch:
+        lateral, axial = self.sigmas_mm
+        miss = R @ (self._truncated() * (lateral, lateral, axial))
+        draw = self._draw()
+        flange = point + miss - R @ self.tcp_in_wrist
+        for _ in range(3):
+            off = self._true(Pose(R, flange), draw) @ self.tcp_in_wrist - (point + miss)
+            flange = flange - off
+        reported = Pose(R, flange)
+        seen = None if angle_rad is None else self.observe(reported, angle_rad, draw)
+        floor = 1e-3
+        return Touch(target, reported, max(lateral, floor), max(axial, floor), seen)
+
+    def _truncated(self) -> Array:
+        tail = ndtr(-_TRUNCATED_SIGMAS)
+        return np.asarray(ndtri(self.rng.uniform(tail, 1 - tail, 3)))
+
+    def _draw(self) -> Array:
+        scale = np.array([1.0] * 3 + [self.arm.rad_per_mm] * 3)
+        return np.asarray(self.rng.normal(size=6) * scale * self.arm.sigma_mm)
+
+    def _true(self, reported: Pose, deviation: Array) -> Pose:
+        """Where the arm truly is: shifted, and turned about its flange."""
+        d = self._field.tangent(reported.translation) + deviation
+        return Pose(exp_rotation(d[3:]) @ reported.rotation, reported.translation + d[:3])
+
+    def _see(self, spec: TagSpec, truth: Pose) -> TagObservation:
+        v = self.vision
+        shift = np.array([v.lateral_mm, v.lateral_mm, v.depth_mm])
+        turn = np.radians([v.tilt_deg, v.tilt_deg, v.roll_deg])
+        R = truth.rotation @ exp_rotation(self.rng.normal(size=3) * turn)
+        seen = Pose(R, truth.translation + self.rng.normal(size=3) * shift)
+        G = np.zeros((6, 6))
+        G[:3, :3] = np.eye(3)
+        G[3:, 3:] = seen.rotation
+        G[:3, 3:] = hat(seen.translation) @ seen.rotation
+        covariance = (G * np.concatenate([shift, turn]) ** 2) @ G.T
+        return TagObservation(spec, seen, frozen_array(covariance, 6, 6), np.zeros((4, 2)), 0.0)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _ErrorField:
+    """Smooth deviation of the arm: waves (n, 3) rad/mm, phases (n, 6), weights (n, 6) mm and rad."""
+
+    waves: Array
+    phases: Array
+    weights: Array
+
+    def tangent(self, flange_in_base: Array) -> Array:
+        """Deviation (6,) at a flange position (3,): mm and rad, base axes."""
+        angles = (self.waves @ flange_in_base)[:, None] + self.phases
+        return np.asarray((self.weights * np.sin(angles)).sum(axis=0))
+
+
+def _field(rng: np.random.Generator, arm: ArmErrors) -> _ErrorField:
+    """Random Fourier features of a squared-exponential field (Rahimi and Recht 2007)."""
+    scale = np.array([1.0] * 3 + [arm.rad_per_mm] * 3)
+    weights = rng.normal(size=(_WAVES, 6)) * scale * arm.field_mm * np.sqrt(2 / _WAVES)
+    phases = rng.uniform(0, 2 * np.pi, (_WAVES, 6))
+    return _ErrorField(rng.normal(size=(_WAVES, 3)) / arm.length_mm, phases, weights)
