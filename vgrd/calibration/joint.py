@@ -1,6 +1,6 @@
 """Joint estimate: one maximum-likelihood problem over everything that a session tells.
 
-Unknowns: base_from_camera, wrist_from_tag_a, TCP, base_from_object, object_from_tag_b, the axis of
+Unknowns: base_from_camera, wrist_from_tag_a, TCP, base_from_object, tag B on the object, the axis of
 turning and every turn. Corrections of the robot's poses are eliminated in closed form: with a
 prior S and derivative G they widen the noise to I + G S G^T. What the data leave undetermined is
 reported, and refused only by the expected coordinate that depends on it.
@@ -72,7 +72,6 @@ class JointResult:
             "wrist_from_tag_a": self.layout.TAG_A,
             "the TCP": self.layout.TCP,
             "base_from_object": self.layout.OBJECT,
-            "object_from_tag_b": self.layout.TAG_B,
         }
         size = np.linalg.norm(self.undetermined / _units(self.layout)[:, None], axis=1)
         return ", ".join(name for name, part in names.items() if (size[part] > 0.05).any())
@@ -137,8 +136,7 @@ def _arm_factor(state: JointState, data: JointData) -> tuple[Array, Array]:
     G = arm_jacobian(state, data)
     own = np.linalg.cholesky(data.arm.prior(data.flange_at) + 1e-12 * np.eye(len(data.flange_at)))
     F = G @ np.kron(own, np.diag(data.arm.scales()))
-    factor: Array = np.linalg.cholesky(np.eye(len(G)) + F @ F.T)
-    return G, factor
+    return G, np.asarray(np.linalg.cholesky(np.eye(len(G)) + F @ F.T), dtype=np.float64)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

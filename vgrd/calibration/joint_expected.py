@@ -3,12 +3,15 @@
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.special import gammaincinv
 
 from vgrd.calibration.joint import JointResult, whiten_arm
-from vgrd.calibration.joint_problem import target_of
+from vgrd.calibration.joint_problem import Tags, target_of
+from vgrd.calibration.joint_rows import Moves, by_left, moved_tag, moves
+from vgrd.calibration.joint_state import planar_part
 from vgrd.errors import InputError, NotObservable, TagNotSeen
 from vgrd.geometry import Array, Pose, hat, log_rotation
-from vgrd.geometry.covariance import radius95
+from vgrd.geometry.covariance import radius95, whitener
 from vgrd.model import (
     ExpectedCoordinate,
     Observation,
@@ -20,22 +23,26 @@ from vgrd.model import (
 
 _EYE = np.eye(3)
 _REFUSED_MM = 0.05
+_FITS_MODEL = 0.9999
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Sensitivity:
-    """A flange pose and how it changes.
+class Prediction:
+    """A flange pose, position corrected by the arm's field, and the errors it consists of.
 
-    by_unknowns (3, n), by_picture (3, 6) left tangent of the tag, by_arm (3, 6) deviation of the
-    arm there: its position, mm; turn_*: its orientation, rad.
+    by_unknowns (3, n): of the joint estimate; by_picture (3, 6): of the tag's left tangent;
+    by_arm (3, 6): of the arm's deviation there; arm_covariance (6, 6): of what is left of that.
+    turn_*: the same for the orientation, rad. fits_model: the object moved as it can.
     """
 
     base_from_wrist: Pose
     by_unknowns: Array
     by_picture: Array
     by_arm: Array
+    arm_covariance: Array
     turn_by_unknowns: Array
     turn_by_picture: Array
+    fits_model: bool
 
 
 def expected_by_joint(
@@ -48,87 +55,164 @@ def expected_by_joint(
     """Flange pose at which the work tip meets the target in the picture given; Eq. 5 and 6.
 
     policy fixed: wrist as touched (or `base_from_work` (3, 3)); follow: it turns with the object;
-    requested: exactly `base_from_work`. Where the arm has a smooth error field, the errors seen
-    while teaching correct the answer. Raises InputError, TagNotSeen, or NotObservable where the
-    answer depends on what the recording left undetermined.
+    requested: exactly `base_from_work`. The picture counts as one spin more: it only has to tell
+    the turn, unless the object left its turntable or plane. Raises InputError, TagNotSeen, or
+    NotObservable where the answer depends on what the recording left undetermined.
     """
     tag = _tag_b(observation_now)
-    s = sensitivity(result, target, tag.camera_from_tag, policy, base_from_work)
-    flange, covariance = _with_arm(result, s)
-    covariance = covariance + s.by_picture @ tag.covariance @ s.by_picture.T
-    turned = s.turn_by_unknowns @ result.covariance @ s.turn_by_unknowns.T
-    turned = turned + s.turn_by_picture @ tag.covariance @ s.turn_by_picture.T
+    made = predict(result, target, tag, policy, base_from_work)
+    covariance = (
+        made.by_unknowns @ result.covariance @ made.by_unknowns.T
+        + made.by_picture @ tag.covariance @ made.by_picture.T
+        + made.by_arm @ made.arm_covariance @ made.by_arm.T
+    )
+    turned = (
+        made.turn_by_unknowns @ result.covariance @ made.turn_by_unknowns.T
+        + made.turn_by_picture @ tag.covariance @ made.turn_by_picture.T
+    )
     return ExpectedCoordinate(
         target=target_of(result.recording, target),
-        base_from_wrist=Pose(s.base_from_wrist.rotation, flange),
+        base_from_wrist=made.base_from_wrist,
         position_covariance=frozen_array(covariance, 3, 3),
         u95_mm=radius95(covariance),
         u95_rad=radius95(turned),
     )
 
 
-def sensitivity(
+def predict(
     result: JointResult,
     target: str,
-    camera_from_tag_b: Pose,
+    tag: TagObservation,
     policy: Policy,
     base_from_work: Array | None = None,
-) -> Sensitivity:
-    """Flange for the target in a picture, errors of the arm left aside, and its derivatives."""
-    state, layout = result.state, result.layout
-    p = np.asarray(target_of(result.recording, target).point_in_object)
-    R_work = _work_orientation(result.recording, target, policy, base_from_work)
-    tip = state.tcp_in_wrist + result.recording.facts.tool.work_from_touch_mm
-    X, Z, O_R = state.base_from_camera, state.object_from_tag_b, state.base_from_object.rotation
-    base_from_object = X @ camera_from_tag_b @ Z.inverse()
-    now = base_from_object.rotation
-    in_camera = X.inverse() @ base_from_object @ p
-    point = base_from_object @ p
-    by = np.zeros((3, layout.size))
-    by[:, layout.CAMERA] = np.hstack([_EYE, -hat(point)])
-    by[:, layout.TAG_B] = -now @ np.hstack([_EYE, -hat(p)])
-    by_picture = X.rotation @ np.hstack([_EYE, -hat(in_camera)])
-    turn, turn_by_picture = np.zeros((3, layout.size)), np.zeros((3, 6))
-    R = R_work
-    if policy is Policy.FOLLOW:
-        R = now @ O_R.T @ R_work
-        turn[:, layout.CAMERA.start + 3 : layout.CAMERA.stop] = _EYE
-        turn[:, layout.TAG_B.start + 3 : layout.TAG_B.stop] = -now
-        turn[:, layout.OBJECT.start + 3 : layout.OBJECT.stop] = -now @ O_R.T
-        turn_by_picture[:, 3:] = X.rotation
-    lever = hat(R @ tip)
-    by = by + lever @ turn
-    by[:, layout.TCP] = -R
-    return Sensitivity(
-        base_from_wrist=Pose(R, point - R @ tip),
-        by_unknowns=by,
-        by_picture=by_picture + lever @ turn_by_picture,
-        by_arm=-np.hstack([_EYE, -lever]),
-        turn_by_unknowns=turn,
-        turn_by_picture=turn_by_picture,
+) -> Prediction:
+    """Expected coordinate with the derivatives that its uncertainty consists of."""
+    R_work = work_orientation(result.recording, target, policy, base_from_work)
+    seen = _on_model(result, tag)
+    fits = seen is not None
+    seen = seen or _anywhere(result, tag)
+    flange, R, by, turn = _flange(result, target, seen, policy, R_work)
+    tip = R @ _tip(result)
+    by_arm = -np.hstack([_EYE, -hat(tip)])
+    correction, by_field, arm_covariance = _field(result, flange)
+    n = result.layout.size
+    by[:, :n] += by_arm @ by_field
+    flange = flange + by_arm @ correction - by @ (seen.gain @ seen.residual)
+    by_unknowns = by[:, :n] - by @ seen.gain @ seen.by_unknowns
+    _require_determined(result, by_unknowns)
+    return Prediction(
+        base_from_wrist=Pose(R, flange),
+        by_unknowns=by_unknowns,
+        by_picture=by @ seen.gain @ seen.whitener,
+        by_arm=by_arm,
+        arm_covariance=arm_covariance,
+        turn_by_unknowns=turn[:, :n] - turn @ seen.gain @ seen.by_unknowns,
+        turn_by_picture=turn @ seen.gain @ seen.whitener,
+        fits_model=fits,
     )
 
 
-def _with_arm(result: JointResult, s: Sensitivity) -> tuple[Array, Array]:
-    """Flange (3,) corrected by what the arm did nearby, and its covariance without the picture.
+@dataclass(frozen=True, slots=True, eq=False)
+class _Seen:
+    """The object's motion in one picture, and how to improve unknowns and motion by it.
 
-    The field at the answer is predicted from the residuals of teaching (universal kriging).
+    residual (6,), whitened; by_unknowns (6, n); gain (n + k, 6): minus the correction of (unknowns,
+    motion) per residual; at: Moves of one.
     """
-    arm, at = result.data.arm, s.base_from_wrist.translation
-    by, squares = s.by_unknowns, arm.scales() ** 2
+
+    at: Moves
+    residual: Array
+    by_unknowns: Array
+    gain: Array
+    whitener: Array
+
+
+def _tags_of(tag: TagObservation) -> Tags:
+    C = tag.camera_from_tag
+    return Tags(C.rotation[None], C.translation[None], whitener(tag.covariance)[None])
+
+
+def _on_model(result: JointResult, tag: TagObservation) -> _Seen | None:
+    """The picture as one spin more; None where it cannot be one."""
+    state, layout = result.state, result.layout
+    if not layout.spins:
+        return None
+    tags = _tags_of(tag)
+    motion = tag.camera_from_tag @ state.camera_from_tag_b.inverse()
+    planar = planar_part(state.camera_from_axis, motion, result.data.motion)[None]
+    at = moves(state, planar, layout)
+    r, J, by_move = (part[0] for part in moved_tag(state, tags, at, layout))
+    S = np.eye(6) + J @ result.covariance @ J.T
+    S_inv = np.linalg.inv(S)
+    of_move = np.linalg.solve(by_move.T @ S_inv @ by_move, by_move.T @ S_inv)
+    left = np.eye(6) - by_move @ of_move
+    misfit = float((left @ r) @ S_inv @ (left @ r))
+    if misfit > 2 * gammaincinv((6 - len(layout.moves)) / 2, _FITS_MODEL):
+        return None
+    gain = np.vstack([result.covariance @ J.T @ S_inv @ left, of_move])
+    return _Seen(at, r, J, gain, tags.whiteners[0])
+
+
+def _anywhere(result: JointResult, tag: TagObservation) -> _Seen:
+    """The object where the picture alone says."""
+    state, layout = result.state, result.layout
+    tags = _tags_of(tag)
+    M = tag.camera_from_tag @ state.camera_from_tag_b.inverse()
+    by_axis = np.zeros((1, 6, len(layout.axis)))
+    at = Moves(M.rotation[None], M.translation[None], by_axis, np.eye(6)[None])
+    r, J, by_move = (part[0] for part in moved_tag(state, tags, at, layout))
+    gain = np.vstack([np.zeros((layout.size, 6)), np.linalg.inv(by_move)])
+    return _Seen(at, r, J, gain, tags.whiteners[0])
+
+
+def _flange(
+    result: JointResult, target: str, seen: _Seen, policy: Policy, R_work: Array
+) -> tuple[Array, Array, Array, Array]:
+    """Flange (3,), wrist (3, 3), derivatives (3, n + k) of both by unknowns and motion."""
+    state, layout, at = result.state, result.layout, seen.at
+    X, N = state.base_from_camera, Pose(at.rotations[0], at.translations[0])
+    p = np.asarray(target_of(result.recording, target).point_in_object)
+    taught = state.base_from_object @ p
+    in_camera = N @ (X.inverse() @ taught)
+    point = X @ in_camera
+    turn = X.rotation @ N.rotation @ X.rotation.T
+    n, k = layout.size, at.by_move.shape[2]
+    by, turned = np.zeros((3, n + k)), np.zeros((3, n + k))
+    motion = np.zeros((6, n + k))
+    motion[:, layout.axis_columns], motion[:, n:] = at.by_axis[0], at.by_move[0]
+    by += X.rotation @ by_left(in_camera[None])[0] @ motion
+    by[:, layout.OBJECT] = turn @ by_left(taught[None])[0]
+    by[:, layout.CAMERA] = by_left(point[None])[0] - by[:, layout.OBJECT]
+    R = R_work
+    if policy is Policy.FOLLOW:
+        R = turn @ R_work
+        turned += X.rotation @ motion[3:]
+        turned[:, layout.CAMERA.start + 3 : layout.CAMERA.stop] = _EYE - turn
+    tip = R @ _tip(result)
+    by += hat(tip) @ turned
+    by[:, layout.TCP] = -R
+    return point - tip, R, by, turned
+
+
+def _tip(result: JointResult) -> Array:
+    return np.asarray(result.state.tcp_in_wrist + result.recording.facts.tool.work_from_touch_mm)
+
+
+def _field(result: JointResult, flange: Array) -> tuple[Array, Array, Array]:
+    """Deviation (6,) of the arm at a flange position, as its errors while teaching predict.
+
+    With its derivative (6, n) by the unknowns and its covariance (6, 6) (universal kriging).
+    """
+    arm = result.data.arm
+    squares = arm.scales() ** 2
     here = (arm.sigma_mm**2 + arm.field_mm**2) * np.diag(squares)
-    flange = at
-    if arm.field_mm > 0:
-        near = arm.field(at[None], result.data.flange_at)
-        shared = np.kron(near, np.diag(squares)) @ result.arm_by.T
-        gain = whiten_arm(result.arm_factor, shared.T).T
-        k = gain.shape[1]
-        flange = at - s.by_arm @ (gain @ result.whitened[:k])
-        by = by - s.by_arm @ gain @ result.jacobian[:k]
-        here = here - gain @ gain.T
-    _require_determined(result, by)
-    covariance = by @ result.covariance @ by.T + s.by_arm @ here @ s.by_arm.T
-    return flange, covariance
+    if arm.field_mm == 0:
+        return np.zeros(6), np.zeros((6, result.layout.size)), here
+    near = arm.field(flange[None], result.data.flange_at)
+    shared = np.kron(near, np.diag(squares)) @ result.arm_by.T
+    gain = whiten_arm(result.arm_factor, shared.T).T
+    k = gain.shape[1]
+    return -gain @ result.whitened[:k], -gain @ result.jacobian[:k], here - gain @ gain.T
 
 
 def _require_determined(result: JointResult, by_unknowns: Array) -> None:
@@ -150,7 +234,7 @@ def _tag_b(seen: Observation | TagObservation) -> TagObservation:
     return tag
 
 
-def _work_orientation(
+def work_orientation(
     recording: Recording, name: str, policy: Policy, base_from_work: Array | None
 ) -> Array:
     """As asked for, as configured, or as touched: the most usual orientation of that target."""

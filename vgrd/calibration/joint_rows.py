@@ -1,5 +1,7 @@
 """Residuals of the joint estimate, whitened by the sensors' noise, and their derivatives."""
 
+from dataclasses import dataclass
+
 import numpy as np
 
 from vgrd.calibration.joint_problem import Indices, JointData, Link, Tags
@@ -9,6 +11,19 @@ from vgrd.geometry import Array, hat, log_rotation
 
 _EYE = np.eye(3)
 _BERNOULLI = (1 / 12, -1 / 720, 1 / 30240)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Moves:
+    """How the object moved, in the camera: (n, 3, 3), (n, 3), and what that depends on.
+
+    by_axis (n, 6, a), by_move (n, 6, k): left derivatives by the axis and by the planar motion.
+    """
+
+    rotations: Array
+    translations: Array
+    by_axis: Array
+    by_move: Array
 
 
 def linearize(state: JointState, data: JointData, layout: Layout) -> tuple[Array, Array]:
@@ -122,7 +137,7 @@ def _touches(state: JointState, data: JointData, layout: Layout) -> tuple[Array,
     at = state.base_from_object @ data.cad
     J = _rows(len(W), 3, layout)
     J[:, :, layout.TCP] = W @ touches.rotations
-    J[:, :, layout.OBJECT] = -W @ _by_left(at)
+    J[:, :, layout.OBJECT] = -W @ by_left(at)
     return _flat(np.einsum("nij,nj->ni", W, _tips(state, touches) - at), J)
 
 
@@ -137,59 +152,56 @@ def _points(state: JointState, data: JointData, layout: Layout) -> tuple[Array, 
     return _flat(np.einsum("nij,nj->ni", W, off), J)
 
 
-def _by_left(points: Array) -> Array:
+def by_left(points: Array) -> Array:
     """Derivative (n, 3, 6) of points (n, 3) by a left perturbation of the pose they came by."""
     lever = -hat(points)
     return np.concatenate([np.broadcast_to(_EYE, lever.shape), lever], axis=2)
 
 
 def _reference(state: JointState, data: JointData, layout: Layout) -> tuple[Array, Array]:
-    camera_from_object = state.base_from_camera.inverse() @ state.base_from_object
-    seen = camera_from_object @ state.object_from_tag_b
-    n = len(data.reference)
+    seen, n = state.camera_from_tag_b, len(data.reference)
     R = np.broadcast_to(seen.rotation, (n, 3, 3))
     r, D = _tag_residuals(R, np.broadcast_to(seen.translation, (n, 3)), data.reference)
     J = _rows(n, 6, layout)
-    J[:, :, layout.OBJECT] = D @ state.base_from_camera.inverse().adjoint()
-    J[:, :, layout.CAMERA] = -J[:, :, layout.OBJECT]
-    J[:, :, layout.TAG_B] = D @ camera_from_object.adjoint()
+    J[:, :, layout.TAG_B] = D
     return _flat(r, J)
 
 
-def motions(state: JointState, layout: Layout) -> tuple[Array, Array, Array, Array]:
-    """How the object moved in every spin, in its own frame, and what moves it.
-
-    Rotations (n, 3, 3), translations (n, 3), left derivatives by the axis (n, 6, a) and by the
-    planar motion (n, 6, k).
-    """
-    G = state.object_from_axis
-    c, s = np.cos(state.planar[:, 2]), np.sin(state.planar[:, 2])
+def moves(state: JointState, planar: Array, layout: Layout) -> Moves:
+    """How the object moved since it was touched; planar: (n, 3) x, y, angle."""
+    G = state.camera_from_axis
+    c, s = np.cos(planar[:, 2]), np.sin(planar[:, 2])
     P = np.zeros((len(c), 3, 3))
     P[:, 0, 0], P[:, 0, 1], P[:, 1, 0], P[:, 1, 1], P[:, 2, 2] = c, -s, s, c, 1.0
-    shift = np.column_stack([state.planar[:, :2], np.zeros(len(c))])
+    shift = np.column_stack([planar[:, :2], np.zeros(len(c))])
     R = G.rotation @ P @ G.rotation.T
     t = shift @ G.rotation.T + G.translation - R @ G.translation
     own = G.adjoint()
     by_axis = (np.eye(6) - adjoints(R, t)) @ own[:, list(layout.axis)]
     by_move = np.broadcast_to(own[:, list(layout.moves)], (len(c), 6, len(layout.moves)))
-    return R, t, by_axis, by_move
+    return Moves(R, t, by_axis, by_move)
+
+
+def moved_tag(
+    state: JointState, tags: Tags, moved: Moves, layout: Layout
+) -> tuple[Array, Array, Array]:
+    """Residuals (n, 6) of tag B on the moved object, derivatives by the unknowns and the moves.
+
+    (n, 6, unknowns) without, and (n, 6, k) of each one's own motion.
+    """
+    F = state.camera_from_tag_b
+    t = moved.rotations @ F.translation + moved.translations
+    r, D = _tag_residuals(moved.rotations @ F.rotation, t, tags)
+    J = _rows(len(r), 6, layout)
+    J[:, :, layout.TAG_B] = D @ adjoints(moved.rotations, moved.translations)
+    J[:, :, layout.axis_columns] = D @ moved.by_axis
+    return r, J, D @ moved.by_move
 
 
 def _spins(state: JointState, data: JointData, layout: Layout) -> tuple[Array, Array]:
-    R, t, by_axis, by_move = motions(state, layout)
-    X_inv, Z = state.base_from_camera.inverse(), state.object_from_tag_b
-    camera_from_object = X_inv @ state.base_from_object
-    moved = R @ Z.translation + t
-    r, D = _tag_residuals(
-        camera_from_object.rotation @ R @ Z.rotation, camera_from_object @ moved, data.spins
-    )
-    J = _rows(len(r), 6, layout)
-    J[:, :, layout.OBJECT] = D @ X_inv.adjoint()
-    J[:, :, layout.CAMERA] = -J[:, :, layout.OBJECT]
-    D = D @ camera_from_object.adjoint()
-    J[:, :, layout.TAG_B] = D @ adjoints(R, t)
-    J[:, :, layout.axis_columns] = D @ by_axis
-    _put_moves(J, D @ by_move, np.arange(len(r)), layout)
+    moved = moves(state, state.planar, layout)
+    r, J, by_move = moved_tag(state, data.spins, moved, layout)
+    _put_moves(J, by_move, np.arange(len(r)), layout)
     return _flat(r, J)
 
 
@@ -201,34 +213,38 @@ def _put_moves(J: Array, blocks: Array, spins: Indices, layout: Layout) -> None:
 
 def _holes(state: JointState, data: JointData, layout: Layout) -> tuple[Array, Array]:
     holes = data.holes
-    h, spun = len(holes.cad), holes.spin >= 0
-    at = holes.cad.copy()
-    J = _rows(h, 2, layout)
-    by_motion = np.zeros((h, 3, layout.size))
+    spun = holes.spin >= 0
+    in_base = state.base_from_object @ holes.cad
+    camera_from_base = state.base_from_camera.inverse()
+    at = camera_from_base @ in_base
+    by_base = np.broadcast_to(camera_from_base.rotation, (len(at), 3, 3)).copy()
+    own = np.zeros((len(at), 3, layout.size))
     if spun.any():
-        R, t, by_axis, by_move = motions(state, layout)
-        k = holes.spin[spun]
-        at[spun] = np.einsum("nij,nj->ni", R[k], holes.cad[spun]) + t[k]
-        lever = _by_left(at[spun])
-        moved = np.zeros((len(k), 3, layout.size))
-        moved[:, :, layout.axis_columns] = lever @ by_axis[k]
-        _put_moves(moved, lever @ by_move[k], k, layout)
-        by_motion[spun] = moved
-    in_base = state.base_from_object @ at
-    X_inv = state.base_from_camera.inverse()
-    pixels, D = holes.camera.linearize(X_inv @ in_base)
-    D = D @ X_inv.rotation / holes.sigma_px[:, None, None]
-    J[:, :, layout.OBJECT] = D @ _by_left(in_base)
+        moved, k = moves(state, state.planar, layout), holes.spin[spun]
+        at[spun] = np.einsum("nij,nj->ni", moved.rotations[k], at[spun]) + moved.translations[k]
+        by_base[spun] = moved.rotations[k] @ by_base[spun]
+        lever, part = by_left(at[spun]), np.zeros((len(k), 3, layout.size))
+        part[:, :, layout.axis_columns] = lever @ moved.by_axis[k]
+        _put_moves(part, lever @ moved.by_move[k], k, layout)
+        own[spun] = part
+    pixels, D = holes.camera.linearize(at)
+    D = D / holes.sigma_px[:, None, None]
+    J = D @ own
+    J[:, :, layout.OBJECT] = D @ by_base @ by_left(in_base)
     J[:, :, layout.CAMERA] = -J[:, :, layout.OBJECT]
-    J += D @ state.base_from_object.rotation @ by_motion
     return _flat((pixels - holes.pixels) / holes.sigma_px[:, None], J)
 
 
 def _center(state: JointState, data: JointData, layout: Layout) -> tuple[Array, Array]:
     """The centre across the axis is where CAD says; along it nothing is said."""
-    G = state.object_from_axis
-    off = G.rotation.T @ (G.translation - np.asarray(data.center)) / data.center_sigma_mm
-    by_body = np.hstack([_EYE / data.center_sigma_mm, hat(off)])
-    J = np.zeros((2, layout.size))
-    J[:, layout.axis_columns] = by_body[:2, list(layout.axis)]
-    return off[:2], J
+    G, camera_from_base = state.camera_from_axis, state.base_from_camera.inverse()
+    in_base = state.base_from_object @ np.asarray(data.center)
+    off = G.inverse() @ (camera_from_base @ in_base) / -data.center_sigma_mm
+    J = np.zeros((3, layout.size))
+    J[:, layout.axis_columns] = np.hstack([_EYE / data.center_sigma_mm, hat(off)])[
+        :, list(layout.axis)
+    ]
+    turn = G.rotation.T @ camera_from_base.rotation / data.center_sigma_mm
+    J[:, layout.CAMERA] = turn @ by_left(in_base[None])[0]
+    J[:, layout.OBJECT] = -J[:, layout.CAMERA]
+    return off[:2], J[:2]

@@ -1,7 +1,9 @@
 """The unknowns of the joint estimate, and a first guess of them from closed forms.
 
-The object's motion is M = G P G^-1 with G = object_from_axis (its z is the axis of turning) and P
-a planar motion (x, y, angle) for every spin; x and y stay 0 on a turntable.
+What the camera sees of the object is kept in the camera's frame, so that pictures and touches meet
+in few equations: the tag while touching, and its motion N = G P G^-1 in every spin, with
+G = camera_from_axis (its z is the axis of turning) and P planar (x, y, angle); x and y stay 0 on a
+turntable.
 """
 
 from dataclasses import dataclass, replace
@@ -89,10 +91,16 @@ class JointState:
     wrist_from_tag_a: Pose
     tcp_in_wrist: Array
     base_from_object: Pose
-    object_from_tag_b: Pose
-    object_from_axis: Pose
+    camera_from_tag_b: Pose
+    camera_from_axis: Pose
     planar: Array
     fixed_point_in_base: Array
+
+    @property
+    def object_from_tag_b(self) -> Pose:
+        """Tag B on the object."""
+        seen = self.base_from_camera @ self.camera_from_tag_b
+        return self.base_from_object.inverse() @ seen
 
     def retract(self, step: Array, layout: Layout) -> "JointState":
         """Left perturbations of poses, body-frame moves of the axis, planar moves of the spins."""
@@ -104,8 +112,8 @@ class JointState:
             wrist_from_tag_a=Pose.exp(step[layout.TAG_A]) @ self.wrist_from_tag_a,
             tcp_in_wrist=self.tcp_in_wrist + step[layout.TCP],
             base_from_object=Pose.exp(step[layout.OBJECT]) @ self.base_from_object,
-            object_from_tag_b=Pose.exp(step[layout.TAG_B]) @ self.object_from_tag_b,
-            object_from_axis=self.object_from_axis @ Pose.exp(at_axis),
+            camera_from_tag_b=Pose.exp(step[layout.TAG_B]) @ self.camera_from_tag_b,
+            camera_from_axis=self.camera_from_axis @ Pose.exp(at_axis),
             planar=_moved(self.planar, step[layout.spin_columns()], layout),
             fixed_point_in_base=self.fixed_point_in_base + step[layout.point_columns]
             if layout.has_point
@@ -141,11 +149,12 @@ def guess(data: JointData, camera_from_tag_b: Pose) -> JointState:
         R = data.touches.rotations[0]
         base_from_object = Pose(base_from_object.rotation, base_from_object.translation + off)
         tcp = tcp + R.T @ off
-    object_from_tag_b = base_from_object.inverse() @ base_from_camera @ camera_from_tag_b
-    object_from_axis = _guess_axis(data, center, object_from_tag_b)
-    moved = object_from_axis.inverse() @ object_from_tag_b
-    still = (camera_from_tag_b @ moved.inverse()).inverse()
-    planar = [_planar(still @ seen @ moved.inverse(), data.motion) for seen in data.spins.poses()]
+    camera_from_object = base_from_camera.inverse() @ base_from_object
+    camera_from_axis = _guess_axis(data, center, camera_from_object)
+    planar = [
+        planar_part(camera_from_axis, seen @ camera_from_tag_b.inverse(), data.motion)
+        for seen in data.spins.poses()
+    ]
     points = data.points
     spike = (points.rotations @ tcp + points.translations).mean(axis=0) if len(points) else tcp
     return JointState(
@@ -153,17 +162,18 @@ def guess(data: JointData, camera_from_tag_b: Pose) -> JointState:
         wrist_from_tag_a,
         tcp,
         base_from_object,
-        object_from_tag_b,
-        object_from_axis,
+        camera_from_tag_b,
+        camera_from_axis,
         np.array(planar).reshape(-1, 3),
         spike,
     )
 
 
-def _planar(motion: Pose, kind: Motion) -> Array:
-    """(x, y, angle) of a motion about z."""
-    angle = np.arctan2(motion.rotation[1, 0], motion.rotation[0, 0])
-    x, y = motion.translation[:2] * (kind is Motion.PLANAR)
+def planar_part(camera_from_axis: Pose, motion: Pose, kind: Motion) -> Array:
+    """(x, y, angle) of a motion in the camera, seen from the axis."""
+    P = camera_from_axis.inverse() @ motion @ camera_from_axis
+    angle = np.arctan2(P.rotation[1, 0], P.rotation[0, 0])
+    x, y = P.translation[:2] * (kind is Motion.PLANAR)
     return np.array([x, y, angle])
 
 
@@ -184,8 +194,8 @@ def _guess_hand_eye(looks: Looks) -> tuple[Pose, Pose]:
 
 
 def _guess_object(data: JointData) -> tuple[Pose, Array, bool]:
-    """base_from_object, TCP, and whether the touches alone tell the TCP."""
-    touches = data.touches
+    """base_from_object, TCP, and whether touches alone tell the TCP."""
+    touches, points = data.touches, data.points
     axes = turned_axes(list(touches.rotations))[0]
     if axes is Axes.MANY and len(touches) >= _UNIVERSAL_TOUCHES:
         try:
@@ -195,6 +205,10 @@ def _guess_object(data: JointData) -> tuple[Pose, Array, bool]:
         else:
             return result.object_from_base.inverse(), result.tcp_in_wrist, True
     pose, tcp = linear_start(touches.rotations, touches.translations, data.cad)
+    if axes is Axes.NONE and len(points) and turned_axes(list(points.rotations))[0] is Axes.MANY:
+        at_points = linear_start(points.rotations, points.translations, 0 * points.translations)[1]
+        shift = touches.rotations[0] @ (at_points - tcp)
+        return Pose(pose.rotation, pose.translation + shift), at_points, True
     return pose, tcp, axes is not Axes.NONE
 
 
@@ -205,15 +219,13 @@ def _guess_center(data: JointData) -> RotationCenter | None:
         return None
 
 
-def _guess_axis(data: JointData, center: RotationCenter | None, object_from_tag_b: Pose) -> Pose:
-    """Frame with z along the axis; origin: the centre in CAD, else the one that the camera saw."""
-    z = np.array([0.0, 0.0, 1.0])
-    at = np.zeros(3)
+def _guess_axis(data: JointData, center: RotationCenter | None, camera_from_object: Pose) -> Pose:
+    """Frame with z along the axis; origin: the centre in CAD, brought onto the axis seen."""
+    at = camera_from_object @ (np.zeros(3) if data.center is None else data.center)
+    z = camera_from_object.rotation[:, 2]
     if center is not None:
-        z = object_from_tag_b.rotation @ center.axis_in_tag
-        at = object_from_tag_b @ center.center_in_tag
-    if data.center is not None:
-        at = np.asarray(data.center)
+        z = center.axis_in_camera
+        at = center.at_height(at)[1]
     x = np.cross(z, np.eye(3)[int(np.argmin(np.abs(z)))])
     x = x / np.linalg.norm(x)
     return Pose(np.column_stack([x, np.cross(z, x), z]), at)
