@@ -7,7 +7,7 @@ import numpy as np
 
 from vgrd.errors import InputError, NotObservable, TooFewObservations
 from vgrd.geometry import Array, Pose, log_rotation
-from vgrd.geometry.covariance import observability
+from vgrd.geometry.covariance import Observability, observability
 
 NO_ROTATION_RAD = np.radians(0.5)
 _HAND_EYE_TOLERANCE = 5e-3
@@ -56,10 +56,11 @@ def refuse_repeats(names: Sequence[str], poses: Sequence[Pose]) -> None:
             )
 
 
-def require_hand_eye_motion(poses: Sequence[Pose]) -> None:
-    """Raise unless the wrist poses determine all 12 unknowns of a hand-eye calibration.
+def hand_eye_observability(poses: Sequence[Pose]) -> Observability:
+    """What the wrist poses determine of the 12 unknowns of a hand-eye calibration.
 
-    The rank depends on the wrist poses alone: rows [-I, Ad(W_1^-1 W_i)].
+    Rows [-I, Ad(W_1^-1 W_i)]; undetermined: (k, 12), translation first, rotations in units that
+    make them as large as translations. Raises TooFewObservations.
     """
     if len(poses) < 3:
         raise TooFewObservations(
@@ -69,7 +70,12 @@ def require_hand_eye_motion(poses: Sequence[Pose]) -> None:
     lever = max(float(np.std([move.translation for move in moves], axis=0).max()), _MIN_LEVER_MM)
     unit = np.array([1, 1, 1, 1 / lever, 1 / lever, 1 / lever])
     rows = [np.hstack([-np.eye(6), move.adjoint()]) / unit[:, None] / lever for move in moves]
-    rank = observability(np.vstack(rows), np.tile(unit, 2) * lever, _HAND_EYE_TOLERANCE).rank
+    return observability(np.vstack(rows), np.tile(unit, 2) * lever, _HAND_EYE_TOLERANCE)
+
+
+def require_hand_eye_motion(poses: Sequence[Pose]) -> None:
+    """Raise unless the wrist poses determine all 12 unknowns of a hand-eye calibration."""
+    rank = hand_eye_observability(poses).rank
     if rank < 12:
         raise NotObservable(
             f"hand-eye: the robot poses determine {rank} of 12 unknowns: "
