@@ -22,6 +22,7 @@ from vgrd.geometry.least_squares import Minimum, Report, minimize, require_conve
 
 __all__ = [
     "Equations",
+    "State",
     "UniversalMethod",
     "UniversalProblem",
     "UniversalResult",
