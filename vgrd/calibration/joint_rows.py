@@ -65,7 +65,7 @@ def arm_jacobian(state: JointState, data: JointData) -> Array:
 
 
 def _put(G: Array, rows: slice, blocks: Array, stands: Indices) -> None:
-    part = G[rows].reshape(len(blocks), -1, *G.shape[1:])
+    part = G[rows].reshape(*blocks.shape[:2], *G.shape[1:])
     part[np.arange(len(blocks)), :, stands] = blocks
 
 
