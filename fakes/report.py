@@ -15,7 +15,6 @@ from vgrd.geometry import Array
 
 MEAN_XY_BAR_MM, PERFECT_XY_BAR_MM = 0.25, 0.05
 GATE_BAR_MIB, TREE_BAR_MIB = 40.0, 1536.0
-DEMO_BAR_S = 180.0
 
 
 class Report:
@@ -92,7 +91,7 @@ class Report:
             if not path.name.startswith("."):
                 self.console.print(f"left: {path}", soft_wrap=True)
         self.console.print(f"daemon stopped in {stop_s:.2f} s")
-        self._judge("the whole demo, s", total_s, DEMO_BAR_S)
+        self.console.print(f"the whole demo took {total_s:.0f} s")
 
     def write(self, path: Path, by_method: Mapping[str, Array]) -> None:
         """Write the figures as JSON for tests."""
