@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from vgrd.calibration.hand_eye import HandEyeProblem, PoseSample
+from vgrd.calibration.hand_eye import HandEyeProblem, PoseSample, calibrate_hand_eye
 from vgrd.calibration.hand_eye_certificate import certified_start, rotation_cost
 from vgrd.calibration.hand_eye_fit import move_of
 from vgrd.calibration.hand_eye_partial import calibrate_hand_eye_partial
@@ -102,6 +102,19 @@ def test_perfect_data_give_the_truth_and_a_tight_certificate():
         assert start.Y.distance(problem.Y) == pytest.approx((0, 0), abs=1e-6)
         assert start.certificate.tight
         assert start.free.shape == (0, 6)
+
+
+@pytest.mark.parametrize("mount", MOUNTS)
+def test_the_default_says_that_its_start_was_the_best_of_all(mount):
+    rng = np.random.default_rng(5)
+    problem, X, _ = partial_problem(
+        mount, [random_pose(rng, 100, 1.0) for _ in range(7)], sigma=1.0
+    )
+    result = calibrate_hand_eye(problem)
+    assert result.certificate.tight
+    assert result.mount_from_camera.distance(X)[0] < 1
+    again = HandEyeProblem(mount, problem.samples, 1e-6, 1e-9, start=result)
+    assert calibrate_hand_eye(again).certificate is None
 
 
 # 4-axis arms and portals

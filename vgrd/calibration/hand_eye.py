@@ -11,6 +11,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from vgrd.calibration.hand_eye_fit import Fit, HandEye, Rows, Sample, fit_hand_eye, move_of
+from vgrd.calibration.rotation_relaxation import Certificate
 from vgrd.geometry import Array, Pose
 from vgrd.geometry.camera import CameraModel
 from vgrd.geometry.covariance import whitener
@@ -38,7 +39,7 @@ class HandEyeProblem:
     """Looks with pose covariances; robot_sigma_*: noise of one flange pose, per axis.
 
     estimate_scale: the size of the target, which scales all its distances, is estimated too.
-    start: an earlier result to start from, instead of the closed form.
+    start: an earlier result to start from, instead of the certified one.
     """
 
     mount: Mount
@@ -73,7 +74,8 @@ class HandEyeResult:
     mount_from_target: wrist_from_target or base_from_target. covariance: (12, 12) of the left
     tangents of the two, in this order. noise_scale: residuals over what the sigmas promise (the
     covariance is enlarged by it where it is above 1). camera: as refined; target_scale: 1 unless
-    it was estimated.
+    it was estimated. certificate: that the start was the best of all rotations; None where an
+    earlier result was the start.
     """
 
     mount: Mount
@@ -86,6 +88,7 @@ class HandEyeResult:
     intrinsics_sigma: Array = field(default_factory=lambda: np.zeros(6))
     target_scale: float = 1.0
     target_scale_sigma: float = 0.0
+    certificate: Certificate | None = None
 
     def predict(self, base_from_wrist: Pose) -> Pose:
         """camera_from_target that this calibration expects at a flange pose."""
@@ -174,4 +177,5 @@ def result_of(mount: Mount, samples: Sequence[Sample], fit: Fit) -> HandEyeResul
         covariance=fit.covariance[:12, :12],
         noise_scale=fit.noise_scale,
         samples=tuple(residuals),
+        certificate=fit.state.certificate,
     )

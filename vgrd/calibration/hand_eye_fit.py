@@ -8,8 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import gammaincinv
 
-from vgrd.calibration.hand_eye_start import park_martin
+from vgrd.calibration.hand_eye_certificate import certified_start
 from vgrd.calibration.motion import refuse_repeats, require_hand_eye_motion
+from vgrd.calibration.rotation_relaxation import Certificate
 from vgrd.errors import NotObservable, TooFewObservations
 from vgrd.geometry import Array, Pose
 from vgrd.geometry.camera import CameraModel
@@ -19,6 +20,8 @@ from vgrd.model import Mount
 
 Mask = NDArray[np.bool_]
 
+_START_SIGMA_MM = 1.0  # of the start only, where their ratio says how to weigh: alike at 500 mm
+_START_SIGMA_RAD = 2e-3
 _ROUNDS = 20
 _SETTLED = 1e-3
 _NEARLY_SETTLED = 1e-2
@@ -30,7 +33,10 @@ _CHI2_6_REJECT = 2 * float(gammaincinv(3, 1 - 1e-5))
 
 @dataclass(frozen=True, slots=True, eq=False)
 class HandEye:
-    """State of the estimate: X, Y, and what the points problem refines beside them."""
+    """State of the estimate: X, Y, and what the points problem refines beside them.
+
+    certificate: of the start, None where it was given.
+    """
 
     X: Pose = field(default_factory=Pose.identity)
     Y: Pose = field(default_factory=Pose.identity)
@@ -39,6 +45,7 @@ class HandEye:
     refines_camera: bool = False
     refines_scale: bool = False
     is_blank: bool = True
+    certificate: Certificate | None = None
 
     @property
     def extra(self) -> int:
@@ -122,15 +129,20 @@ def fit_hand_eye(
     """Maximum likelihood; robust: samples that fit no common pose are left out with the reason.
 
     `start` says what is refined beside the two poses; where it holds none, they start from the
-    closed form.
+    certified optimum of a simpler cost.
     """
     refuse_repeats([s.name for s in samples], [s.base_from_wrist for s in samples])
     require_hand_eye_motion([s.base_from_wrist for s in samples])
     engine = _Engine(mount, samples, robot_sigma_mm, robot_sigma_rad)
     start = start or HandEye()
     if start.is_blank:
-        X, Y = park_martin(engine.moves, [s.camera_from_target for s in samples])
-        start = replace(start, X=X, Y=Y, is_blank=False)
+        best = certified_start(
+            engine.moves,
+            [s.camera_from_target for s in samples],
+            sigma_mm=_START_SIGMA_MM,
+            sigma_rad=_START_SIGMA_RAD,
+        )
+        start = replace(start, X=best.X, Y=best.Y, is_blank=False, certificate=best.certificate)
     if 6 * len(samples) < 12 + start.extra + 1:
         raise TooFewObservations(
             f"{len(samples)} samples cannot determine {12 + start.extra} unknowns: "
