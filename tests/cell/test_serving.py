@@ -306,6 +306,17 @@ def test_a_camera_without_pictures_is_told(bench: Bench) -> None:
     assert bench.ask().answer.status is Status.CAMERA_OFFLINE
 
 
+def test_a_camera_known_to_be_lost_is_told_without_waiting_for_a_picture(
+    bench: Bench, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    async def never(timeout_s: float) -> Sight:
+        raise AssertionError(f"waited {timeout_s} s")
+
+    monkeypatch.setattr(bench.measuring, "fresh", never)
+    bench.measuring.troubles["camera"] = "unplugged"
+    assert bench.ask().answer.status is Status.CAMERA_OFFLINE
+
+
 def test_a_cell_that_drifted_stops_serving(bench: Bench, taught: Taught) -> None:
     assert taught.sight.base_from_wrist is not None
     bumped = Pose.from_rotvec((0, 0, 0), (3.0, 0, 0)) @ taught.sight.base_from_wrist

@@ -56,6 +56,7 @@ class Cell:
             serving.max_u95_mm,
             serving.warn_u95_mm,
             serving.moved_mm,
+            serving.timeout_s,
         )
         self.serving = Serving(
             self.measuring,

@@ -34,6 +34,7 @@ class Limits:
     max_u95_mm: float
     warn_u95_mm: float
     moved_mm: float
+    timeout_s: float = 2.0
 
 
 def check_request(request: Request, calibration: Calibration) -> Answer | None:

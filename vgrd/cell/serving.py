@@ -18,6 +18,7 @@ PUBLISH_S = 0.02
 TCP_CHANGED_MM = 0.05
 TCP_CHANGED_RAD = 2e-4
 DRIFT_PICTURES = 3
+PICTURE_SHARE = 0.8  # of a request's time, so that the reason arrives before the gate's timeout
 
 log = structlog.get_logger()
 
@@ -138,8 +139,11 @@ class Serving:
     async def _picture(self, request: Request) -> Sight | None:
         if request.command == Command.EC_NEWEST and self.measuring.sight_of_object is not None:
             return self.measuring.sight_of_object
+        if self.measuring.camera_trouble():
+            return None
         try:
-            return await self.measuring.fresh(request.timeout_s or RETRY_WITHIN_S)
+            timeout_s = request.timeout_s or self.limits.timeout_s
+            return await self.measuring.fresh(PICTURE_SHARE * timeout_s)
         except DeviceUnavailable:
             return None
 
@@ -210,9 +214,6 @@ class Serving:
         ):
             state |= flag if holds else State(0)
         return state
-
-
-RETRY_WITHIN_S = 2.0
 
 
 def tcp_difference(calibrated: Pose | None, active: Pose | None) -> str:
