@@ -47,6 +47,7 @@ class FakeCell:
         self._error: BaseException | None = None
         self._resources = contextlib.ExitStack()
         self._camera: FakeProcess | None = None
+        self._unplugged = False
         self._controller: RtdeServer | None = None
 
     def __enter__(self) -> Self:
@@ -82,11 +83,13 @@ class FakeCell:
         if self._camera is None:
             raise LookupError(f"{self.camera} runs inside the daemon and cannot be unplugged")
         self._camera.kill()
+        self._unplugged = True
 
     def plug_camera(self) -> None:
         """Put an unplugged camera back, at the same address."""
-        if self._camera is not None:
+        if self._camera is not None and self._unplugged:
             self._camera = self._resources.enter_context(self._camera.again())
+            self._unplugged = False
 
     def _start_camera(self, undo: contextlib.ExitStack) -> dict[str, str | int]:
         """Start the camera where it is a process of its own; returns its settings in the cell file."""

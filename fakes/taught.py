@@ -71,6 +71,7 @@ class TaughtCell:
             controller.faults = RtdeFaults()
 
         self.fake.disturb(faultless)
+        self.fake.plug_camera()
         self.world.cover()
         self.world.arm.wrist_from_tcp = self.wrist_from_tcp
         now = time.monotonic()

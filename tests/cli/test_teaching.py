@@ -22,7 +22,7 @@ def ask(live, vgrd):
     return lambda *words: vgrd(*words, "--config", live.cell.fake.cell_file)
 
 
-def stand(live, arrival_s: float) -> None:
+def stand(arrival_s: float) -> None:
     time.sleep(max(0.0, arrival_s - time.monotonic()) + 0.1)
 
 
@@ -33,16 +33,16 @@ def test_a_session_is_taught_sample_by_sample(live, ask) -> None:
     assert ask("record", "start").code != 0
 
     look, second = look_poses(world.layout, 2)
-    stand(live, world.move_flange(look, time.monotonic()))
+    stand(world.move_flange(look, time.monotonic()))
     done = ask("look", "--json", "-").result
     assert done["have"] == {"look": 1}
     assert done["missing"] == {"look": 7, "spin": 4, "touch": 6}
     assert done["tags"] == ["tag_a", "tag_b"]
-    stand(live, world.move_flange(second, time.monotonic()))
+    stand(world.move_flange(second, time.monotonic()))
     assert "look" in ask("look").out
     assert ask("spin", "--json", "-").result["have"] == {"look": 2, "spin": 1}
 
-    stand(live, world.jog_onto("P1", WORK_ROTATION, time.monotonic()))
+    stand(world.jog_onto("P1", WORK_ROTATION, time.monotonic()))
     assert ask("touch", "P1", "--json", "-").result["have"]["touch"] == 1
     assert ask("touch", "P1", "--json", "-").result["have"]["touch"] == 2
     unknown = ask("touch", "P9")
@@ -102,7 +102,7 @@ def test_what_cannot_be_computed_is_refused_by_name(ask, words, told) -> None:
 
 
 def test_a_calibration_with_a_flipped_bit_is_refused_and_the_active_one_serves_on(
-    live, ask, calibration
+    live, ask
 ) -> None:
     store = live.cell.state / "calibrations"
     good = store / f"{live.cell.calibration}.json"
@@ -134,7 +134,7 @@ def test_a_session_with_too_little_in_it_is_not_solved_and_nothing_changes(live,
     assert ask("status", "--json", "-").result["calibration"] == live.cell.calibration
 
 
-def test_status_is_one_table_or_one_json(live, ask) -> None:
+def test_status_is_one_table_or_one_json(ask) -> None:
     status = ask("status", "--json", "-").result
     assert (status["serving"], status["robot"], status["camera"]) == (True, "ok", "ok")
     assert set(status["processes"]) == {"robot", "camera", "cell"}
