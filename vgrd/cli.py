@@ -282,11 +282,17 @@ def solve(
             help="A dataset file (.toml) or a session folder; none: the daemon's session."
         ),
     ] = None,
+    method: Annotated[
+        str | None,
+        typer.Option(help="Datasets only: a published method, unrefined, such as tsai-lenz."),
+    ] = None,
     config: ConfigOption = None,
     socket: SocketOption = None,
     json_to: JsonOption = None,
 ) -> None:
     """Solve a dataset, a recorded session, or the daemon's last session; nothing becomes active."""
+    if method is not None and (source is None or source.is_dir()):
+        raise InputError("--method is for datasets: name a DATASET.toml")
     if source is None:
         result = _ask(config, socket, "solve", timeout_s=SOLVE_TIMEOUT_S)
         _print_calibration(result, json_to, "solved")
@@ -295,7 +301,7 @@ def solve(
 
         _print_calibration(solve_session(source), json_to, f"{source.name} solved")
     else:
-        _solve_dataset(source, json_to)
+        _solve_dataset(source, method, json_to)
 
 
 def _print_calibration(result: Result, json_to: str | None, title: str) -> None:
@@ -305,11 +311,11 @@ def _print_calibration(result: Result, json_to: str | None, title: str) -> None:
         raise typer.Exit(CalibrationError.exit_code)
 
 
-def _solve_dataset(source: Path, json_to: str | None) -> None:
+def _solve_dataset(source: Path, method: str | None, json_to: str | None) -> None:
     from vgrd.datasets import solve_dataset
 
     with _progress("solving") as report:
-        solution = solve_dataset(source, report)
+        solution = solve_dataset(source, report, method=method)
 
     def show(result: Result) -> None:
         console.print(

@@ -37,7 +37,8 @@ class DatasetSolution:
     """The calibration that a dataset gives.
 
     mount_from_camera: base_from_camera (eye-to-hand) or wrist_from_camera (eye-in-hand);
-    mount_from_target: wrist_from_target or base_from_target; camera: as given or refined.
+    mount_from_target: wrist_from_target or base_from_target; camera: as given or refined; method: the
+    named one that was asked for, None for the default.
     """
 
     mount: Mount
@@ -49,6 +50,7 @@ class DatasetSolution:
     camera: CameraModel | None
     refined: bool
     verdict: Verdict
+    method: str | None = None
 
     def transforms(self) -> Mapping[str, Pose]:
         """The two poses by their full names."""
@@ -60,7 +62,9 @@ class DatasetSolution:
 
     def to_json(self) -> dict[str, Any]:
         """Plain values for `--json`; unknown numbers are null; lengths mm."""
+        named = {} if self.method is None else {"method": self.method}
         return {
+            **named,
             **{name: pose.matrix().tolist() for name, pose in self.transforms().items()},
             "leave_one_out": {
                 "deg": _known(self.leave_one_out.deg),

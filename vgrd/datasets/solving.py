@@ -13,6 +13,7 @@ from vgrd.datasets.fitting import Fitter, PointFitter, PoseFitter
 from vgrd.datasets.half_turns import turn_alike
 from vgrd.datasets.judging import Evidence, Miss, doubtful, judge, suspects
 from vgrd.datasets.loading import MIN_SAMPLES, Dataset, DatasetSample, load_dataset
+from vgrd.datasets.named_method import NamedMethodFitter, check_method
 from vgrd.datasets.solution import DatasetSolution, LeaveOneOut, SampleReport
 from vgrd.errors import CalibrationError, ConfigError, InputError, TagNotSeen, TooFewObservations
 from vgrd.geometry import Pose
@@ -55,16 +56,22 @@ class _Steps:
         self._progress(self._total, self._total)
 
 
-def solve_dataset(path: Path, progress: Progress | None = None) -> DatasetSolution:
+def solve_dataset(
+    path: Path, progress: Progress | None = None, *, method: str | None = None
+) -> DatasetSolution:
     """Solve hand-eye from a DATASET.toml; `progress(done, total)` is called after every step.
 
-    Raises ConfigError (faults of the file and its pictures), TooFewObservations, NotObservable
-    (names the missing motion) or DidNotConverge.
+    method: one of `vgrd.calibration.hand_eye_methods.METHODS`, without refinement; None: maximum
+    likelihood. Raises InputError (method unknown, or intrinsics to be refined by it), ConfigError
+    (faults of the file and its pictures), TooFewObservations, NotObservable (names the missing
+    motion) or DidNotConverge.
     """
+    if method is not None:
+        check_method(method)
     dataset = load_dataset(path)
     steps = _Steps(progress, 2 * len(dataset.samples) + 2)
     found = _look(dataset, steps)
-    fitter = _fitter(dataset, found)
+    fitter = _fitter(dataset, found, method)
     own = [fitter.own_pose(i, dataset.camera) for i in range(len(found.samples))]
     try:
         result = fitter.match_noise()
@@ -94,6 +101,7 @@ def solve_dataset(path: Path, progress: Progress | None = None) -> DatasetSoluti
         camera=result.camera,
         refined=dataset.refine,
         verdict=judge(evidence),
+        method=method,
     )
     steps.finish()
     return solution
@@ -140,7 +148,19 @@ def _seen(sample: DatasetSample, target: TargetSpec | None) -> BoardObservation 
     return detect_board(np.asarray(image, dtype=np.uint8), target)
 
 
-def _fitter(dataset: Dataset, found: Found) -> Fitter:
+def _fitter(dataset: Dataset, found: Found, method: str | None) -> Fitter:
+    if method is None:
+        return _likelihood_fitter(dataset, found)
+    if dataset.refine:
+        raise InputError(
+            f"{dataset.path}: method '{method}' refines no intrinsics: set camera.refine = false, "
+            "or leave the method out"
+        )
+    samples = [(sample.name, sample.base_from_wrist) for sample in found.samples]
+    return NamedMethodFitter(method, _likelihood_fitter(dataset, found), samples, dataset.camera)
+
+
+def _likelihood_fitter(dataset: Dataset, found: Found) -> Fitter:
     pairs = list(zip(found.samples, found.seen, strict=True))
     if dataset.camera is None:
         return PoseFitter(
