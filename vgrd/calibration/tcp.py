@@ -17,14 +17,17 @@ _TOLERANCE = 2.5e-3
 class FixedPointResult:
     """tcp_in_wrist, point_in_base: (3,) mm; covariance: (6, 6) of both, in this order.
 
-    residuals_mm: (m, 3), base frame; scores: (m,) sigmas each touch is off.
+    residuals_mm: (m, 3), base frame; whitened: the same in sigmas, (m, 3); scores: (m,) sigmas each
+    touch is off; freedom: measured directions minus unknowns.
     """
 
     tcp_in_wrist: Array
     point_in_base: Array
     covariance: Array
     residuals_mm: Array
+    whitened: Array
     scores: Array
+    freedom: int
 
 
 def calibrate_fixed_point(touches: TouchSet) -> FixedPointResult:
@@ -47,12 +50,15 @@ def calibrate_fixed_point(touches: TouchSet) -> FixedPointResult:
             unknowns=6,
         )
     x = np.linalg.lstsq(A, b, rcond=None)[0]
+    whitened = (A @ x - b).reshape(-1, 3)
     return FixedPointResult(
         tcp_in_wrist=x[:3],
         point_in_base=x[3:],
         covariance=covariance_from(A),
         residuals_mm=touches.rotations @ x[:3] + touches.translations - x[3:],
-        scores=outlier_scores((A @ x - b).reshape(-1, 3), A),
+        whitened=whitened,
+        scores=outlier_scores(whitened, A),
+        freedom=touches.equations() - 6,
     )
 
 

@@ -9,6 +9,7 @@ from vgrd.errors import InputError
 from vgrd.geometry import Array, Pose
 
 _LEVERAGE_FLOOR = 1e-9
+_ACROSS = 1e-6
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -72,6 +73,28 @@ class TouchSet:
             np.where(np.isfinite(self.axial_sigma_mm), 1.0, np.inf),
         )
 
+    def weighted(self, weights: Array) -> "TouchSet":
+        """The same touches, variances divided by weights (m,); weight 0 leaves a touch out."""
+        with np.errstate(divide="ignore"):
+            factor = 1 / np.sqrt(weights)
+        return TouchSet(
+            self.rotations,
+            self.translations,
+            self.axis_in_wrist,
+            self.lateral_sigma_mm * factor,
+            self.axial_sigma_mm * factor,
+        )
+
+    def sigma_along(self, directions: Array) -> Array:
+        """Sigma (m,) of each touch along a direction (m, 3), unit vectors in the base."""
+        along = np.einsum("mi,mij,j->m", directions, self.rotations, self.axis_in_wrist) ** 2
+        along = np.where(along < _ACROSS, 0.0, np.minimum(along, 1.0))
+        with np.errstate(invalid="ignore"):
+            axial = np.where(along > 0, along * self.axial_sigma_mm**2, 0.0)
+            across = 1 - along
+            lateral = np.where(across > _ACROSS, across * self.lateral_sigma_mm**2, 0.0)
+        return np.asarray(np.sqrt(axial + lateral))
+
     def equations(self) -> int:
         """How many directions were measured."""
         finite = 2 * np.isfinite(self.lateral_sigma_mm) + np.isfinite(self.axial_sigma_mm)
@@ -97,12 +120,13 @@ def touch_set(
 def outlier_scores(residuals: Array, jacobian: Array) -> Array:
     """How many sigmas each touch is off, its own pull on the fit taken out; (m,).
 
-    residuals: (m, 3) whitened; jacobian: (3 m, n) whitened. The squared deleted residual with its
+    residuals: (m, k) whitened; jacobian: (k m, n) whitened. The squared deleted residual with its
     degrees of freedom is turned into the equivalent two-sided number of sigmas of one normal value.
     """
     Q, _ = np.linalg.qr(jacobian)
-    Q = Q.reshape(len(residuals), 3, -1)
-    values, vectors = np.linalg.eigh(np.eye(3) - Q @ Q.transpose(0, 2, 1))
+    m, k = residuals.shape
+    Q = Q.reshape(m, k, -1)
+    values, vectors = np.linalg.eigh(np.eye(k) - Q @ Q.transpose(0, 2, 1))
     parts = np.einsum("mij,mi->mj", vectors, residuals)
     measured = (values > _LEVERAGE_FLOOR) & (parts != 0)
     squares = np.sum(parts**2 / np.where(measured, values, np.inf), axis=1)

@@ -42,15 +42,18 @@ class UniversalResult:
     """object_from_base: X of Eq. 7; tcp_in_wrist: (3,) mm.
 
     covariance: (9, 9) of the left tangent of object_from_base and of tcp_in_wrist. residuals_mm:
-    (m, 3), e_i of Eq. 12 in the object frame; scores: (m,) sigmas each touch is off. certificate:
-    whether this is the global optimum.
+    (m, 3), e_i of Eq. 12 in the object frame; whitened: the same in sigmas, (m, 3); scores: (m,)
+    sigmas each touch is off; freedom: measured directions minus unknowns. certificate: whether
+    this is the global optimum.
     """
 
     object_from_base: Pose
     tcp_in_wrist: Array
     covariance: Array
     residuals_mm: Array
+    whitened: Array
     scores: Array
+    freedom: int
     report: Report
     certificate: Certificate
 
@@ -85,7 +88,9 @@ def calibrate_universal(
         tcp_in_wrist=tcp,
         covariance=covariance_from(best.jacobian),
         residuals_mm=equations.residuals_mm(best.state),
+        whitened=best.residuals.reshape(-1, 3),
         scores=outlier_scores(best.residuals.reshape(-1, 3), best.jacobian),
+        freedom=problem.touches.equations() - 9,
         report=best.report,
         certificate=certificate,
     )
