@@ -24,9 +24,10 @@ from vgrd.model import Recording
 
 __all__ = ["ArmModel", "JointResult", "Sighting", "calibrate_joint"]
 
-_UNDETERMINED_MM = 1000.0
+_UNDETERMINED_MM = 500.0
 _UNDETERMINED_RAD = 1.0
 _ROUNDS = 5
+_HOLD = 1e-2
 _SETTLED_MM = 1e-3
 _TOLERANCE = 1e-8
 _NOISE_CONFIDENCE = 0.999
@@ -37,7 +38,7 @@ class JointResult:
     """Estimates (`state`), their uncertainty, and how well the samples agree.
 
     covariance: (n, n) of a step in `layout`, undetermined directions left out; undetermined:
-    (n, z), the step that 1 m or 1 rad along each of them is. noise_scale: residuals over what the
+    (n, z), the step that 500 mm or 1 rad along each of them is. noise_scale: residuals over what the
     sigmas promise; where that is more than chance the covariance was enlarged by its square.
     cost: half the sum of squares. residuals: rms per kind, in mm, deg and sigmas. whitened,
     jacobian: residuals (r,) and derivative (r, n) at the optimum, in sigmas, noise of the arm
@@ -106,7 +107,7 @@ def enlargement(squares: float, freedom: int) -> float:
 def information_inverse(jacobian: Array, layout: Layout) -> tuple[Array, Array]:
     """Covariance (n, n) from a whitened Jacobian (r, n), and what it leaves undetermined (n, z).
 
-    A direction is undetermined when the data leave it uncertain by more than 1 m or 1 rad.
+    A direction is undetermined when the data leave it uncertain by more than 500 mm or 1 rad.
     """
     units = _units(layout)
     R = np.linalg.qr(jacobian * units, mode="r")
@@ -154,7 +155,7 @@ def _settle(data: JointData, layout: Layout, state: JointState) -> _Optimum:
     for _ in range(_ROUNDS):
         G, factor = _arm_factor(state, data)
         minimum = minimize(
-            partial(_whitened, data=data, layout=layout, factor=factor),
+            partial(_held, data=data, layout=layout, factor=factor),
             partial(_retract, layout=layout),
             state,
             tolerance=_TOLERANCE,
@@ -163,14 +164,22 @@ def _settle(data: JointData, layout: Layout, state: JointState) -> _Optimum:
         if not len(G) or _moved_mm(before, state) < _SETTLED_MM:
             break
     require_convergence(minimum.report, "joint estimate")
-    return _Optimum(state, minimum.residuals, minimum.jacobian, G, factor, minimum.report)
+    rows = sum(data.counts.values())
+    return _Optimum(
+        state, minimum.residuals[:rows], minimum.jacobian[:rows], G, factor, minimum.report
+    )
 
 
-def _whitened(
+def _held(
     state: JointState, data: JointData, layout: Layout, factor: Array
 ) -> tuple[Array, Array]:
+    """Whitened residuals and derivative; rows of zero residual hold what nothing determines."""
     r, J = linearize(state, data, layout)
-    return whiten_arm(factor, r), whiten_arm(factor, J)
+    hold = np.diag(_HOLD / _units(layout))
+    return (
+        np.concatenate([whiten_arm(factor, r), np.zeros(layout.size)]),
+        np.vstack([whiten_arm(factor, J), hold]),
+    )
 
 
 def _retract(state: JointState, step: Array, layout: Layout) -> JointState:

@@ -22,7 +22,7 @@ from vgrd.model import (
 )
 
 _EYE = np.eye(3)
-_REFUSED_MM = 0.05
+_REFUSED_MM = 0.25
 _FITS_MODEL = 0.9999
 
 
@@ -61,8 +61,10 @@ def expected_by_joint(
     """
     tag = _tag_b(observation_now)
     made = predict(result, target, tag, policy, base_from_work)
+    unknown = made.by_unknowns @ result.undetermined
     covariance = (
         made.by_unknowns @ result.covariance @ made.by_unknowns.T
+        + unknown @ unknown.T
         + made.by_picture @ tag.covariance @ made.by_picture.T
         + made.by_arm @ made.arm_covariance @ made.by_arm.T
     )
