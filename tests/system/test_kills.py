@@ -218,8 +218,9 @@ def test_a_teaching_session_cut_short_by_a_kill_keeps_all_that_was_acknowledged(
     stamps = np.array([reading.stamp_s for reading in iterate_flanges(folder)])
     assert stamps.min() < started_s + 1.0
     assert killed_s - 1.0 < stamps.max() < killed_s + 1.0
-    assert np.all(np.diff(stamps) > 0)
-    assert len(stamps) > 0.8 * 125 * (killed_s - started_s)
+    steps = np.diff(stamps)
+    assert np.all(steps > 0)
+    assert np.median(steps) < 2.5 / 125
     assert daemon.control.call("status")["recording"] == {"session": None, "last": None}
 
 
