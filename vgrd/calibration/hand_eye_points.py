@@ -38,7 +38,7 @@ class PointHandEyeProblem:
     the target, which the robot's motion measures. sigma_px: noise of one pixel coordinate, None
     takes it from the pictures. robot_sigma_mm, robot_sigma_rad: of one flange pose, per axis.
     robust: pictures that fit no common pose are left out and named. start: an earlier result to
-    start from (leave-one-out), instead of the closed form.
+    start from (leave-one-out), instead of the certified one.
     """
 
     mount: Mount
