@@ -33,3 +33,10 @@ def test_every_error_has_an_exit_code_and_a_contract() -> None:
         error = getattr(errors, name)
         assert error.__doc__
         assert 0 < error.exit_code < 128
+
+
+def test_a_refusal_of_the_daemon_ends_with_the_code_of_its_reason() -> None:
+    assert errors.ControlError("no", error="NotSteady").exit_code == errors.NotSteady.exit_code
+    assert errors.ControlError("no", error="InputError").exit_code == errors.InputError.exit_code
+    assert errors.ControlError("no", error="never heard of").exit_code == 1
+    assert errors.DaemonUnreachable("gone").exit_code == 69

@@ -159,10 +159,11 @@ class AlreadyRunning(ServingError):
 
 
 class ControlError(VgrdError):
-    """The daemon refused a command; `error` names the error as the daemon saw it."""
+    """The daemon refused a command; `error` names the error as the daemon saw it, its exit code is ours."""
 
     def __init__(self, message: str, *, error: str = "ControlError") -> None:
         self.error = error
+        self.exit_code = getattr(globals().get(error), "exit_code", type(self).exit_code)
         super().__init__(message)
 
 
@@ -170,3 +171,6 @@ class DaemonUnreachable(ControlError):
     """No daemon answers on the control socket."""
 
     exit_code = 69
+
+    def __init__(self, message: str) -> None:
+        super().__init__(message, error=type(self).__name__)
