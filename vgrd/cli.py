@@ -4,21 +4,26 @@ Commands that talk to a running daemon find it by `--config CELL.toml`, by `--so
 environment variables VGRD_CONFIG and VGRD_SOCKET.
 """
 
-import json
 import os
 import sys
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 import typer
 from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
-from rich.table import Table
 
 from vgrd.errors import CalibrationError, DaemonUnreachable, InputError, VgrdError
 from vgrd.ipc.control import ControlClient
+from vgrd.printing import (
+    JsonOption,
+    Result,
+    console,
+    flat,
+    print_result,
+    progress,
+    show_fields,
+    table,
+)
 
 SAMPLE_TIMEOUT_S = 15.0
 SOLVE_TIMEOUT_S = 300.0
@@ -43,30 +48,6 @@ SocketOption = Annotated[
 ]
 
 
-def _json_target(json_to: str | None) -> str | None:
-    """Refuse a file that cannot be written before the work is done, not after it."""
-    if json_to not in (None, "-"):
-        path = Path(json_to)
-        if not path.parent.is_dir():
-            raise InputError(f"--json {json_to}: there is no folder {path.parent}; make it first")
-        if path.is_dir():
-            raise InputError(f"--json {json_to}: is a folder; name a file in it")
-        if not os.access(path if path.exists() else path.parent, os.W_OK):
-            raise InputError(f"--json {json_to}: may not be written; choose another place")
-    return json_to
-
-
-JsonOption = Annotated[
-    str | None,
-    typer.Option(
-        "--json", help="Write the result as JSON to FILE, - is the output.", callback=_json_target
-    ),
-]
-
-console = Console()
-Result = Mapping[str, Any]
-
-
 def _client(config: Path | None, socket: Path | None) -> ControlClient:
     if socket is not None:
         return ControlClient(socket)
@@ -76,68 +57,6 @@ def _client(config: Path | None, socket: Path | None) -> ControlClient:
     from vgrd.config import load_config
 
     return ControlClient(Path(load_config(config).cell.runtime_dir) / CONTROL_SOCKET)
-
-
-def _print_result(result: Result, json_to: str | None, show: Callable[[Result], None]) -> None:
-    """Write JSON where asked; otherwise (and beside a file) show it for people."""
-    if json_to is not None:
-        text = json.dumps(result, indent=2, allow_nan=False)
-        if json_to == "-":
-            print(text)
-            return
-        try:
-            Path(json_to).write_text(text + "\n", encoding="utf-8")
-        except OSError as err:
-            raise InputError(f"--json {json_to}: cannot be written: {err.strerror}") from err
-    show(result)
-
-
-def _table(title: str, columns: Sequence[str], rows: Sequence[Sequence[object]]) -> Table:
-    table = Table(*columns, title=title, title_justify="left")
-    for row in rows:
-        table.add_row(*(_cell(value) for value in row))
-    return table
-
-
-def _cell(value: object) -> str:
-    if isinstance(value, bool):
-        return "yes" if value else "no"
-    if isinstance(value, float):
-        return f"{value:.3f}"
-    if isinstance(value, list | tuple):
-        return ", ".join(_cell(item) for item in value)
-    return "-" if value is None else str(value)
-
-
-def _show_fields(title: str) -> Callable[[Result], None]:
-    def show(result: Result) -> None:
-        console.print(_table(title, ("what", "value"), list(_flat(result))))
-
-    return show
-
-
-def _flat(result: Result, prefix: str = "") -> Iterator[tuple[str, object]]:
-    for key, value in result.items():
-        if isinstance(value, Mapping):
-            yield from _flat(value, f"{prefix}{key}.")
-        elif key == "findings":
-            yield from ((f"finding: {item['code']}", item["message"]) for item in value)
-        else:
-            yield f"{prefix}{key}", value
-
-
-@contextmanager
-def _progress(what: str) -> Iterator[Callable[[int, int], None]]:
-    """A progress bar on standard error; yields `report(done, total)`."""
-    columns = (
-        TextColumn("{task.description}"),
-        BarColumn(),
-        MofNCompleteColumn(),
-        TimeElapsedColumn(),
-    )
-    with Progress(*columns, console=Console(stderr=True), transient=True) as progress:
-        task = progress.add_task(what, total=None)
-        yield lambda done, total: progress.update(task, completed=done, total=total)
 
 
 def _ask(
@@ -202,7 +121,7 @@ def check(
         "state_dir": loaded.cell.state_dir,
         "runtime_dir": loaded.cell.runtime_dir,
     }
-    _print_result(result, json_to, _show_fields(f"{config} is good"))
+    print_result(result, json_to, show_fields(f"{config} is good"))
 
 
 @app.command()
@@ -210,7 +129,7 @@ def status(
     config: ConfigOption = None, socket: SocketOption = None, json_to: JsonOption = None
 ) -> None:
     """Show how the cell is."""
-    _print_result(_ask(config, socket, "status"), json_to, _show_fields("status"))
+    print_result(_ask(config, socket, "status"), json_to, show_fields("status"))
 
 
 @record_app.command("start")
@@ -227,7 +146,7 @@ def record_start(
 ) -> None:
     """Start recording a session."""
     result = _ask(config, socket, "record.start", plan=plan, session=session)
-    _print_result(result, json_to, _show_fields("recording"))
+    print_result(result, json_to, show_fields("recording"))
 
 
 @record_app.command("stop")
@@ -235,7 +154,7 @@ def record_stop(
     config: ConfigOption = None, socket: SocketOption = None, json_to: JsonOption = None
 ) -> None:
     """End the session and close its files."""
-    _print_result(_ask(config, socket, "record.stop"), json_to, _show_fields("recorded"))
+    print_result(_ask(config, socket, "record.stop"), json_to, show_fields("recorded"))
 
 
 def _sample_command(op: str, argument: str | None, text: str) -> None:
@@ -245,7 +164,7 @@ def _sample_command(op: str, argument: str | None, text: str) -> None:
         def plain(
             config: ConfigOption = None, socket: SocketOption = None, json_to: JsonOption = None
         ) -> None:
-            _print_result(_ask(config, socket, op), json_to, _show_fields(op))
+            print_result(_ask(config, socket, op), json_to, show_fields(op))
 
         app.command(op, help=text)(plain)
         return
@@ -260,7 +179,7 @@ def _sample_command(op: str, argument: str | None, text: str) -> None:
         arguments: dict[str, object] = {argument.lower(): name}
         with Console(stderr=True).status(op):
             result = client.call(op, timeout_s=SAMPLE_TIMEOUT_S, **arguments)
-        _print_result(result, json_to, _show_fields(op))
+        print_result(result, json_to, show_fields(op))
 
     app.command(op, help=text)(named)
 
@@ -306,7 +225,7 @@ def solve(
 
 def _print_calibration(result: Result, json_to: str | None, title: str) -> None:
     """Print what was solved; a rejected calibration is told by the exit code too."""
-    _print_result(result, json_to, _show_fields(title))
+    print_result(result, json_to, show_fields(title))
     if not result["verdict"]["ok"]:
         raise typer.Exit(CalibrationError.exit_code)
 
@@ -314,12 +233,12 @@ def _print_calibration(result: Result, json_to: str | None, title: str) -> None:
 def _solve_dataset(source: Path, method: str | None, json_to: str | None) -> None:
     from vgrd.datasets import solve_dataset
 
-    with _progress("solving") as report:
+    with progress("solving") as report:
         solution = solve_dataset(source, report, method=method)
 
     def show(result: Result) -> None:
         console.print(
-            _table(
+            table(
                 f"{source}: samples",
                 ("sample", "used", "px", "deg", "mm", "reason"),
                 [
@@ -329,9 +248,9 @@ def _solve_dataset(source: Path, method: str | None, json_to: str | None) -> Non
             )
         )
         rows = [(key, result[key]) for key in ("leave_one_out", "target_scale", "verdict")]
-        console.print(_table("hand-eye", ("what", "value"), list(_flat(dict(rows)))))
+        console.print(table("hand-eye", ("what", "value"), list(flat(dict(rows)))))
 
-    _print_result(solution.to_json(), json_to, show)
+    print_result(solution.to_json(), json_to, show)
 
 
 @app.command()
@@ -343,7 +262,7 @@ def activate(
 ) -> None:
     """Serve with this calibration from now on (logged, reversible)."""
     result = _ask(config, socket, "activate", calibration=calibration)
-    _print_result(result, json_to, _show_fields("active"))
+    print_result(result, json_to, show_fields("active"))
 
 
 @app.command()
@@ -358,7 +277,61 @@ def ec(
 ) -> None:
     """Compute an expected coordinate from a fresh picture."""
     result = _ask(config, socket, "ec", target=target, policy=policy)
-    _print_result(result, json_to, _show_fields(f"expected coordinate of {target}"))
+    print_result(result, json_to, show_fields(f"expected coordinate of {target}"))
+
+
+@app.command()
+def study(
+    name: Annotated[
+        str,
+        typer.Argument(
+            help="fig4, fig5, experiment-a, table3, table4, tilt, certificate, coverage, blunders."
+        ),
+    ],
+    runs: Annotated[int | None, typer.Option(min=1, help="Trials of each case.")] = None,
+    full: Annotated[bool, typer.Option("--full", help="As many trials as it ever needs.")] = False,
+    seed: Annotated[int, typer.Option(min=0, help="Another seed, other trials.")] = 20,
+    workers: Annotated[int, typer.Option(min=1, help="Processes on this machine.")] = 1,
+    dask: Annotated[str | None, typer.Option(help="Address of a dask scheduler.")] = None,
+    out: Annotated[Path, typer.Option(help="Folder for NAME.csv and NAME.png.")] = Path(
+        "build/studies"
+    ),
+    plot: Annotated[bool, typer.Option("--plot/--no-plot", help="Draw NAME.png.")] = True,
+    json_to: JsonOption = None,
+) -> None:
+    """Repeat a simulation or experiment of the paper; exit code 1 when a figure misses its bar."""
+    from vgrd.studies.conducting import conduct
+
+    with progress(name) as report:
+        outcome = conduct(
+            name,
+            runs=runs,
+            full=full,
+            seed=seed,
+            workers=workers,
+            dask=dask,
+            out=out,
+            plot=plot,
+            report=report,
+        )
+    print_result(outcome.to_json(), json_to, _show_study)
+    if not outcome.ok:
+        raise typer.Exit(1)
+
+
+def _show_study(result: Result) -> None:
+    verdicts = {True: "ok", False: "MISSED", None: ""}
+    rows = [
+        (f["name"], _short(f["value"]), f["unit"], f["bar"], verdicts[f["ok"]], f["paper"])
+        for f in result["figures"]
+    ]
+    title = f"{result['title']} ({result['runs']} runs each)"
+    console.print(table(title, ("figure", "value", "unit", "bar", "", "paper"), rows))
+    console.print(f"wrote {', '.join(result['files'])}", highlight=False)
+
+
+def _short(value: float | None) -> str:
+    return "-" if value is None else f"{value:.4g}"
 
 
 def main() -> None:

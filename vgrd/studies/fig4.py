@@ -54,7 +54,8 @@ def _draw(trials: Trials) -> "Drawing":
         f"TCP error of the universal method, 8 touches, {len(errors)} calibrations (figure 4)",
         ("TCP error, mm", "calibrations"),
     )
-    axes.hist(errors, np.arange(0, errors.max() + 0.02, 0.02), color=COLORS[0], edgecolor="white")
+    edges = np.arange(0, errors.max() + 0.02, 0.02)
+    axes.hist(errors, edges.tolist(), color=COLORS[0], edgecolor="white")
     axes.axvline(errors.mean(), color=COLORS[1], label=f"mean {errors.mean():.3f} mm")
     axes.axvspan(0.1, 0.2, color=PAPER, alpha=0.10, lw=0, label="paper: most probable error")
     axes.axvline(0.4, color=PAPER, ls=(0, (5, 3)), lw=1.2, label="paper: the largest exceeds this")

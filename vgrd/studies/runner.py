@@ -10,6 +10,7 @@ from concurrent.futures import Executor, ProcessPoolExecutor
 from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import partial
+from importlib import import_module
 from multiprocessing import get_context
 
 from numpy.random import SeedSequence
@@ -39,7 +40,7 @@ def run_trials(
     *,
     workers: int = 1,
     dask: str | None = None,
-    report: Report = lambda done, total: None,
+    report: Report | None = None,
 ) -> Trials:
     """All trials of a study, `runs` of each case; report(done, total) as they come in.
 
@@ -52,13 +53,13 @@ def run_trials(
     size = max(1, min(_LARGEST_CHUNK, len(jobs) // (_CHUNKS_PER_WORKER * workers)))
     chunks = [jobs[i : i + size] for i in range(0, len(jobs), size)]
     rows: list[Row] = []
-    report(0, len(jobs))
     with _executor(workers, dask) as executor:
         do = partial(_do, study.trial)
         done = map(do, chunks) if executor is None else executor.map(do, chunks)
         for some in done:
             rows += some
-            report(len(rows), len(jobs))
+            if report is not None:
+                report(len(rows), len(jobs))
     return Trials(rows)
 
 
@@ -101,13 +102,13 @@ def _executor(workers: int, dask: str | None) -> Iterator[Executor | None]:
 @contextmanager
 def _dask_executor(address: str) -> Iterator[Executor]:
     try:
-        from distributed import Client
+        distributed = import_module("distributed")
     except ImportError as err:
         raise InputError(
             "--dask needs the package distributed: pip install 'vgrd[studies]', or use --workers"
         ) from err
     try:
-        client = Client(address, timeout=_CONNECT_TIMEOUT_S, set_as_default=False)
+        client = distributed.Client(address, timeout=_CONNECT_TIMEOUT_S, set_as_default=False)
     except (OSError, ValueError) as err:
         raise DeviceUnavailable(
             f"--dask {address}: no scheduler answers there within {_CONNECT_TIMEOUT_S} s: {err}"

@@ -81,6 +81,7 @@ class Figure:
             "name": self.name,
             "value": float(self.value) if np.isfinite(self.value) else None,
             "unit": self.unit,
+            "bar": self.bar,
             "at_least": self.at_least,
             "at_most": self.at_most,
             "ok": self.ok,

@@ -1,0 +1,45 @@
+"""All studies by name."""
+
+from collections.abc import Mapping
+from difflib import get_close_matches
+from types import MappingProxyType
+
+from vgrd.errors import InputError
+from vgrd.studies import (
+    blunders,
+    certificate,
+    coverage,
+    experiment_a,
+    fig4,
+    fig5,
+    table3,
+    table4,
+    tilt,
+)
+from vgrd.studies.study import Study
+
+STUDIES: Mapping[str, Study] = MappingProxyType(
+    {
+        module.STUDY.name: module.STUDY
+        for module in (
+            fig4,
+            fig5,
+            experiment_a,
+            table3,
+            table4,
+            tilt,
+            certificate,
+            coverage,
+            blunders,
+        )
+    }
+)
+
+
+def study_called(name: str) -> Study:
+    """Study of that name; InputError with the known names, the likely one first."""
+    if name not in STUDIES:
+        likely = get_close_matches(name, STUDIES, n=1)
+        hint = f"; did you mean {likely[0]!r}?" if likely else "."
+        raise InputError(f"there is no study {name!r}{hint} There are: {', '.join(STUDIES)}")
+    return STUDIES[name]
