@@ -25,7 +25,7 @@ def _figures(trials: Trials) -> list[Figure]:
     return [
         *eight,
         Figure("twice the tilt, 10 to 20 degrees", mean(8, 20) / mean(8, 10), "", at_most=0.6),
-        Figure("twice the touches, 8 to 16", mean(16, 10) / mean(8, 10), "", 0.6, 0.8),
+        Figure("twice the touches, 8 to 16", mean(16, 10) / mean(8, 10), "", 0.5, 0.75),
         Figure(
             "6 touches within 60 / 32 within 10 degrees", mean(6, 60) / mean(32, 10), "", None, 1.0
         ),
