@@ -16,7 +16,7 @@ from vgrd.calibration.system import calibrate_system, expected_coordinate
 from vgrd.errors import CalibrationError
 from vgrd.geometry import Pose
 from vgrd.model import Calibration, Plan, Policy, Recording
-from vgrd.studies.drawing import COLORS, panels
+from vgrd.studies.drawing import COLORS, legend, panels
 from vgrd.studies.sessions import Session
 from vgrd.studies.simulation import COARSE, WORK_ROTATION, Request, Simulation
 from vgrd.studies.study import Figure, Parameters, Study, Trials
@@ -140,7 +140,7 @@ def _draw(trials: Trials) -> "Drawing":
             )
         share = 100 * trials.mean("named", session=name)
         axes.set(title=f"{name}: named in {share:.1f} %", xlim=(0, 1.5), ylim=(0, 1))
-    all_axes[0].legend(frameon=False, fontsize=8, loc="lower right")
+    legend(all_axes[0], "lower right")
     return drawing
 
 

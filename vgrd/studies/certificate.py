@@ -14,7 +14,7 @@ from vgrd.calibration.universal import (
 )
 from vgrd.errors import CalibrationError
 from vgrd.geometry.least_squares import minimize
-from vgrd.studies.drawing import COLORS, panels
+from vgrd.studies.drawing import COLORS, legend, panels
 from vgrd.studies.paper_data import draw
 from vgrd.studies.study import Figure, Parameters, Study, Trials
 
@@ -109,7 +109,7 @@ def _draw(trials: Trials) -> "Drawing":
         axes.set_ylim(0, max(1.0, 1.1 * float(rates.max())))
         axes.set_title(f"{targets} targets", fontsize=10)
         axes.grid(visible=False, axis="x")
-    all_axes[0].legend(frameon=False, fontsize=8)
+    legend(all_axes[0])
     return drawing
 
 

@@ -16,7 +16,7 @@ from vgrd.calibration.system import calibrate_system, expected_coordinate
 from vgrd.errors import CalibrationError
 from vgrd.geometry import Array
 from vgrd.model import ExpectedCoordinate, Plan, Policy, Recording, TagObservation
-from vgrd.studies.drawing import COLORS, PAPER, panels
+from vgrd.studies.drawing import COLORS, PAPER, legend, panels
 from vgrd.studies.sessions import Session
 from vgrd.studies.simulation import (
     COARSE,
@@ -126,7 +126,7 @@ def _draw(trials: Trials) -> "Drawing":
             axes.plot(100 * stated, observed, color=color, label=f"{estimate}, arm {arm}")
         axes.axvline(100 * _LEVEL, color=PAPER, ls=(0, (5, 3)), linewidth=1)
         axes.set(title=words, xlim=(0, 100), ylim=(0, 100), aspect="equal")
-    all_axes[0].legend(frameon=False, fontsize=8)
+    legend(all_axes[0])
     return drawing
 
 

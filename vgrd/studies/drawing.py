@@ -1,7 +1,7 @@
 """How the pictures of all studies look; matplotlib is loaded only when one is drawn."""
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Literal
 
 from vgrd.errors import InputError
 
@@ -11,6 +11,7 @@ if TYPE_CHECKING:
 
 COLORS = ("#1f5f99", "#c8553d", "#3c8d5a", "#8a6bb1", "#b08a2e", "#5b6770")
 PAPER = "#222222"
+Place = Literal["best", "upper right", "center right", "lower right"]
 _WIDTH, _HEIGHT, _DPI = 7.2, 4.5, 150
 
 
@@ -48,6 +49,11 @@ def published(
     """Line at what the paper says."""
     line = axes.axvline if vertical else axes.axhline
     line(value, color=color, linestyle=(0, (5, 3)), linewidth=1.2, label=label)
+
+
+def legend(axes: "Axes", place: Place = "best") -> None:
+    """Legend that hides what lies behind it."""
+    axes.legend(loc=place, fontsize=8.5, facecolor="white", edgecolor="none", framealpha=0.9)
 
 
 def plain_log_ticks(axes: "Axes", ticks: Sequence[float], *, x: bool) -> None:

@@ -16,7 +16,7 @@ from vgrd.calibration.tcp import calibrate_fixed_point
 from vgrd.calibration.touches import TouchSet
 from vgrd.calibration.universal import UniversalProblem, calibrate_universal
 from vgrd.geometry import Array, Pose, exp_rotation
-from vgrd.studies.drawing import COLORS, panels, published
+from vgrd.studies.drawing import COLORS, PAPER, legend, panels, published
 from vgrd.studies.paper_data import NOISE_MM, truncated_noise
 from vgrd.studies.study import Figure, Parameters, Study, Trials
 
@@ -102,6 +102,8 @@ def _draw(trials: Trials) -> "Drawing":
         boxes = axes.boxplot(
             values, tick_labels=list(_PAPER), widths=0.5, patch_artist=True, showfliers=False
         )
+        for middle in boxes["medians"]:
+            middle.set(color=PAPER)
         for color, box in zip(COLORS, boxes["boxes"], strict=False):
             box.set(facecolor=color, alpha=0.55)
         case = trials.select(tilts=tilts)[0]
@@ -109,10 +111,10 @@ def _draw(trials: Trials) -> "Drawing":
             f"tilts up to {case['one_hole_deg']:g} and {case['many_holes_deg']:g} degrees",
             fontsize=10,
         )
-        for name, value in _PAPER.items():
-            published(axes, value, f"paper, {name}: {value} mm")
+        for color, (name, value) in zip(COLORS, _PAPER.items(), strict=False):
+            published(axes, value, f"paper, {name}: {value} mm", color=color)
         axes.set_ylim(bottom=0)
-    all_axes[0].legend(frameon=False, fontsize=8)
+    legend(all_axes[0], "center right")
     return drawing
 
 

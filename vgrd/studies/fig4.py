@@ -7,7 +7,7 @@ from numpy.random import SeedSequence, default_rng
 
 from vgrd.calibration.universal import calibrate_universal
 from vgrd.geometry import Array
-from vgrd.studies.drawing import COLORS, PAPER, panels
+from vgrd.studies.drawing import COLORS, PAPER, legend, panels
 from vgrd.studies.paper_data import draw
 from vgrd.studies.study import Figure, Parameters, Study, Trials
 
@@ -58,9 +58,11 @@ def _draw(trials: Trials) -> "Drawing":
     axes.hist(errors, edges.tolist(), color=COLORS[0], edgecolor="white")
     axes.axvline(errors.mean(), color=COLORS[1], label=f"mean {errors.mean():.3f} mm")
     axes.axvspan(0.1, 0.2, color=PAPER, alpha=0.10, lw=0, label="paper: most probable error")
-    axes.axvline(0.4, color=PAPER, ls=(0, (5, 3)), lw=1.2, label="paper: the largest exceeds this")
+    axes.axvline(
+        0.4, color=PAPER, ls=(0, (5, 3)), lw=1.2, label="paper: the largest exceeds 0.4 mm"
+    )
     axes.set_xlim(left=0)
-    axes.legend(frameon=False)
+    legend(axes, "upper right")
     return drawing
 
 

@@ -4,7 +4,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from vgrd.studies.drawing import COLORS, panels
+from vgrd.studies.drawing import COLORS, PAPER, legend, panels
 from vgrd.studies.fig4 import tcp_error
 from vgrd.studies.study import Figure, Study, Trials
 
@@ -42,10 +42,11 @@ def _draw(trials: Trials) -> "Drawing":
     axes.plot(_COUNTS, [e.mean() for e in errors], color=COLORS[0], label="mean")
     bound = [np.sqrt(np.mean(trials.values("bound_mm", touches=m) ** 2)) for m in _COUNTS]
     axes.plot(_COUNTS, bound, color=COLORS[1], ls=":", label="Cramer-Rao bound of the rms")
-    axes.axvspan(6, 8, color="#222222", alpha=0.10, lw=0, label="paper: the best choice")
-    axes.set_ylim(0, 1.6)
+    axes.axvspan(6, 8, color=PAPER, alpha=0.10, lw=0, label="paper: the best choice")
+    axes.set_ylim(0, 1.2)
     axes.set_xlim(_COUNTS[0], _COUNTS[-1])
-    axes.legend(frameon=False)
+    axes.set_xticks(_COUNTS[::4])
+    legend(axes, "upper right")
     return drawing
 
 

@@ -18,7 +18,7 @@ from vgrd.calibration.joint import JointResult, Sighting, calibrate_joint
 from vgrd.calibration.joint_expected import expected_by_joint
 from vgrd.geometry import Array, Pose
 from vgrd.model import Plan, Policy, Recording
-from vgrd.studies.drawing import COLORS, panels, published
+from vgrd.studies.drawing import COLORS, legend, panels, published
 from vgrd.studies.sessions import SESSIONS, Session
 from vgrd.studies.simulation import COARSE, FINE, WORK_ROTATION, Request, Simulation
 from vgrd.studies.study import Figure, Parameters, Study, Trials
@@ -141,7 +141,7 @@ def _draw(trials: Trials) -> "Drawing":
     axes.set_yticks(places, _METHODS)
     axes.invert_yaxis()
     axes.grid(visible=False, axis="y")
-    axes.legend(frameon=False, fontsize=8, loc="lower right")
+    legend(axes, "lower right")
     return drawing
 
 

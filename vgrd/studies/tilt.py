@@ -2,7 +2,7 @@
 
 from typing import TYPE_CHECKING
 
-from vgrd.studies.drawing import COLORS, panels, plain_log_ticks
+from vgrd.studies.drawing import COLORS, legend, panels, plain_log_ticks
 from vgrd.studies.fig4 import tcp_error
 from vgrd.studies.study import Figure, Study, Trials
 
@@ -49,7 +49,7 @@ def _draw(trials: Trials) -> "Drawing":
     plain_log_ticks(by_touches, _TOUCHES, x=True)
     for axes in (by_tilt, by_touches):
         plain_log_ticks(axes, (0.05, 0.1, 0.2, 0.5, 1, 2, 4), x=False)
-        axes.legend(frameon=False, fontsize=8)
+        legend(axes, "upper right")
     return drawing
 
 
