@@ -5,7 +5,7 @@ import pytest
 
 from fakes.simulation import FINE, WORK_ROTATION, ArmErrors, Simulation, Vision
 from vgrd.calibration.baselines import expected_by_method
-from vgrd.calibration.joint import ArmModel, Sighting, calibrate_joint
+from vgrd.calibration.joint import ArmModel, Sighting, Turntable, calibrate_joint
 from vgrd.calibration.joint_expected import expected_by_joint, predict
 from vgrd.calibration.joint_problem import gather
 from vgrd.calibration.joint_rows import arm_jacobian, linearize
@@ -137,7 +137,9 @@ def test_a_four_axis_robot_is_served_at_any_yaw(policy):
 def test_derivatives_are_those_of_the_residuals(kind):
     sim = kind(5)
     recording = sim.record(wrists=mixed(sim), points=4)
-    result = calibrate_joint(recording, sightings(sim.holes([None, 3])), arm=EXACT)
+    turntable = Turntable(axis_in_object=np.array([0.0, 0.0, -1.0]))
+    holes = sightings(sim.holes([None, 3]))
+    result = calibrate_joint(recording, holes, arm=EXACT, turntable=turntable)
     layout, is_length = result.layout, result.layout.is_length()
     J = linearize(result.state, result.data, layout)[1]
     for i in range(layout.size):

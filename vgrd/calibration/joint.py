@@ -14,7 +14,7 @@ import numpy as np
 from scipy.linalg import solve_triangular
 from scipy.special import gammaincinv
 
-from vgrd.calibration.joint_problem import ArmModel, JointData, Sighting, gather
+from vgrd.calibration.joint_problem import ArmModel, JointData, Sighting, Turntable, gather
 from vgrd.calibration.joint_rows import arm_jacobian, linearize
 from vgrd.calibration.joint_state import JointState, Layout, guess, layout_of
 from vgrd.calibration.reference import find_reference
@@ -22,7 +22,7 @@ from vgrd.geometry import Array
 from vgrd.geometry.least_squares import Report, minimize, require_convergence
 from vgrd.model import Recording
 
-__all__ = ["ArmModel", "JointResult", "Sighting", "calibrate_joint"]
+__all__ = ["ArmModel", "JointResult", "Sighting", "Turntable", "calibrate_joint"]
 
 _UNDETERMINED_MM = 500.0
 _UNDETERMINED_RAD = 1.0
@@ -83,15 +83,15 @@ def calibrate_joint(
     sightings: Sequence[Sighting] = (),
     *,
     arm: ArmModel | None = None,
-    center_sigma_mm: float = 0.02,
+    turntable: Turntable | None = None,
 ) -> JointResult:
     """Most likely values of all unknowns; verifications are held out.
 
     sightings: holes that the camera saw. arm: None takes facts.robot_sigma_mm as a new draw at
-    every stand. center_sigma_mm: how far the object's centre in CAD may be from the axis. Raises
-    InputError, TooFewObservations, NotObservable or DidNotConverge.
+    every stand. turntable: how well CAD knows the axis of turning. Raises InputError,
+    TooFewObservations, NotObservable or DidNotConverge.
     """
-    data = gather(recording, sightings, arm, center_sigma_mm)
+    data = gather(recording, sightings, arm, turntable)
     layout = layout_of(data)
     start = guess(data, find_reference(recording.touches).camera_from_tag_b)
     return _finish(recording, data, layout, _settle(data, layout, start))

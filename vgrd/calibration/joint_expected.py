@@ -87,8 +87,13 @@ def predict(
     tag: TagObservation,
     policy: Policy,
     base_from_work: Array | None = None,
+    *,
+    refuse: bool = True,
 ) -> Prediction:
-    """Expected coordinate with the derivatives that its uncertainty consists of."""
+    """Expected coordinate with the derivatives that its uncertainty consists of.
+
+    refuse: raise NotObservable where it depends on something undetermined.
+    """
     R_work = work_orientation(result.recording, target, policy, base_from_work)
     seen = _on_model(result, tag)
     fits = seen is not None
@@ -101,7 +106,8 @@ def predict(
     by[:, :n] += by_arm @ by_field
     flange = flange + by_arm @ correction - by @ (seen.gain @ seen.residual)
     by_unknowns = by[:, :n] - by @ seen.gain @ seen.by_unknowns
-    _require_determined(result, by_unknowns)
+    if refuse:
+        _require_determined(result, by_unknowns)
     return Prediction(
         base_from_wrist=Pose(R, flange),
         by_unknowns=by_unknowns,

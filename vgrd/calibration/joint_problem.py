@@ -30,7 +30,7 @@ class Link(StrEnum):
     REFERENCE = "tag B while touching"
     SPINS = "tag B in spins"
     HOLES = "holes"
-    CENTER = "centre in CAD"
+    TURNTABLE = "turntable in CAD"
 
 
 @dataclass(frozen=True, slots=True)
@@ -64,6 +64,19 @@ class ArmModel:
     def scales(self) -> Array:
         """(6,): what 1 mm of error means for a deviation (mm, rad) of the flange."""
         return np.array([1.0] * 3 + [self.rad_per_mm] * 3)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Turntable:
+    """How well CAD knows the axis of turning, in the object's frame.
+
+    center_sigma_mm: of `ObjectSpec.center_in_object`, across the axis. axis_in_object: (3,) unit
+    vector, None where CAD does not tell; axis_sigma_rad: its tilt about each direction.
+    """
+
+    center_sigma_mm: float = 0.02
+    axis_in_object: Array | None = None
+    axis_sigma_rad: float = 5e-4
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -125,7 +138,7 @@ class Holes:
 class JointData:
     """All evidence. Stands are where the arm stood: flange_at (s, 3); cad: (m, 3), one per touch.
 
-    center: of the turntable in CAD, or None. counts: rows of every kind, in their order.
+    center: of the turntable in CAD, or None.
     """
 
     motion: Motion
@@ -139,9 +152,15 @@ class JointData:
     spins: Tags
     holes: Holes
     center: Array | None
-    center_sigma_mm: float
+    turntable: Turntable
     flange_at: Array
     arm: ArmModel
+
+    @property
+    def axis(self) -> Array | None:
+        """Axis of turning in CAD, where it counts."""
+        turns = self.motion is not Motion.FREE and len(self.spins) > 0
+        return self.turntable.axis_in_object if turns else None
 
     @property
     def counts(self) -> Mapping[Link, int]:
@@ -153,7 +172,7 @@ class JointData:
             Link.REFERENCE: 6 * len(self.reference),
             Link.SPINS: 6 * len(self.spins),
             Link.HOLES: 2 * len(self.holes.cad),
-            Link.CENTER: 0 if self.center is None else 2,
+            Link.TURNTABLE: 2 * (self.center is not None) + 2 * (self.axis is not None),
         }
 
     def rows_of(self, link: Link) -> slice:
@@ -178,7 +197,7 @@ def gather(
     recording: Recording,
     sightings: Sequence[Sighting] = (),
     arm: ArmModel | None = None,
-    center_sigma_mm: float = 0.02,
+    turntable: Turntable | None = None,
 ) -> JointData:
     """Bring all samples into arrays; verifications stay out.
 
@@ -209,7 +228,7 @@ def gather(
         spins=spins,
         holes=_holes(recording, [s for s in sightings if s.spin is None or not free]),
         center=_center(recording) if len(spins) else None,
-        center_sigma_mm=center_sigma_mm,
+        turntable=turntable or Turntable(),
         flange_at=stands.positions(),
         arm=ArmModel(sigma_mm=facts.robot_sigma_mm) if arm is None else arm,
     )

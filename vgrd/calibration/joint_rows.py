@@ -39,7 +39,9 @@ def linearize(state: JointState, data: JointData, layout: Layout) -> tuple[Array
     if len(data.holes.cad):
         blocks.append(_holes(state, data, layout))
     if data.center is not None:
-        blocks.append(_center(state, data, layout))
+        blocks.append(_center(state, data.center, data.turntable.center_sigma_mm, layout))
+    if data.axis is not None:
+        blocks.append(_axis(state, data.axis, data.turntable.axis_sigma_rad, layout))
     return np.concatenate([r for r, _ in blocks]), np.vstack([J for _, J in blocks])
 
 
@@ -235,16 +237,34 @@ def _holes(state: JointState, data: JointData, layout: Layout) -> tuple[Array, A
     return _flat((pixels - holes.pixels) / holes.sigma_px[:, None], J)
 
 
-def _center(state: JointState, data: JointData, layout: Layout) -> tuple[Array, Array]:
+def _center(
+    state: JointState, center: Array, sigma_mm: float, layout: Layout
+) -> tuple[Array, Array]:
     """The centre across the axis is where CAD says; along it nothing is said."""
     G, camera_from_base = state.camera_from_axis, state.base_from_camera.inverse()
-    in_base = state.base_from_object @ np.asarray(data.center)
-    off = G.inverse() @ (camera_from_base @ in_base) / -data.center_sigma_mm
+    in_base = state.base_from_object @ center
+    off = G.inverse() @ (camera_from_base @ in_base) / -sigma_mm
     J = np.zeros((3, layout.size))
-    J[:, layout.axis_columns] = np.hstack([_EYE / data.center_sigma_mm, hat(off)])[
-        :, list(layout.axis)
-    ]
-    turn = G.rotation.T @ camera_from_base.rotation / data.center_sigma_mm
+    by_body = np.hstack([_EYE / sigma_mm, hat(off)])
+    J[:, layout.axis_columns] = by_body[:, list(layout.axis)]
+    turn = G.rotation.T @ camera_from_base.rotation / sigma_mm
     J[:, layout.CAMERA] = turn @ by_left(in_base[None])[0]
     J[:, layout.OBJECT] = -J[:, layout.CAMERA]
     return off[:2], J[:2]
+
+
+def _axis(
+    state: JointState, axis_in_object: Array, sigma_rad: float, layout: Layout
+) -> tuple[Array, Array]:
+    """The axis of turning points where CAD says, either way."""
+    G = state.camera_from_axis.rotation
+    in_base = state.base_from_object.rotation @ axis_in_object
+    turn = G.T @ state.base_from_camera.rotation.T
+    seen = turn @ in_base
+    sign = np.sign(seen[2]) / sigma_rad
+    J = np.zeros((3, layout.size))
+    by_body = np.hstack([np.zeros((3, 3)), hat(seen)])
+    J[:, layout.axis_columns] = by_body[:, list(layout.axis)]
+    J[:, layout.OBJECT.start + 3 : layout.OBJECT.stop] = -turn @ hat(in_base)
+    J[:, layout.CAMERA.start + 3 : layout.CAMERA.stop] = turn @ hat(in_base)
+    return sign * seen[:2], sign * J[:2]
