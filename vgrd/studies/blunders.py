@@ -139,7 +139,7 @@ def _draw(trials: Trials) -> "Drawing":
                 values, np.arange(1, len(values) + 1) / len(values), color=color, label=words
             )
         share = 100 * trials.mean("named", session=name)
-        axes.set(title=f"{name}: named in {share:.1f} %", xlim=(0, 1.5), ylim=(0, 1))
+        axes.set(title=f"{name}: named in {share:.1f} %", xlim=(0, 1), ylim=(0, 1))
     legend(all_axes[0], "lower right")
     return drawing
 

@@ -132,10 +132,10 @@ def _draw(trials: Trials) -> "Drawing":
         values = [trials.values(f"{name}, xy", vision=vision) for name in _METHODS]
         means = np.array([each.mean() for each in values])
         low, high = np.array([np.percentile(each, (5, 95)) for each in values]).T
-        axes.barh(places + shift, means, 0.36, color=color, alpha=0.8, label=f"{vision} vision")
+        axes.barh(places + shift, means, 0.36, color=color, label=f"{vision} vision")
         axes.hlines(places + shift, low, high, color="#444444", linewidth=1)
-        for place, mean, end in zip(places + shift, means, high, strict=True):
-            axes.text(end + 0.01, place, f"{mean:.3f}", va="center", fontsize=7.5)
+        for place, mean in zip(places + shift, means, strict=True):
+            axes.text(0.012, place, f"{mean:.3f}", va="center", color="white", fontsize=7.5)
     for (name, value), color in zip(_PAPER.items(), COLORS[2:], strict=False):
         published(axes, value, f"paper, {name}: {value} mm", vertical=True, color=color)
     axes.set_yticks(places, _METHODS)

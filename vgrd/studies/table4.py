@@ -48,7 +48,7 @@ def _draw(trials: Trials) -> "Drawing":
         axes.barh(names, width, left=left, color=color, height=0.55, label=step)
         left = left + width
     for place, (name, total) in enumerate(zip(names, left, strict=True)):
-        axes.text(max(total, _PAPER.get(name, 0)) + 0.2, place, f"{total:g} min", va="center")
+        axes.text(total - 0.15, place, f"{total:g} min", ha="right", va="center", color="white")
         if name in _PAPER:
             label = "paper's total" if place == 0 else None
             axes.plot(
