@@ -167,3 +167,10 @@ def test_bad_numbers_are_refused():
     ):
         with pytest.raises(InputError, match=words):
             TouchSet(*(np.asarray(part) for part in bad))
+
+
+def test_a_start_has_the_best_translation_and_tcp_for_its_rotation():
+    problem, X, tcp = simulate(2, 8, 1.0)
+    _, t, found = Equations(problem.points_in_object, problem.touches).start(X.rotation)
+    np.testing.assert_allclose(t, X.translation, atol=1e-8)
+    np.testing.assert_allclose(found, tcp, atol=1e-8)

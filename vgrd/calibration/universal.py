@@ -15,7 +15,12 @@ from vgrd.calibration.universal_problem import (
     checked_points,
     retract,
 )
-from vgrd.calibration.universal_start import linear_rotation, reduced_cost, rotation_candidates
+from vgrd.calibration.universal_start import (
+    linear_rotation,
+    nearest_valley,
+    reduced_cost,
+    rotation_candidates,
+)
 from vgrd.geometry import Array, Pose
 from vgrd.geometry.covariance import covariance_from
 from vgrd.geometry.least_squares import Minimum, Report, minimize, require_convergence
@@ -99,15 +104,15 @@ def calibrate_universal(
 def _global_optimum(equations: Equations, K: Array) -> tuple[Minimum[State], Certificate]:
     """The linear solution where that is proven best, else the relaxation's, else the best valley."""
     C = K.T @ K
-    best = _polish(equations, linear_rotation(K))
+    best = _polish(equations, K, linear_rotation(K))
     certificate = prove(C, best.state[0].T)
     if certificate.tight:
         return best, certificate
     relaxed = relax(C)
-    best = _lower(best, _polish(equations, relaxed.rotation.T))
+    best = _lower(best, _polish(equations, K, relaxed.rotation.T))
     certificate = prove(C, best.state[0].T, relaxed.slack)
     if not certificate.tight:
-        best = _lower(best, *(_polish(equations, R) for R in rotation_candidates(K)))
+        best = _lower(best, *(_polish(equations, K, R) for R in rotation_candidates(K)))
         certificate = prove(C, best.state[0].T, relaxed.slack)
     return best, certificate
 
@@ -116,9 +121,9 @@ def _lower(*minima: Minimum[State]) -> Minimum[State]:
     return min(minima, key=lambda minimum: minimum.report.cost)
 
 
-def _polish(equations: Equations, rotation: Array) -> Minimum[State]:
-    """Damped Gauss-Newton from a rotation of X."""
-    start = equations.start(rotation)
+def _polish(equations: Equations, K: Array, R_X: Array) -> Minimum[State]:
+    """Bottom of the valley of a rotation of X."""
+    start = equations.start(nearest_valley(K, R_X))
     return minimize(equations.linearize, retract, start, tolerance=_CLOSE, damping=1e-9)
 
 

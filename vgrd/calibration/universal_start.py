@@ -1,6 +1,6 @@
 """Global start of the universal method: TCP and translation eliminated, many rotations tried at once.
 
-With S = R_X^T and t' = -R_X^T t_X, Eq. 7 reads `S p_i - R_i p_T - t' = t_i`: linear in (S, p_T, t').
+With S = R_X^T and t' = R_X^T t_X, Eq. 7 reads `S p_i - R_i p_T - t' = t_i`: linear in (S, p_T, t').
 What is left of the cost when p_T and t' are eliminated is a quadratic in the nine numbers of S.
 """
 
@@ -20,6 +20,10 @@ _MAX_TURN_RAD = 1.0
 _DAMPING = 1e-3
 _SAME_RAD = 0.02
 _KEPT = 3
+_NEWTON_STEPS = 50
+_FLAT = 1e-9
+_DONE_RAD = 1e-11
+_LAST_RAD = 1e-5  # after a Newton step of this length nothing is left
 
 
 def _cube_rotations() -> Array:
@@ -35,6 +39,8 @@ def _cube_rotations() -> Array:
 
 _CUBE = _cube_rotations()
 _GENERATORS = hat(np.eye(3))
+_PRODUCTS = _GENERATORS[:, None] @ _GENERATORS[None]
+_SECOND = (_PRODUCTS + _PRODUCTS.swapaxes(0, 1)) / 2
 _DIAGONAL = np.arange(3)
 
 
@@ -42,6 +48,48 @@ def linear_rotation(K: Array) -> Array:
     """Rotation (3, 3) of X nearest to the unconstrained minimum of a `reduced_cost` (n, 10)."""
     S = np.linalg.lstsq(K[:, :9], -K[:, 9], rcond=1e-9)[0].reshape(3, 3)
     return nearest_rotation(S, tolerance=np.inf).T
+
+
+def nearest_valley(K: Array, R_X: Array) -> Array:
+    """Rotation (3, 3) of X at the minimum of a `reduced_cost` (n, 10) below a start.
+
+    Newton steps on SO(3) with the exact second derivative, its eigenvalues taken as positive: where
+    the touches contradict each other Gauss-Newton would creep.
+    """
+    C = K.T @ K
+    S = R_X.T
+    cost = _cost(K, S)
+    for _ in range(_NEWTON_STEPS):
+        pull = C[:9, :9] @ S.ravel() + C[:9, 9]
+        turns = (_GENERATORS @ S).reshape(3, 9)
+        bend = np.einsum("klij,ij->kl", _SECOND @ S, pull.reshape(3, 3))
+        w, V = np.linalg.eigh(turns @ C[:9, :9] @ turns.T + bend)
+        w = np.maximum(np.abs(w), _FLAT * np.abs(w).max())
+        step = -V @ ((V.T @ (turns @ pull)) / w)
+        step *= min(1.0, _MAX_TURN_RAD / max(float(np.linalg.norm(step)), 1e-12))
+        lower = _turned_lower(K, S, step, cost)
+        if lower is None:
+            break
+        S, cost = lower
+        if float(np.linalg.norm(step)) < _LAST_RAD:
+            break
+    return S.T
+
+
+def _turned_lower(K: Array, S: Array, step: Array, cost: float) -> tuple[Array, float] | None:
+    """S after the step, or as small a part of it as lowers the cost; None when none does."""
+    while float(np.linalg.norm(step)) > _DONE_RAD:
+        turned = exp_rotation(step) @ S
+        reached = _cost(K, turned)
+        if reached < cost:
+            return turned, reached
+        step = step / 4
+    return None
+
+
+def _cost(K: Array, S: Array) -> float:
+    r = K[:, :9] @ S.ravel() + K[:, 9]
+    return float(r @ r)
 
 
 def rotation_candidates(K: Array) -> list[Array]:
@@ -65,7 +113,7 @@ def solve_linear_part(
     N = np.concatenate([B @ touches.rotations, B], axis=2).reshape(-1, 6)
     right = np.einsum("mij,mj->mi", B, points_in_object @ R_X - touches.translations).ravel()
     x = np.linalg.lstsq(N, right, rcond=1e-9)[0]
-    return R_X, -R_X @ x[3:], x[:3]
+    return R_X, R_X @ x[3:], x[:3]
 
 
 def reduced_cost(points_in_object: Array, touches: TouchSet) -> Array:
