@@ -63,7 +63,7 @@ class Dataset:
 
 def load_dataset(path: Path) -> Dataset:
     """Read and check a dataset; ConfigError holds every fault, each with its key and remedy."""
-    data = _read_toml(path)
+    data = read_toml(path)
     faults = [f"{key}: unknown key{hint(key, _TABLES)}" for key in data if key not in _TABLES]
     mount = _mount(data, faults)
     poses = parse(PosesTable, data.get("poses", {}), "poses", faults)
@@ -79,7 +79,9 @@ def load_dataset(path: Path) -> Dataset:
     target = _target(data, kinds, faults)
     good = [sample for sample in samples if sample is not None]
     if poses is not None:
-        faults += _pose_faults(good, poses.unit)
+        faults += arm_faults([(s.name, s.base_from_wrist) for s in good], poses.unit, "sample")
+        seen = [(s.name, s.seen) for s in good if isinstance(s.seen, Pose)]
+        faults += _repeats(seen, "sample.camera_from_target", "camera")
     if faults or mount is None or poses is None:
         raise ConfigError(str(path), faults)
     return Dataset(
@@ -95,7 +97,8 @@ def load_dataset(path: Path) -> Dataset:
     )
 
 
-def _read_toml(path: Path) -> dict[str, Any]:
+def read_toml(path: Path) -> dict[str, Any]:
+    """The tables of a TOML file; ConfigError when it is not there or cannot be read."""
     try:
         return tomllib.loads(path.read_text(encoding="utf-8"))
     except FileNotFoundError as error:
@@ -248,12 +251,12 @@ class _SampleReader:
             raise InputError(f"{error}; 16 numbers, row by row") from error
 
 
-def _pose_faults(samples: Sequence[DatasetSample], unit: str) -> list[str]:
-    """What is wrong with the poses together: unit, repeats, a stream that never changed."""
-    if len(samples) < MIN_SAMPLES:
+def arm_faults(named: Sequence[tuple[str, Pose]], unit: str, table: str) -> list[str]:
+    """What is wrong with flange poses together: unit, repeats, a stream that never changed."""
+    if len(named) < MIN_SAMPLES:
         return []
     faults = []
-    reach = max(float(np.abs(sample.base_from_wrist.translation).max()) for sample in samples)
+    reach = max(float(np.abs(pose.translation).max()) for _, pose in named)
     if reach > _REACH_MM:
         faults.append(
             f"poses.unit: in {unit} the flange is {reach / 1000:.0f} m from the base: is it mm?"
@@ -262,9 +265,7 @@ def _pose_faults(samples: Sequence[DatasetSample], unit: str) -> list[str]:
         faults.append(
             f"poses.unit: in {unit} no flange is more than {reach:.2g} mm from the base: is it m?"
         )
-    faults += _repeats([(s.name, s.base_from_wrist) for s in samples], "pose", "robot")
-    seen = [(s.name, s.seen) for s in samples if isinstance(s.seen, Pose)]
-    return faults + _repeats(seen, "camera_from_target", "camera")
+    return faults + _repeats(named, f"{table}.pose", "robot")
 
 
 def _repeats(named: Sequence[tuple[str, Pose]], key: str, source: str) -> list[str]:
@@ -279,11 +280,11 @@ def _repeats(named: Sequence[tuple[str, Pose]], key: str, source: str) -> list[s
             groups.append((pose, [name]))
     if len(named) > 1 and len(groups) == 1:
         return [
-            f"sample.{key}: all {len(named)} are equal: the {source} was not read again between "
+            f"{key}: all {len(named)} are equal: the {source} was not read again between "
             "the samples; record anew"
         ]
     return [
-        f"sample.{key}: {', '.join(repr(name) for name in names)} hold the same pose: the {source} "
+        f"{key}: {', '.join(repr(name) for name in names)} hold the same pose: the {source} "
         "did not move or was not read again; keep one of them"
         for _, names in groups
         if len(names) > 1

@@ -1,0 +1,112 @@
+"""Which mistake in a file of CAD points would explain touches that contradict each other."""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from itertools import combinations
+
+import numpy as np
+
+from vgrd.calibration.robust import noise_scale
+from vgrd.calibration.rotation_relaxation import relax
+from vgrd.calibration.touches import TouchSet
+from vgrd.calibration.universal import UniversalProblem, calibrate_universal
+from vgrd.calibration.universal_start import linear_rotation, reduced_cost
+from vgrd.errors import CalibrationError
+from vgrd.geometry import Array
+from vgrd.model import Finding
+
+_CLEARLY_BETTER = 0.3
+_FITS = 3.0
+_RIVAL = 0.5
+_PROMISING = 5
+_FEW = 6
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Reading:
+    """The CAD points (m, 3) as they may have been meant."""
+
+    finding: Finding
+    points: Array
+
+
+def misreading(
+    names: Sequence[str], points_in_object: Array, touches: TouchSet, scale: float
+) -> Finding | None:
+    """The one mistake with which all m touches agree, None where none or several explain them.
+
+    scale: how many times as much as promised they scatter as given. Mirrored points in one plane
+    fit as well as before: turning the plane over is a rotation, nothing in the touches shows it.
+    """
+    readings = sorted(
+        _readings(names, points_in_object), key=lambda one: _closed_form(one.points, touches)
+    )
+    tried = [(_scatter(one.points, touches), one.finding) for one in readings[:_PROMISING]]
+    tried.sort(key=lambda one: one[0])
+    if not tried or not tried[0][0] < min(_FITS, _CLEARLY_BETTER * scale):
+        return None
+    if len(tried) > 1 and tried[0][0] > _RIVAL * tried[1][0]:
+        return None
+    return tried[0][1]
+
+
+def _closed_form(points: Array, touches: TouchSet) -> float:
+    """Cost near the minimum: the relaxed rotation, with many touches the linear one."""
+    K = reduced_cost(points, touches)
+    S = linear_rotation(K).T if len(points) > _FEW else relax(K.T @ K).rotation
+    return float(np.sum((K[:, :9] @ S.ravel() + K[:, 9]) ** 2))
+
+
+def _scatter(points: Array, touches: TouchSet) -> float:
+    try:
+        return noise_scale(calibrate_universal(UniversalProblem(points, touches)))
+    except CalibrationError:
+        return float("inf")
+
+
+def _readings(names: Sequence[str], points: Array) -> Iterator[_Reading]:
+    yield _Reading(
+        Finding(
+            "points_mirrored",
+            "the touches fit the mirror image of the CAD points: one axis of the targets has the "
+            "wrong sign, or two axes are exchanged; correct them",
+            fatal=True,
+        ),
+        points * (1, 1, -1),
+    )
+    yield from _other_orders(points)
+    distinct, which = np.unique(points, axis=0, return_inverse=True)
+    which = which.ravel()
+    for a, b in combinations(range(len(distinct)), 2):
+        swapped = np.where(which == a, b, np.where(which == b, a, which))
+        touched = sorted(np.flatnonzero(which == k).tolist() for k in (a, b))
+        first, second = (", ".join(repr(names[i]) for i in rows) for rows in touched)
+        yield _Reading(
+            Finding(
+                "targets_swapped",
+                f"the targets of touch {first} and {second} are swapped: all touches fit when "
+                "they are exchanged; correct the file",
+                fatal=True,
+            ),
+            distinct[swapped],
+        )
+
+
+def _other_orders(points: Array) -> Iterator[_Reading]:
+    """The list of targets backwards or begun elsewhere."""
+    m = len(points)
+    for backwards in (False, True):
+        for shift in range(m):
+            order = np.roll(np.arange(m)[:: -1 if backwards else 1], -shift)
+            if np.array_equal(order, np.arange(m)) or np.sum(order != np.arange(m)) == 2:
+                continue
+            how = " backwards" * backwards + f" from the {shift + 1}. on" * (shift > 0)
+            yield _Reading(
+                Finding(
+                    "points_order",
+                    f"the targets stand in the wrong order: the touches fit the list read{how}; "
+                    "correct the file",
+                    fatal=True,
+                ),
+                points[order],
+            )
