@@ -254,6 +254,27 @@ def _solve_dataset(source: Path, method: str | None, json_to: str | None) -> Non
 
 
 @app.command()
+def tcp(
+    source: Annotated[Path, typer.Argument(help="A file of touches (.toml).")],
+    json_to: JsonOption = None,
+) -> None:
+    """Find the TCP from a file of touches: CAD points, one point, a plane or a ball."""
+    from vgrd.touch_files import solve_touches
+
+    def show(result: Result) -> None:
+        keys = ("name", "used", "residual_mm", "reason")
+        rows = [[touch[key] for key in keys] for touch in result["touches"]]
+        console.print(table(f"{source}: touches", keys, rows))
+        rest = {key: value for key, value in result.items() if key != "touches"}
+        console.print(table("TCP in the wrist", ("what", "value"), list(flat(rest))))
+
+    solution = solve_touches(source)
+    print_result(solution.to_json(), json_to, show)
+    if not solution.verdict.ok:
+        raise typer.Exit(CalibrationError.exit_code)
+
+
+@app.command()
 def activate(
     calibration: Annotated[str, typer.Argument(help="Calibration id, such as cal-000001.")],
     config: ConfigOption = None,
