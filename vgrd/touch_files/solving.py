@@ -195,7 +195,7 @@ def _is_noisy(fit: TouchFit) -> bool:
 def _contradiction(file: TouchFile, solved: _Solved, *, noisy: bool) -> list[Finding]:
     left_out = int(np.sum(~solved.fit.used))
     scale = noise_scale(solved.fit.result)
-    if file.kind is TouchKind.UNIVERSAL and (noisy or left_out > 1):
+    if file.kind is TouchKind.UNIVERSAL and (noisy or left_out):
         points = file.points_in_object
         everything = calibrate_universal(UniversalProblem(points, file.touches))
         found = misreading(file.names, points, file.touches, noise_scale(everything))
