@@ -14,7 +14,7 @@ from scipy.special import gammaincinv
 
 from vgrd.calibration.joint import JointResult, calibrate_joint, information_inverse
 from vgrd.calibration.joint_expected import predict, work_orientation
-from vgrd.calibration.joint_problem import JointData, Looks, Tags, target_of
+from vgrd.calibration.joint_problem import JointData, Link, Looks, Tags, target_of
 from vgrd.calibration.joint_rows import arm_jacobian, linearize, moves
 from vgrd.calibration.joint_state import JointState, Layout
 from vgrd.calibration.touches import TouchSet, touch_set
@@ -213,15 +213,14 @@ class _Coach:
         return np.asarray(covariance - gain @ np.linalg.solve(S, gain.T))
 
     def without_touches(self) -> Array:
-        """Covariance from everything but the touches and the pictures taken with them."""
+        """Covariance from looks, spins and holes: no touches, nor what was seen while touching."""
         data, layout = self._result.data, self._result.layout
-        kept = [k for k, stand in enumerate(data.looks.stands) if stand not in data.touch_stands]
-        rest = replace(_blank(data), looks=_some(data.looks, kept))
+        kept = np.flatnonzero(~np.isin(data.looks.stands, data.touch_stands))
+        rest = replace(_blank(data), looks=data.looks.some(kept))
         J = _whitened(self._result.state, rest, replace(layout, spins=0))
         rows = [_embedded(J, layout)]
-        names = list(data.counts)
-        for name in names[names.index(names[0]) + 4 :]:
-            rows.append(self._result.jacobian[data.rows_of(name)])
+        for link in (Link.SPINS, Link.HOLES, Link.TURNTABLE):
+            rows.append(self._result.jacobian[data.rows_of(link)])
         P, N = information_inverse(np.vstack(rows), layout)
         return P + N @ N.T
 
@@ -326,17 +325,6 @@ def _sighting(pose: Pose, body: Array, spec: TagSpec) -> TagObservation:
 def _tag(pose: Pose, body: Array) -> Tags:
     A = pose.adjoint()
     return Tags(pose.rotation[None], pose.translation[None], whitener(A @ body @ A.T)[None])
-
-
-def _some(looks: Looks, kept: Sequence[int]) -> Looks:
-    chosen = np.array(kept, dtype=np.intp)
-    tags = looks.tags
-    return Looks(
-        Tags(tags.rotations[chosen], tags.translations[chosen], tags.whiteners[chosen]),
-        looks.rotations[chosen],
-        looks.translations[chosen],
-        looks.stands[chosen],
-    )
 
 
 def _blank(data: JointData) -> JointData:

@@ -15,10 +15,9 @@ from scipy.linalg import solve_triangular
 from scipy.special import gammaincinv
 
 from vgrd.calibration.joint_problem import ArmModel, JointData, Sighting, Turntable, gather
-from vgrd.calibration.joint_rows import arm_jacobian, linearize
+from vgrd.calibration.joint_rows import arm_jacobian, linearize, predicted_tag_a
 from vgrd.calibration.joint_state import JointState, Layout, guess, layout_of
-from vgrd.calibration.reference import find_reference
-from vgrd.geometry import Array
+from vgrd.geometry import Array, log_rotation
 from vgrd.geometry.least_squares import Report, minimize, require_convergence
 from vgrd.model import Recording
 
@@ -93,8 +92,7 @@ def calibrate_joint(
     """
     data = gather(recording, sightings, arm, turntable)
     layout = layout_of(data)
-    start = guess(data, find_reference(recording.touches).camera_from_tag_b)
-    return _finish(recording, data, layout, _settle(data, layout, start))
+    return _finish(recording, data, layout, _settle(data, layout, guess(data)))
 
 
 def enlargement(squares: float, freedom: int) -> float:
@@ -228,14 +226,11 @@ def _residuals(data: JointData, optimum: _Optimum) -> dict[str, float]:
     touches = data.touches
     tips = touches.rotations @ state.tcp_in_wrist + touches.translations
     out["touches_rms_mm"] = _rms(np.linalg.norm(tips - state.base_from_object @ data.cad, axis=1))
-    camera_from_base = state.base_from_camera.inverse()
-    off = np.array(
-        [
-            (camera_from_base @ wrist @ state.wrist_from_tag_a).distance(tag)
-            for wrist, tag in zip(data.looks.poses(), data.looks.tags.poses(), strict=True)
-        ]
-    )
-    out["hand_eye_rms_mm"], out["hand_eye_rms_deg"] = _rms(off[:, 0]), _rms(np.degrees(off[:, 1]))
+    R, t = predicted_tag_a(state, data)
+    seen = data.looks.tags
+    turns = log_rotation(R @ np.swapaxes(seen.rotations, 1, 2)).reshape(-1, 3)
+    out["hand_eye_rms_mm"] = _rms(np.linalg.norm(t - seen.translations, axis=1))
+    out["hand_eye_rms_deg"] = float(np.degrees(_rms(np.linalg.norm(turns, axis=1))))
     return out
 
 

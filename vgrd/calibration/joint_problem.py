@@ -122,6 +122,16 @@ class Looks:
         """base_from_wrist of all."""
         return [Pose(R, t) for R, t in zip(self.rotations, self.translations, strict=True)]
 
+    def some(self, chosen: Indices) -> "Looks":
+        """Those with the given indices."""
+        tags = self.tags
+        return Looks(
+            Tags(tags.rotations[chosen], tags.translations[chosen], tags.whiteners[chosen]),
+            self.rotations[chosen],
+            self.translations[chosen],
+            self.stands[chosen],
+        )
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Holes:

@@ -53,7 +53,7 @@ def arm_jacobian(state: JointState, data: JointData) -> Array:
     G = np.zeros((data.arm_rows, len(data.flange_at), 6))
     X_inv = state.base_from_camera.inverse()
     looks = data.looks
-    D = _tag_residuals(*_predicted_tag_a(state, data), looks.tags)[1] @ X_inv.adjoint()
+    D = _tag_residuals(*predicted_tag_a(state, data), looks.tags)[1] @ X_inv.adjoint()
     D[:, :, 3:] += D[:, :, :3] @ hat(looks.translations)
     _put(G, data.rows_of(Link.HAND_EYE), D, looks.stands)
     for link, touches, stands in (
@@ -104,7 +104,8 @@ def _inverse_jacobian(ad: Array) -> Array:
     return np.asarray(out)
 
 
-def _predicted_tag_a(state: JointState, data: JointData) -> tuple[Array, Array]:
+def predicted_tag_a(state: JointState, data: JointData) -> tuple[Array, Array]:
+    """Poses of tag A in the camera, (n, 3, 3) and (n, 3), at the flange poses it was seen from."""
     X_inv = state.base_from_camera.inverse()
     Y, looks = state.wrist_from_tag_a, data.looks
     t = looks.rotations @ Y.translation + looks.translations
@@ -121,7 +122,7 @@ def _flat(r: Array, J: Array) -> tuple[Array, Array]:
 
 def _hand_eye(state: JointState, data: JointData, layout: Layout) -> tuple[Array, Array]:
     X_inv, looks = state.base_from_camera.inverse(), data.looks
-    r, D = _tag_residuals(*_predicted_tag_a(state, data), looks.tags)
+    r, D = _tag_residuals(*predicted_tag_a(state, data), looks.tags)
     D = D @ X_inv.adjoint()
     J = _rows(len(r), 6, layout)
     J[:, :, layout.CAMERA] = -D

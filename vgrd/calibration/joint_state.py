@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vgrd.calibration.hand_eye_start import park_martin
-from vgrd.calibration.joint_problem import JointData, Looks
+from vgrd.calibration.joint_problem import JointData, Looks, Tags
 from vgrd.calibration.motion import Axes, turned_axes
 from vgrd.calibration.rotation_center import RotationCenter, find_rotation_center
 from vgrd.calibration.universal import UniversalProblem, calibrate_universal
@@ -133,11 +133,12 @@ def _moved(planar: Array, step: Array, layout: Layout) -> Array:
     return out
 
 
-def guess(data: JointData, camera_from_tag_b: Pose) -> JointState:
-    """First values from closed forms; camera_from_tag_b: while touching.
+def guess(data: JointData) -> JointState:
+    """First values from closed forms.
 
-    Raises NotObservable or TooFewObservations where not even a guess is possible.
+    Raises TooFewObservations where not even a guess is possible.
     """
+    camera_from_tag_b = _guess_reference(data.reference)
     base_from_camera, wrist_from_tag_a = _guess_hand_eye(data.looks)
     base_from_object, tcp, is_tied = _guess_object(data)
     center = _guess_center(data)
@@ -177,13 +178,24 @@ def planar_part(camera_from_axis: Pose, motion: Pose, kind: Motion) -> Array:
     return np.array([x, y, angle])
 
 
-def _guess_hand_eye(looks: Looks) -> tuple[Pose, Pose]:
-    moves, tags = looks.poses(), looks.tags.poses()
-    if len({*map(int, looks.stands)}) < 3:
+def _guess_reference(tags: Tags) -> Pose:
+    if not len(tags):
         raise TooFewObservations(
-            f"tag A was seen from {len(set(looks.stands.tolist()))} robot poses, at least 3 are "
-            "needed: record looks, or touch with tag A in view"
+            "tag B was not seen in any touch, so there is no reference picture: "
+            "touch with tag B in view"
         )
+    return Pose(_nearest(tags.rotations.sum(axis=0)), np.median(tags.translations, axis=0))
+
+
+def _guess_hand_eye(looks: Looks) -> tuple[Pose, Pose]:
+    once = np.unique(looks.stands, return_index=True)[1]
+    if len(once) < 3:
+        raise TooFewObservations(
+            f"tag A was seen from {len(once)} robot poses, at least 3 are needed: record looks, "
+            "or touch with tag A in view"
+        )
+    looks = looks.some(once)
+    moves, tags = looks.poses(), looks.tags.poses()
     if turned_axes(list(looks.rotations))[0] is Axes.MANY:
         return park_martin(moves, tags)
     X, tag_in_wrist = linear_start(looks.rotations, looks.translations, looks.tags.translations)
