@@ -60,7 +60,7 @@ def _plain_cost(problem: UniversalProblem) -> float:
 def _figures(trials: Trials) -> list[Figure]:
     wrong = trials.values("default_wrong")
     return [
-        Figure("problems", float(len(trials.rows))),
+        Figure("problems solved", float(len(wrong))),
         Figure("wrong optima, default", float(wrong.sum()), "", at_most=0),
         Figure("not certified", float(np.sum(1 - trials.values("tight"))), "", at_most=0),
         Figure("largest gap", float(trials.values("gap").max()), "", at_most=1e-6),
@@ -93,10 +93,11 @@ def _rates(trials: Trials) -> np.ndarray:
 
 
 def _draw(trials: Trials) -> "Drawing":
+    wrong = trials.values("default_wrong")
     labels = ("wrists turned by up to, degrees", "wrong optima, %")
     drawing, all_axes = panels(
         f"Wrong optima of plain Gauss-Newton from the identity; default: "
-        f"{int(trials.values('default_wrong').sum())} of {len(trials.rows)}",
+        f"{int(wrong.sum())} of {len(wrong)}",
         labels,
         labels,
     )
