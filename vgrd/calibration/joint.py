@@ -86,8 +86,8 @@ def calibrate_joint(
 ) -> JointResult:
     """Most likely values of all unknowns; verifications are held out.
 
-    sightings: holes that the camera saw. arm: None takes facts.robot_sigma_mm as a new draw at
-    every stand. turntable: how well CAD knows the axis of turning. Raises InputError,
+    sightings: holes that the camera saw. arm: None takes `ArmModel.of(facts.robot_sigma_mm)`.
+    turntable: how well CAD knows the axis of turning. Raises InputError,
     TooFewObservations, NotObservable or DidNotConverge.
     """
     data = gather(recording, sightings, arm, turntable)

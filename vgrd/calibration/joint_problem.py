@@ -16,8 +16,7 @@ from vgrd.model import Motion, Mount, Observation, Recording, TagObservation, Ta
 
 Indices = NDArray[np.intp]
 
-_SAME_STAND_MM = 0.02
-_SAME_STAND_RAD = 1e-4
+_REPEATABILITY = 0.3
 _STILL = -1
 
 
@@ -45,6 +44,12 @@ class ArmModel:
     field_mm: float = 0.0
     length_mm: float = 200.0
     rad_per_mm: float = 2e-3
+
+    @classmethod
+    def of(cls, robot_sigma_mm: float) -> "ArmModel":
+        """An arm of which only one figure is known: repeatability is the lesser part of it."""
+        repeats = _REPEATABILITY * robot_sigma_mm
+        return cls(repeats, float(np.sqrt(robot_sigma_mm**2 - repeats**2)))
 
     @property
     def is_exact(self) -> bool:
@@ -146,7 +151,7 @@ class Holes:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class JointData:
-    """All evidence. Stands are where the arm stood: flange_at (s, 3); cad: (m, 3), one per touch.
+    """All evidence. Stands are where the arm stood, one per sample: flange_at (s, 3); cad: (m, 3), one per touch.
 
     center: of the turntable in CAD, or None.
     """
@@ -218,29 +223,28 @@ def gather(
         raise InputError("the joint estimate needs a camera that stands still (eye-to-hand)")
     if not touches:
         raise TooFewObservations("nothing was touched: touch at least 3 targets of the object")
-    stands = _Stands()
-    touch_stands = stands.of([touch.base_from_wrist for touch in touches])
-    point_stands = stands.of([touch.base_from_wrist for touch in recording.points])
-    looks = _looks(recording, stands, touch_stands, point_stands)
+    m, k = len(touches), len(recording.points)
+    samples: list[Touch | Observation] = [*touches, *recording.points]
+    samples += [*recording.looks, *recording.spins]
     references = [touch.observation for touch in touches]
     motion = facts.object.motion
     free = motion is Motion.FREE
     spins = _tags([] if free else [seen.tag_b for seen in recording.spins])
     return JointData(
         motion=motion,
-        looks=looks,
+        looks=_looks(recording),
         touches=_touch_set(recording, touches),
         cad=np.array([target_of(recording, t.target).point_in_object for t in touches]),
-        touch_stands=touch_stands,
+        touch_stands=np.arange(m),
         points=_touch_set(recording, recording.points),
-        point_stands=point_stands,
+        point_stands=np.arange(m, m + k),
         reference=_tags([None if seen is None else seen.tag_b for seen in references]),
         spins=spins,
         holes=_holes(recording, [s for s in sightings if s.spin is None or not free]),
         center=_center(recording) if len(spins) else None,
         turntable=turntable or Turntable(),
-        flange_at=stands.positions(),
-        arm=ArmModel(sigma_mm=facts.robot_sigma_mm) if arm is None else arm,
+        flange_at=np.array([sample.base_from_wrist.translation for sample in samples]),
+        arm=arm or ArmModel.of(facts.robot_sigma_mm),
     )
 
 
@@ -257,49 +261,21 @@ def _center(recording: Recording) -> Array | None:
     return spec.center_in_object if spec.motion is Motion.TURNTABLE else None
 
 
-class _Stands:
-    """Numbers the distinct poses of the arm: what was taken without a move shares its error."""
-
-    def __init__(self) -> None:
-        self._poses: list[Pose] = []
-
-    def of(self, poses: Sequence[Pose]) -> Indices:
-        return np.array([self._number(pose) for pose in poses], dtype=np.intp)
-
-    def positions(self) -> Array:
-        return np.array([pose.translation for pose in self._poses]).reshape(-1, 3)
-
-    def _number(self, pose: Pose) -> int:
-        for i in range(len(self._poses) - 1, -1, -1):
-            other = self._poses[i]
-            near = np.abs(other.translation - pose.translation).max() < _SAME_STAND_MM
-            if near and other.distance(pose)[1] < _SAME_STAND_RAD:
-                return i
-        self._poses.append(pose)
-        return len(self._poses) - 1
-
-
-def _looks(recording: Recording, stands: _Stands, *of_touches: Indices) -> Looks:
+def _looks(recording: Recording) -> Looks:
     """Every picture of tag A; one taken while touching belongs to the stand of the touch."""
-    rest = [*recording.looks, *recording.spins]
-    seen: list[Observation | None] = list(rest)
-    numbers = list(stands.of([s.base_from_wrist for s in rest]))
-    for touch, number in zip(
-        [*recording.touches, *recording.points], np.concatenate(of_touches), strict=True
-    ):
-        seen.append(touch.observation)
-        numbers.append(number)
-    kept = [(s, n) for s, n in zip(seen, numbers, strict=True) if s is not None and s.tag_a]
+    touches = (*recording.touches, *recording.points)
+    seen = [*(touch.observation for touch in touches), *recording.looks, *recording.spins]
+    kept = [(i, s) for i, s in enumerate(seen) if s is not None and s.tag_a is not None]
     if not kept:
         raise TooFewObservations(
             "tag A was never seen, so the camera is not tied to the robot: bring it into view"
         )
-    poses = [s.base_from_wrist for s, _ in kept]
+    poses = [s.base_from_wrist for _, s in kept]
     return Looks(
-        _tags([s.tag_a for s, _ in kept]),
+        _tags([s.tag_a for _, s in kept]),
         np.array([pose.rotation for pose in poses]),
         np.array([pose.translation for pose in poses]),
-        np.array([n for _, n in kept], dtype=np.intp),
+        np.array([i for i, _ in kept], dtype=np.intp),
     )
 
 

@@ -188,7 +188,8 @@ def _guess_reference(tags: Tags) -> Pose:
 
 
 def _guess_hand_eye(looks: Looks) -> tuple[Pose, Pose]:
-    once = np.unique(looks.stands, return_index=True)[1]
+    rounded = np.round(np.column_stack([looks.translations, 1e3 * looks.rotations[:, 0]]), 1)
+    once = np.unique(rounded, axis=0, return_index=True)[1]
     if len(once) < 3:
         raise TooFewObservations(
             f"tag A was seen from {len(once)} robot poses, at least 3 are needed: record looks, "
