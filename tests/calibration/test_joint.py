@@ -212,8 +212,8 @@ def test_the_order_of_the_samples_does_not_matter():
         spins=recording.spins[::-1],
     )
     a, b = calibrate_joint(recording).state, calibrate_joint(turned).state
-    np.testing.assert_allclose(a.tcp_in_wrist, b.tcp_in_wrist, atol=1e-6)
-    assert a.base_from_object.distance(b.base_from_object)[0] < 1e-6
+    np.testing.assert_allclose(a.tcp_in_wrist, b.tcp_in_wrist, rtol=0, atol=1e-9)
+    assert a.base_from_object.distance(b.base_from_object)[0] < 1e-9
 
 
 def test_verifications_are_held_out_and_nothing_is_touched_for_nothing():

@@ -162,10 +162,17 @@ def _settle(data: JointData, layout: Layout, state: JointState) -> _Optimum:
         if not len(G) or _moved_mm(before, state) < _SETTLED_MM:
             break
     require_convergence(minimum.report, "joint estimate")
+    state = _polished(state, minimum.residuals, minimum.jacobian, layout)
+    r, J = _held(state, data, layout, factor)
     rows = sum(data.counts.values())
-    return _Optimum(
-        state, minimum.residuals[:rows], minimum.jacobian[:rows], G, factor, minimum.report
-    )
+    return _Optimum(state, r[:rows], J[:rows], G, factor, minimum.report)
+
+
+def _polished(state: JointState, r: Array, J: Array, layout: Layout) -> JointState:
+    """One step more: costs cannot tell steps below the root of the machine's precision apart."""
+    scale = np.linalg.norm(J, axis=0)
+    Q, R = np.linalg.qr(J / scale)
+    return state.retract(solve_triangular(R, -(Q.T @ r)) / scale, layout)
 
 
 def _held(
