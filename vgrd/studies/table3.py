@@ -125,15 +125,15 @@ def _draw(trials: Trials) -> "Drawing":
     runs = len(trials.select(vision="fine"))
     drawing, (axes,) = panels(
         f"Miss of the expected coordinate, {runs} calibrations each (table 3)",
-        ("mean miss in xy, mm  (lines: 5 to 95 %)", ""),
+        ("mean miss in xy, mm  (95 % lie below the end of the line)", ""),
     )
     places = np.arange(len(_METHODS))
     for color, vision, shift in zip(COLORS, _VISION, (-0.19, 0.19), strict=False):
         values = [trials.values(f"{name}, xy", vision=vision) for name in _METHODS]
         means = np.array([each.mean() for each in values])
-        low, high = np.array([np.percentile(each, (5, 95)) for each in values]).T
+        high = np.array([np.percentile(each, 95) for each in values])
         axes.barh(places + shift, means, 0.36, color=color, label=f"{vision} vision")
-        axes.hlines(places + shift, low, high, color="#444444", linewidth=1)
+        axes.hlines(places + shift, means, high, color="#444444", linewidth=1)
         for place, mean in zip(places + shift, means, strict=True):
             axes.text(0.012, place, f"{mean:.3f}", va="center", color="white", fontsize=7.5)
     for (name, value), color in zip(_PAPER.items(), COLORS[2:], strict=False):
