@@ -19,11 +19,13 @@ from fakes.poses import (
     touch_tilts,
 )
 from fakes.world import World
+from vgrd.errors import ControlError
 from vgrd.geometry import Array, Pose, exp_rotation
 from vgrd.ipc.control import ControlClient
 
 SETTLE_S = 0.1
 LIFT_MM = 30.0
+PRESSES, PRESS_AGAIN_S = 4, 0.3
 Step = Callable[[], None]
 
 
@@ -107,10 +109,21 @@ class Operator:
         self.jog(Pose(pose.rotation, pose.translation + away))
 
     def _sample(self, op: str, **arguments: str) -> None:
-        reply = self.press(op, **arguments)
+        reply = self._press_until_still(op, **arguments)
         self.taught[op] += 1
         for tag in reply["tags"]:
             self.seen[op, tag] += 1
+
+    def _press_until_still(self, op: str, **arguments: str) -> dict[str, Any]:
+        """Press again where the daemon asks to wait, as a person does."""
+        for _ in range(PRESSES - 1):
+            try:
+                return self.press(op, **arguments)
+            except ControlError as refusal:
+                if refusal.error not in ("NotSteady", "TooOld"):
+                    raise
+                time.sleep(PRESS_AGAIN_S)
+        return self.press(op, **arguments)
 
     @staticmethod
     def _wait(arrival_s: float) -> None:

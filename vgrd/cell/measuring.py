@@ -1,6 +1,7 @@
 """The measuring loop: takes pictures, finds tags, pairs them with the flange, tells whoever listens."""
 
 import asyncio
+import math
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
@@ -12,7 +13,7 @@ import structlog
 from vgrd.cell.feeds import CameraFeed, HealthFeed, RobotFeed
 from vgrd.clock import Clock
 from vgrd.devices import CameraImage, FlangeReading, Pixels
-from vgrd.errors import DeviceUnavailable, InputError, NotSteady, ObservationError
+from vgrd.errors import DeviceUnavailable, InputError, NotSteady, ObservationError, TooOld
 from vgrd.geometry import Pose
 from vgrd.model import CellFacts, Observation, TagObservation
 from vgrd.observing.stillness import RestLimits, rest_pose
@@ -128,18 +129,26 @@ class Measuring:
         return self._device_words("camera") or self._unusable
 
     async def rest(self) -> Pose:
-        """Flange pose now, the arm given a moment to settle; raises NotSteady, TooOld."""
+        """Flange pose from readings newer than this call; raises NotSteady, TooOld.
+
+        The arm is given a moment to settle, the readings of a busy machine a moment to come.
+        """
         start_s = self.clock.monotonic()
         while True:
-            newest = self.robot.newest(ROBOT_LOST_S)
-            stamp = self.clock.monotonic() if newest is None else newest.stamp_s
+            now = self.clock.monotonic()
             try:
-                return rest_pose(self.robot.readings, stamp, self.limits)
-            except ObservationError as err:
-                patience_s = SETTLE_S if isinstance(err, NotSteady) else READINGS_WITHIN_S
-                if self.clock.monotonic() > start_s + patience_s:
+                return rest_pose(self.robot.readings, max(start_s, self._newest_s()), self.limits)
+            except TooOld:
+                if now > start_s + READINGS_WITHIN_S:
+                    raise
+            except NotSteady:
+                if self._newest_s() > start_s + SETTLE_S:
                     raise
             await asyncio.sleep(LOOP_S)
+
+    def _newest_s(self) -> float:
+        """Stamp of the newest flange reading."""
+        return self.robot.readings[-1].stamp_s if self.robot.readings else -math.inf
 
     def _device_words(self, name: str) -> str:
         health = self.health[name].poll()
