@@ -51,7 +51,9 @@ class Report:
         ):
             table.add_row(title, f"{np.median(values):.3f}", f"{np.max(values):.3f}")
         self.console.print(table)
-        self.console.print(f"asked again because the answer came too late: {self.shown.repeats}")
+        self.console.print(
+            f"requests that stopped the program and were made again: {self.shown.repeats}"
+        )
         error = true_tip_error_mm(layout, calibration_file)
         words = "unknown to this method" if error is None else f"{error:.3f} mm off the true one"
         self.console.print(f"TCP by the {self.shown.calibration['method']} method: {words}")

@@ -14,12 +14,13 @@ from fakes.daemon import Daemon
 from fakes.layout import Layout
 from fakes.operator import Operator, Step
 from fakes.poses import retracted_pose
-from fakes.robot_program import RobotProgram, Stopped
+from fakes.robot_program import PASSING, RobotProgram, Stopped
 from fakes.world import World
 from vgrd.geometry import Array, Pose
 
 LOOKS, SPINS, FIXED_POINTS = 8, 10, 10
 TILTED_TOUCHES = 6
+ATTEMPTS, PAUSE_S = 4, 0.5
 
 
 @dataclass(slots=True)
@@ -95,8 +96,7 @@ class Show:
         self.operator.press("record.start", plan="joint", session="requests")
         with self._progress() as progress, self._program() as program:
             for k in progress.track(rng.permutation(count), description="robot requests"):
-                self._request(program, names[int(k) % len(names)], float(angles[k]))
-            self.shown.repeats = program.repeats
+                self._request_patiently(program, names[int(k) % len(names)], float(angles[k]))
         self.operator.press("record.stop")
 
     def faults(self) -> None:
@@ -119,12 +119,24 @@ class Show:
                 "cell process killed", program, lambda: self.daemon.kill("cell"), lambda: None
             )
 
+    def _request_patiently(self, program: RobotProgram, target: str, angle_rad: float) -> None:
+        """One request; where the program had to stop for what passes by itself, from the start again."""
+        for _ in range(ATTEMPTS - 1):
+            try:
+                return self._request(program, target, angle_rad)
+            except Stopped as stop:
+                if stop.status not in PASSING:
+                    raise
+                self.shown.repeats += 1
+                time.sleep(PAUSE_S)
+        return self._request(program, target, angle_rad)
+
     def _request(self, program: RobotProgram, target: str, angle_rad: float) -> None:
         arrival = self.world.move_flange(retracted_pose(), time.monotonic())
         turned = self.world.turn_table(angle_rad, time.monotonic())
         time.sleep(max(0.0, max(arrival, turned) - time.monotonic()) + 0.08)
         asked = time.monotonic()
-        reply = program.ask_again(self.world.targets[target].id)
+        reply = program.ask(self.world.targets[target].id)
         program.touch(reply)
         self.shown.requests.append(
             Request(
