@@ -25,6 +25,7 @@ from vgrd.ipc.control import ControlClient
 
 SETTLE_S = 0.1
 LIFT_MM = 30.0
+SPEED_MM_S, TURN_RAD_S = 700.0, 3.0  # a brisk cell: nobody wants to wait for a simulated arm
 PRESSES, PRESS_AGAIN_S = 4, 0.3
 Step = Callable[[], None]
 

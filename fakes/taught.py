@@ -8,7 +8,7 @@ from typing import Self
 from fakes.cell import FakeCell, free_port
 from fakes.daemon import Daemon
 from fakes.layout import Layout
-from fakes.operator import Operator
+from fakes.operator import SPEED_MM_S, TURN_RAD_S, Operator
 from fakes.poses import retracted_pose
 from fakes.rehearsal import Rehearsal, facts_of
 from fakes.robot_program import RobotProgram
@@ -20,7 +20,6 @@ from vgrd.model import Calibration
 from vgrd.store.calibrations import CalibrationStore
 
 SEED = 1
-SPEED_MM_S, TURN_RAD_S = 700.0, 3.0
 
 
 def rehearse(folder: Path) -> Calibration:

@@ -11,11 +11,11 @@ import typer
 from rich.console import Console
 
 from fakes.cell import FakeCell
-from fakes.commands.demo import SPEED_MM_S, TURN_RAD_S, set_up_table
+from fakes.commands.demo import set_up_table
 from fakes.console import Action, numbers, until_stopped, word
 from fakes.daemon import Daemon
 from fakes.layout import Layout
-from fakes.operator import Operator
+from fakes.operator import SPEED_MM_S, TURN_RAD_S, Operator
 from fakes.poses import retracted_pose
 from fakes.show import Show
 from fakes.world import World

@@ -16,14 +16,12 @@ from fakes.comparison import misses_by_method
 from fakes.daemon import Daemon
 from fakes.layout import Layout
 from fakes.memory import pss_mib, tree_pss_mib
-from fakes.operator import Operator
+from fakes.operator import SPEED_MM_S, TURN_RAD_S, Operator
 from fakes.report import Report
 from fakes.robot_program import Stopped
 from fakes.show import Show
 from fakes.world import Noise, World
 from vgrd.errors import VgrdError
-
-SPEED_MM_S, TURN_RAD_S = 700.0, 3.0
 
 
 def main(

@@ -1,5 +1,6 @@
 """Engine of both hand-eye problems: whitening with robot noise, robust weights, least squares."""
 
+from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
@@ -74,16 +75,16 @@ def _moved_intrinsics(values: Array, step: Array) -> Array:
     return moved
 
 
-class Rows:
+class Rows(ABC):
     """What one sample contributes: residuals in units of its own measurement noise."""
 
+    @abstractmethod
     def linearize(self, state: HandEye, predicted: Pose) -> tuple[Array, Array, Array]:
         """Residuals (m,), derivative (m, 6) by a left perturbation of `predicted`, (m, extra)."""
-        raise NotImplementedError
 
+    @abstractmethod
     def own(self, state: HandEye) -> Pose:
         """camera_from_target that fits this sample best by itself."""
-        raise NotImplementedError
 
     def rms_px(self, state: HandEye, predicted: Pose) -> float:
         """Reprojection error at a predicted pose; NaN where the sample holds no pixels."""

@@ -8,7 +8,6 @@ Conventions: `vgrd.model.TagObservation`.
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence, Set
 from dataclasses import dataclass
-from types import TracebackType
 from typing import Self
 
 import cv2
@@ -65,12 +64,7 @@ class TagDetector:
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self.close()
 
     def close(self) -> None:
