@@ -1,0 +1,49 @@
+"""How a command finds the running daemon, and asks it."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+from rich.console import Console
+
+from vgrd.errors import InputError
+from vgrd.ipc.control import ControlClient
+
+SAMPLE_TIMEOUT_S = 15.0
+SOLVE_TIMEOUT_S = 300.0
+
+ConfigOption = Annotated[
+    Path | None,
+    typer.Option("--config", envvar="VGRD_CONFIG", help="The cell file of the daemon."),
+]
+SocketOption = Annotated[
+    Path | None,
+    typer.Option("--socket", envvar="VGRD_SOCKET", help="The daemon's control socket."),
+]
+
+
+def client_of(config: Path | None, socket: Path | None) -> ControlClient:
+    """The daemon that --config or --socket names; raises InputError when neither is given."""
+    if socket is not None:
+        return ControlClient(socket)
+    if config is None:
+        raise InputError("which daemon? Give --config CELL.toml or --socket PATH")
+    from vgrd.cell.setup import CONTROL_SOCKET
+    from vgrd.config import load_config
+
+    return ControlClient(Path(load_config(config).cell.runtime_dir) / CONTROL_SOCKET)
+
+
+def ask(
+    config: Path | None,
+    socket: Path | None,
+    op: str,
+    timeout_s: float = SAMPLE_TIMEOUT_S,
+    /,
+    **arguments: str | None,
+) -> dict[str, object]:
+    """Call one operation of the daemon; arguments that are None are left to its configuration."""
+    given: dict[str, object] = {k: v for k, v in arguments.items() if v is not None}
+    client = client_of(config, socket)
+    with Console(stderr=True).status(op):
+        return client.call(op, timeout_s=timeout_s, **given)

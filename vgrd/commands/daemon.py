@@ -1,0 +1,108 @@
+"""Commands that run the daemon, check its cell file, and use what it serves."""
+
+import os
+import sys
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from vgrd.commands.asking import ConfigOption, SocketOption, ask
+from vgrd.errors import InputError
+from vgrd.printing import JsonOption, print_result, show_fields
+
+_SOCKET_FOLDER_BYTES = 90
+
+
+def register(app: typer.Typer) -> None:
+    """Add run, check, status, activate, ec and confirm."""
+    for command in (run, check, status, activate, ec, confirm):
+        app.command()(command)
+
+
+def run(config: Annotated[Path, typer.Argument(help="The cell file.")]) -> None:
+    """Run the daemon in the foreground until Ctrl-C or SIGTERM."""
+    from vgrd.cell.setup import process_table
+    from vgrd.config import load_config
+    from vgrd.gate.gate import lock
+    from vgrd.gate.settings import save_table
+
+    loaded = load_config(config)
+    runtime = _runtime_folder(Path(loaded.cell.runtime_dir))
+    lock(runtime)  # released by exec, and taken again by the gate
+    save_table(runtime, process_table(loaded, config))
+    os.execv(sys.executable, [sys.executable, "-m", "vgrd.gate", str(runtime)])  # noqa: S606
+
+
+def _runtime_folder(path: Path) -> Path:
+    if len(bytes(path)) > _SOCKET_FOLDER_BYTES:
+        raise InputError(
+            f"runtime folder {path}: too long for a Unix socket in it (more than "
+            f"{_SOCKET_FOLDER_BYTES} bytes); set [cell] runtime_dir to a shorter path"
+        )
+    try:
+        path.mkdir(parents=True, exist_ok=True)
+    except OSError as err:
+        raise InputError(
+            f"runtime folder {path}: {err.strerror}; set [cell] runtime_dir to a folder of yours"
+        ) from err
+    return path
+
+
+def check(
+    config: Annotated[Path, typer.Argument(help="The cell file.")], json_to: JsonOption = None
+) -> None:
+    """Check a cell file; every fault is reported at once."""
+    from vgrd.config import load_config
+
+    loaded = load_config(config)
+    result = {
+        "ok": True,
+        "cell": loaded.cell.name,
+        "robot": loaded.robot.driver,
+        "camera": loaded.camera.driver,
+        "targets": [target.name for target in loaded.object.targets],
+        "registers": f"{loaded.serving.host}:{loaded.serving.port}",
+        "state_dir": loaded.cell.state_dir,
+        "runtime_dir": loaded.cell.runtime_dir,
+    }
+    print_result(result, json_to, show_fields(f"{config} is good"))
+
+
+def status(
+    config: ConfigOption = None, socket: SocketOption = None, json_to: JsonOption = None
+) -> None:
+    """Show how the cell is."""
+    print_result(ask(config, socket, "status"), json_to, show_fields("status"))
+
+
+def activate(
+    calibration: Annotated[str, typer.Argument(help="Calibration id, such as cal-000001.")],
+    config: ConfigOption = None,
+    socket: SocketOption = None,
+    json_to: JsonOption = None,
+) -> None:
+    """Serve with this calibration from now on (logged, reversible)."""
+    result = ask(config, socket, "activate", calibration=calibration)
+    print_result(result, json_to, show_fields("active"))
+
+
+def ec(
+    target: Annotated[str, typer.Argument(help="Name of the target.")],
+    policy: Annotated[
+        str | None, typer.Option(help="fixed or follow; as configured if left out.")
+    ] = None,
+    config: ConfigOption = None,
+    socket: SocketOption = None,
+    json_to: JsonOption = None,
+) -> None:
+    """Compute an expected coordinate from a fresh picture."""
+    result = ask(config, socket, "ec", target=target, policy=policy)
+    print_result(result, json_to, show_fields(f"expected coordinate of {target}"))
+
+
+def confirm(
+    config: ConfigOption = None, socket: SocketOption = None, json_to: JsonOption = None
+) -> None:
+    """Confirm that the cause of a latched fault is gone."""
+    print_result(ask(config, socket, "confirm"), json_to, show_fields("confirm"))

@@ -1,0 +1,79 @@
+"""Commands that teach: a session's start and end, and its samples."""
+
+from typing import Annotated
+
+import typer
+
+from vgrd.commands.asking import ConfigOption, SocketOption, ask
+from vgrd.printing import JsonOption, print_result, show_fields
+
+_PLAIN = {
+    "look": "Record a hand-eye sample: robot at rest, tag A in view.",
+    "spin": "Record the turned object: robot at rest, tag B in view.",
+    "undo": "Take back the last sample.",
+}
+_NAMED = {
+    "touch": ("TARGET", "Record that the tool's tip rests on a target."),
+    "point": ("NAME", "Record a touch of a fixed point (conventional TCP)."),
+    "verify": ("TARGET", "Record a touch that is held out of every fit."),
+}
+
+
+def register(app: typer.Typer) -> None:
+    """Add record start, record stop, and one command per kind of sample."""
+    record = typer.Typer(no_args_is_help=True, help="Start and stop recording a teaching session.")
+    record.command("start")(record_start)
+    record.command("stop")(record_stop)
+    app.add_typer(record, name="record")
+    for op, text in _PLAIN.items():
+        _plain(app, op, text)
+    for op, (argument, text) in _NAMED.items():
+        _named(app, op, argument, text)
+
+
+def record_start(
+    plan: Annotated[
+        str, typer.Option(help="universal, special, conventional or joint.")
+    ] = "joint",
+    session: Annotated[
+        str | None, typer.Option(help="Name; by default the date and time.")
+    ] = None,
+    config: ConfigOption = None,
+    socket: SocketOption = None,
+    json_to: JsonOption = None,
+) -> None:
+    """Start recording a session."""
+    result = ask(config, socket, "record.start", plan=plan, session=session)
+    print_result(result, json_to, show_fields("recording"))
+
+
+def record_stop(
+    config: ConfigOption = None, socket: SocketOption = None, json_to: JsonOption = None
+) -> None:
+    """End the session and close its files."""
+    print_result(ask(config, socket, "record.stop"), json_to, show_fields("recorded"))
+
+
+def _plain(app: typer.Typer, op: str, text: str) -> None:
+    def plain(
+        config: ConfigOption = None, socket: SocketOption = None, json_to: JsonOption = None
+    ) -> None:
+        print_result(ask(config, socket, op), json_to, show_fields(op))
+
+    app.command(op, help=text)(plain)
+
+
+def _named(app: typer.Typer, op: str, argument: str, text: str) -> None:
+    def named(
+        name: Annotated[str, typer.Argument(metavar=argument)],
+        config: ConfigOption = None,
+        socket: SocketOption = None,
+        json_to: JsonOption = None,
+    ) -> None:
+        print_result(
+            ask(config, socket, op, SAMPLE_TIMEOUT_S, **{argument.lower(): name}),
+            json_to,
+            show_fields(op),
+        )
+
+    app.command(op, help=text)(named)

@@ -1,0 +1,104 @@
+"""Commands that solve: datasets, recorded sessions, the daemon's session, files of touches."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from vgrd.commands.asking import SOLVE_TIMEOUT_S, ConfigOption, SocketOption, ask
+from vgrd.errors import CalibrationError, InputError
+from vgrd.printing import (
+    JsonOption,
+    Result,
+    console,
+    flat,
+    print_result,
+    progress,
+    show_fields,
+    table,
+)
+
+
+def register(app: typer.Typer) -> None:
+    """Add solve and tcp."""
+    app.command()(solve)
+    app.command()(tcp)
+
+
+def solve(
+    source: Annotated[
+        Path | None,
+        typer.Argument(
+            help="A dataset file (.toml) or a session folder; none: the daemon's session."
+        ),
+    ] = None,
+    method: Annotated[
+        str | None,
+        typer.Option(help="Datasets only: a published method, unrefined, such as tsai-lenz."),
+    ] = None,
+    config: ConfigOption = None,
+    socket: SocketOption = None,
+    json_to: JsonOption = None,
+) -> None:
+    """Solve a dataset, a recorded session, or the daemon's last session; nothing becomes active."""
+    if method is not None and (source is None or source.is_dir()):
+        raise InputError("--method is for datasets: name a DATASET.toml")
+    if source is None:
+        result = ask(config, socket, "solve", SOLVE_TIMEOUT_S)
+        _print_calibration(result, json_to, "solved")
+    elif source.is_dir():
+        from vgrd.cell.solver import solve_session
+
+        _print_calibration(solve_session(source), json_to, f"{source.name} solved")
+    else:
+        _solve_dataset(source, method, json_to)
+
+
+def _print_calibration(result: Result, json_to: str | None, title: str) -> None:
+    """Print what was solved; a rejected calibration is told by the exit code too."""
+    print_result(result, json_to, show_fields(title))
+    if not result["verdict"]["ok"]:
+        raise typer.Exit(CalibrationError.exit_code)
+
+
+def _solve_dataset(source: Path, method: str | None, json_to: str | None) -> None:
+    from vgrd.datasets import solve_dataset
+
+    with progress("solving") as report:
+        solution = solve_dataset(source, report, method=method)
+
+    def show(result: Result) -> None:
+        console.print(
+            table(
+                f"{source}: samples",
+                ("sample", "used", "px", "deg", "mm", "reason"),
+                [
+                    [s[k] for k in ("name", "used", "px", "deg", "mm", "reason")]
+                    for s in result["samples"]
+                ],
+            )
+        )
+        rows = [(key, result[key]) for key in ("leave_one_out", "target_scale", "verdict")]
+        console.print(table("hand-eye", ("what", "value"), list(flat(dict(rows)))))
+
+    print_result(solution.to_json(), json_to, show)
+
+
+def tcp(
+    source: Annotated[Path, typer.Argument(help="A file of touches (.toml).")],
+    json_to: JsonOption = None,
+) -> None:
+    """Find the TCP from a file of touches: CAD points, one point, a plane or a ball."""
+    from vgrd.touch_files import solve_touches
+
+    def show(result: Result) -> None:
+        keys = ("name", "used", "residual_mm", "reason")
+        rows = [[touch[key] for key in keys] for touch in result["touches"]]
+        console.print(table(f"{source}: touches", keys, rows))
+        rest = {key: value for key, value in result.items() if key != "touches"}
+        console.print(table("TCP in the wrist", ("what", "value"), list(flat(rest))))
+
+    solution = solve_touches(source)
+    print_result(solution.to_json(), json_to, show)
+    if not solution.verdict.ok:
+        raise typer.Exit(CalibrationError.exit_code)
