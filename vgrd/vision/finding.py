@@ -1,0 +1,166 @@
+"""Find square tags in any grey picture, without a camera model: which, where, how sure.
+
+Corners are good to a fraction of a pixel; `vgrd.vision.photometric` makes them exact.
+"""
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from functools import cache
+
+import cv2
+import numpy as np
+import pyapriltags
+from numpy.typing import NDArray
+
+from vgrd.errors import InputError
+from vgrd.geometry import Array
+from vgrd.vision.codes import APRILTAG_FAMILIES, dictionary_of, family_named, marker_cells
+
+Grey = NDArray[np.uint8]
+
+_COARSE_WIDTH_PX = 1300  # wider pictures are halved until they are not wider
+_CELL_PX = 6  # of the straightened tag that is read
+_LEAST_CONTRAST = 12.0  # grey levels between ink and paper
+_LEAST_SIDE_PX = 6.0
+_PUBLISHED_BY_LIBRARY = ("16h5", "25h9", "36h11")
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class FoundTag:
+    """A tag in a picture.
+
+    corners_px: (4, 2) in the order (-,-), (+,-), (+,+), (-,+) of the tag's x right, y down, OpenCV pixel
+    convention (centre of the first pixel is 0, 0). hamming: cells of the code that read wrongly;
+    contrast: grey levels between its white and black cells; mirrored: seen from behind or
+    printed as in a mirror (corners as if it were not).
+    """
+
+    family: str
+    id: int
+    corners_px: Array
+    hamming: int
+    contrast: float
+    mirrored: bool = False
+
+    @property
+    def side_px(self) -> float:
+        """Root of the area, px."""
+        return float(np.sqrt(abs(cv2.contourArea(self.corners_px.astype(np.float32)))))
+
+
+def find_tags(
+    grey: Grey, families: Sequence[str], *, max_hamming: int = 0, thorough: bool = True
+) -> list[FoundTag]:
+    """All tags of the families in a grey picture (h, w), one that appears twice twice; by family and id.
+
+    families: names as `family_named` takes them. thorough: search at full resolution too, with two
+    detectors; otherwise only a picture of at most 1300 px width made from this one. Raises
+    InputError for an unknown family or another kind of picture.
+    """
+    if grey.ndim != 2 or grey.dtype != np.uint8:
+        raise InputError(f"a grey 8-bit picture is needed, got {grey.dtype} {grey.shape}")
+    names = [family_named(name) for name in families]
+    grey = np.ascontiguousarray(grey)
+    levels = _pyramid(grey)
+    found: list[FoundTag] = []
+    for scale, level in reversed(levels) if thorough else levels[-1:]:
+        for name in names:
+            for tag_id, corners in _candidates(level, name, thorough=thorough):
+                full = scale * (corners + 0.5) - 0.5
+                tag = read_tag(grey, name, tag_id, full)
+                if tag is not None and tag.hamming <= max_hamming:
+                    _keep(found, tag)
+    return sorted(found, key=lambda tag: (tag.family, tag.id, tag.corners_px[0].tolist()))
+
+
+def read_tag(grey: Grey, family: str, tag_id: int, corners_px: Array) -> FoundTag | None:
+    """Read a tag whose corners (4, 2) are known; None where no black square on white is."""
+    code = marker_cells(family, tag_id)
+    cells = read_cells(grey, corners_px, len(code))
+    inner = cells[1:-1, 1:-1]
+    ring = np.ones(inner.shape, dtype=bool)
+    ring[1:-1, 1:-1] = False
+    rim = np.ones(cells.shape, dtype=bool)
+    rim[1:-1, 1:-1] = False
+    black = float(np.median(inner[ring]))
+    bright = inner[code > 0.5]
+    white = float(np.median(bright)) if bright.size else float(np.median(cells[rim]))
+    contrast = white - black
+    if contrast < _LEAST_CONTRAST:
+        return None
+    level = (white + black) / 2
+    if np.mean(inner[ring] > level) > 0.1 or np.mean(cells[rim] < level) > 0.35:
+        return None
+    hamming = int(np.sum((inner > level) != (code > 0.5)))
+    return FoundTag(family, tag_id, np.asarray(corners_px, dtype=np.float64), hamming, contrast)
+
+
+def read_cells(grey: Grey, corners_px: Array, cells: int) -> Array:
+    """Mean grey levels (cells + 2, cells + 2) of a square's cells and of one ring around it."""
+    side = (cells + 2) * _CELL_PX
+    low, high = _CELL_PX - 0.5, side - _CELL_PX - 0.5
+    straight = np.array([[low, low], [high, low], [high, high], [low, high]], np.float32)
+    flat_from_picture = cv2.getPerspectiveTransform(corners_px.astype(np.float32), straight)
+    flat = cv2.warpPerspective(
+        grey,
+        flat_from_picture,
+        (side, side),
+        flags=cv2.INTER_AREA,
+        borderMode=cv2.BORDER_REPLICATE,
+    )
+    blocks = flat.reshape(cells + 2, _CELL_PX, cells + 2, _CELL_PX)
+    return np.asarray(blocks[:, 1:-1, :, 1:-1].mean((1, 3)))
+
+
+def _pyramid(grey: Grey) -> list[tuple[int, Grey]]:
+    """The picture and its halvings down to the coarse width, with their scales, finest first."""
+    levels, scale = [(1, grey)], 1
+    while grey.shape[1] > _COARSE_WIDTH_PX:
+        half = (grey.shape[1] // 2, grey.shape[0] // 2)
+        even = grey[: 2 * half[1], : 2 * half[0]]
+        grey = np.asarray(cv2.resize(even, half, interpolation=cv2.INTER_AREA), np.uint8)
+        scale *= 2
+        levels.append((scale, grey))
+    return levels
+
+
+def _candidates(level: Grey, family: str, *, thorough: bool) -> Iterable[tuple[int, Array]]:
+    corners, ids, _ = _aruco(family, thorough).detectMarkers(level)
+    for marker, quad in zip([] if ids is None else np.ravel(ids), corners, strict=True):
+        square = np.asarray(quad, dtype=np.float64).reshape(4, 2)
+        yield int(marker), square[[2, 3, 0, 1]] if family in APRILTAG_FAMILIES else square
+    if thorough and family in _PUBLISHED_BY_LIBRARY:
+        for tag in _apriltag(family).detect(level):
+            # The library starts at (-,+) and counts pixels from their rim.
+            yield tag.tag_id, np.asarray(tag.corners, dtype=np.float64)[[3, 2, 1, 0]] - 0.5
+
+
+@cache
+def _aruco(family: str, thorough: bool) -> cv2.aruco.ArucoDetector:  # noqa: FBT001
+    parameters = cv2.aruco.DetectorParameters()
+    parameters.cornerRefinementMethod = cv2.aruco.CORNER_REFINE_SUBPIX
+    if thorough:
+        parameters.adaptiveThreshWinSizeMax = 53
+        parameters.minMarkerPerimeterRate = 0.01
+    else:
+        parameters.adaptiveThreshWinSizeMin = parameters.adaptiveThreshWinSizeMax = 13
+        parameters.cornerRefinementMethod = cv2.aruco.CORNER_REFINE_NONE
+    return cv2.aruco.ArucoDetector(dictionary_of(family), parameters)
+
+
+@cache
+def _apriltag(family: str) -> pyapriltags.Detector:
+    return pyapriltags.Detector(families=f"tag{family}", quad_decimate=1.0)
+
+
+def _keep(found: list[FoundTag], tag: FoundTag) -> None:
+    """Add a tag unless it is one that is already known, read at least as well."""
+    if tag.side_px < _LEAST_SIDE_PX:
+        return
+    for i, other in enumerate(found):
+        distance = np.linalg.norm(tag.corners_px.mean(0) - other.corners_px.mean(0))
+        if (tag.family, tag.id) == (other.family, other.id) and distance < other.side_px / 2:
+            if tag.hamming <= other.hamming:
+                found[i] = tag
+            return
+    found.append(tag)
