@@ -1,0 +1,126 @@
+"""Commands that print targets: tags, boards of tags, ChArUco boards."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from vgrd.errors import InputError
+from vgrd.printing import JsonOption, print_result, show_fields
+
+if TYPE_CHECKING:
+    from vgrd.vision.targets import Printable
+
+SizeOption = Annotated[float, typer.Option("--size-mm", help="Edge of the black square.")]
+OutOption = Annotated[Path, typer.Option("--out", help="File: .pdf, .svg or .png.")]
+PageOption = Annotated[
+    str, typer.Option("--page", help="a5, a4, a3, letter, tabloid, WIDTHxHEIGHT in mm, or bare.")
+]
+DpiOption = Annotated[int, typer.Option("--dpi", min=10, max=4800, help="Of a PNG.")]
+DictionaryArgument = Annotated[
+    str, typer.Argument(help="AprilTag family such as 36h11, or ArUco dictionary such as 4x4_50.")
+]
+
+
+def register(app: typer.Typer) -> None:
+    """Add target tag, target grid and target charuco."""
+    target = typer.Typer(no_args_is_help=True, help="Draw targets to print, at exact size.")
+    for command in (tag, grid, charuco):
+        target.command()(command)
+    app.add_typer(target, name="target")
+
+
+def tag(
+    dictionary: DictionaryArgument,
+    tag_id: Annotated[int, typer.Argument(metavar="ID")],
+    size_mm: SizeOption,
+    out: OutOption,
+    page: PageOption = "a4",
+    dpi: DpiOption = 600,
+    json_to: JsonOption = None,
+) -> None:
+    """Draw one tag."""
+    from vgrd.vision.targets import checked_tag
+
+    _draw(checked_tag(dictionary, tag_id, size_mm), page, dpi, out, json_to)
+
+
+def grid(
+    dictionary: DictionaryArgument,
+    size_mm: SizeOption,
+    out: OutOption,
+    tags: Annotated[str, typer.Option(help="Columns x rows of tags.")] = "4x3",
+    gap_mm: Annotated[
+        float | None,
+        typer.Option("--gap-mm", help="Between the squares; a quarter of their size."),
+    ] = None,
+    first_id: Annotated[int, typer.Option(help="Id of the first tag.")] = 0,
+    page: PageOption = "a4",
+    dpi: DpiOption = 600,
+    json_to: JsonOption = None,
+) -> None:
+    """Draw a board of several tags."""
+    from vgrd.vision.codes import family_named
+    from vgrd.vision.targets import TagGrid
+
+    columns, rows = columns_and_rows("--tags", tags)
+    gap = size_mm / 4 if gap_mm is None else gap_mm
+    board = TagGrid(family_named(dictionary), columns, rows, size_mm, gap, first_id)
+    _draw(board, page, dpi, out, json_to)
+
+
+def charuco(
+    out: OutOption,
+    squares: Annotated[str, typer.Option(help="Columns x rows of squares.")] = "5x7",
+    square_mm: Annotated[float, typer.Option("--square-mm", help="Edge of a square.")] = 30.0,
+    marker_mm: Annotated[float, typer.Option("--marker-mm", help="Edge of a marker.")] = 22.0,
+    dictionary: Annotated[str, typer.Option(help="ArUco dictionary.")] = "5x5_100",
+    page: PageOption = "a4",
+    dpi: DpiOption = 600,
+    json_to: JsonOption = None,
+) -> None:
+    """Draw a ChArUco board."""
+    _draw(charuco_board(squares, square_mm, marker_mm, dictionary), page, dpi, out, json_to)
+
+
+def columns_and_rows(option: str, text: str) -> tuple[int, int]:
+    """Two numbers of an option such as 5x7; InputError when they are not."""
+    try:
+        columns, rows = (int(number) for number in text.lower().split("x"))
+    except ValueError:
+        raise InputError(f"{option} {text}: write columns x rows, such as 5x7") from None
+    if columns < 1 or rows < 1 or columns * rows < 2:
+        raise InputError(f"{option} {text}: a board has at least two fields")
+    return columns, rows
+
+
+def charuco_board(
+    squares: str, square_mm: float, marker_mm: float, dictionary: str
+) -> "Printable":
+    """The board that the options mean; InputError when it cannot exist."""
+    from vgrd.vision.boards import BOARD_DICTIONARIES, Charuco
+    from vgrd.vision.codes import family_named
+
+    columns, rows = columns_and_rows("--squares", squares)
+    name = family_named(dictionary)
+    if name not in BOARD_DICTIONARIES:
+        raise InputError(
+            f"--dictionary {dictionary}: ChArUco boards have ArUco markers; known: "
+            + ", ".join(BOARD_DICTIONARIES)
+        )
+    return Charuco(columns, rows, square_mm, marker_mm, name)
+
+
+def _draw(target: "Printable", page: str, dpi: int, out: Path, json_to: str | None) -> None:
+    from vgrd.vision.targets import config_lines, target_sheet
+    from vgrd.vision.targets_sheet import write_sheet
+
+    sheet = target_sheet(target, page)
+    write_sheet(sheet, out, dpi)
+    result = {
+        "file": str(out),
+        "page_mm": [sheet.width_mm, sheet.height_mm],
+        "config": list(config_lines(target)),
+        "next": "print at 100 %, measure the bar and the target, put the measured sizes into the config",
+    }
+    print_result(result, json_to, show_fields("target"))
