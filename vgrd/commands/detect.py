@@ -1,0 +1,130 @@
+"""The command that finds tags in pictures and says how good they are."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from vgrd.errors import InputError
+from vgrd.printing import JsonOption, Result, console, print_result, table
+
+if TYPE_CHECKING:
+    from vgrd.geometry.camera import CameraModel
+    from vgrd.vision.inspecting import PictureReport
+    from vgrd.vision.pictures import Picture
+
+_DEFAULT_DICTIONARY = "36h11"
+
+
+def register(app: typer.Typer) -> None:
+    """Add detect."""
+    app.command()(detect)
+
+
+def detect(
+    images: Annotated[list[Path], typer.Argument(metavar="IMAGE...", help="Pictures.")],
+    dictionary: Annotated[
+        list[str] | None,
+        typer.Option(help="AprilTag family or ArUco dictionary; may be repeated. Default: 36h11."),
+    ] = None,
+    size_mm: Annotated[
+        float | None, typer.Option("--size-mm", help="Edge of the tags' black square, measured.")
+    ] = None,
+    camera: Annotated[
+        Path | None, typer.Option(help="Camera file: OpenCV, ROS camera_info or a cell file.")
+    ] = None,
+    draw: Annotated[
+        Path | None, typer.Option(help="Folder for pictures with what was found.")
+    ] = None,
+    json_to: JsonOption = None,
+) -> None:
+    """Find tags in pictures: corners, quality, and with --size-mm and --camera their poses."""
+    from vgrd.vision.codes import family_named
+
+    if size_mm is not None and not size_mm > 0:
+        raise InputError(f"--size-mm {size_mm:g}: give the edge of the black square in mm")
+    families = [family_named(name) for name in dictionary or [_DEFAULT_DICTIONARY]]
+    if camera is not None:
+        _camera_of(camera, (1, 1))  # a fault of the file is told once, not for every picture
+    rows, failures = [], []
+    for image in images:
+        try:
+            rows.append(_one(image, list(dict.fromkeys(families)), size_mm, camera, draw))
+        except InputError as error:
+            failures.append(str(error))
+            rows.append({"file": str(image), "tags": [], "findings": [_failure(image, error)]})
+    print_result({"images": rows}, json_to, _show)
+    if failures:
+        raise InputError("\n".join(failures))
+
+
+def _one(
+    image: Path,
+    families: list[str],
+    size_mm: float | None,
+    camera_file: Path | None,
+    folder: Path | None,
+) -> dict[str, object]:
+    from vgrd.vision.inspecting import inspect_picture
+    from vgrd.vision.pictures import read_picture
+
+    picture = read_picture(image)
+    height, width = picture.pixels.shape
+    camera = None if camera_file is None else _camera_of(camera_file, (width, height))
+    if camera is not None and camera.size_px != (width, height):
+        raise InputError(
+            f"{image}: has {width} x {height} px, the camera of {camera_file} has "
+            f"{camera.size_px[0]} x {camera.size_px[1]}: give the camera file of this picture"
+        )
+    report = inspect_picture(picture, families, size_mm, camera)
+    if folder is not None:
+        _draw(image, picture, report, folder)
+    return {"file": str(image), "width": width, "height": height} | report.to_json()
+
+
+def _camera_of(path: Path, size_px: tuple[int, int]) -> "CameraModel":
+    from vgrd.vision.camera_files import read_camera
+
+    return read_camera(path, size_px)
+
+
+def _draw(image: Path, picture: "Picture", report: "PictureReport", folder: Path) -> None:
+    from vgrd.vision.drawing import draw_tags, write_picture
+
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise InputError(f"--draw {folder}: cannot be made: {error.strerror}") from error
+    write_picture(folder / f"{image.stem}.png", draw_tags(picture.pixels, report.marks()))
+
+
+def _failure(image: Path, error: InputError) -> dict[str, str]:
+    return {"code": "not_used", "message": str(error).removeprefix(f"{image}: ")}
+
+
+def _show(result: Result) -> None:
+    for image in result["images"]:
+        size = f" ({image['width']} x {image['height']} px)" if "width" in image else ""
+        rows = [_row(tag) for tag in image["tags"]]
+        columns = ("dictionary", "id", "px", "tilt deg", "x, y, z mm", "quality")
+        if rows:
+            console.print(table(f"{image['file']}{size}", columns, rows))
+        else:
+            console.print(f"{image['file']}{size}", highlight=False, markup=False)
+        for finding in image["findings"]:
+            console.print(f"  {finding['message']}", highlight=False, markup=False)
+
+
+def _row(tag: Result) -> list[object]:
+    quality = tag["quality"]
+    remarks = "; ".join(finding["message"] for finding in quality["findings"]) or "good"
+    tilt = quality.get("tilt_deg")
+    pose = tag.get("camera_from_tag")
+    return [
+        tag["dictionary"],
+        tag["id"],
+        round(quality["side_px"]),
+        None if tilt is None else f"{tilt:.1f}",
+        None if pose is None else [row[3] for row in pose[:3]],
+        remarks,
+    ]
