@@ -7,7 +7,8 @@ from fakes.simulation import FINE, WORK_ROTATION, ArmErrors, Simulation, Vision
 from vgrd.calibration.baselines import expected_by_method
 from vgrd.calibration.joint import ArmModel, Sighting, Turntable, calibrate_joint
 from vgrd.calibration.joint_expected import expected_by_joint, predict
-from vgrd.calibration.joint_problem import gather
+from vgrd.calibration.joint_gather import gather
+from vgrd.calibration.joint_problem import Link
 from vgrd.calibration.joint_rows import arm_jacobian, linearize
 from vgrd.errors import InputError, NotObservable, TagNotSeen, TooFewObservations
 from vgrd.geometry import Pose, exp_rotation
@@ -76,13 +77,15 @@ def test_perfect_samples_give_the_true_coordinate(kind, policy):
 
 def test_perfect_samples_give_every_unknown():
     sim = perfect()
-    state = calibrate_joint(sim.record(wrists=mixed(sim)), arm=EXACT).state
+    result = calibrate_joint(sim.record(wrists=mixed(sim)), arm=EXACT)
+    state = result.state
     for name in ("base_from_camera", "wrist_from_tag_a", "object_from_tag_b"):
         mm, rad = getattr(state, name).distance(getattr(sim, name))
         assert mm < 1e-4
         assert rad < 1e-6
     np.testing.assert_allclose(state.tcp_in_wrist, sim.tcp_in_wrist, atol=1e-4)
-    off = np.exp(1j * (state.planar[:, 2] - sim.spin_angles))
+    recorded = [int(name.split()[1]) - 1 for name in result.data.names[Link.SPINS]]
+    off = np.exp(1j * (state.planar[:, 2] - np.array(sim.spin_angles)[recorded]))
     np.testing.assert_allclose(off, 1, atol=1e-6)
 
 
@@ -163,15 +166,15 @@ def test_derivatives_by_the_arm_are_those_of_a_deviated_flange():
     result = calibrate_joint(recording, arm=ArmModel(0.1))
     data, state = result.data, result.state
     G = arm_jacobian(state, data)
-    i = 2
+    i = next(k for k, name in enumerate(data.names[Link.TOUCHES]) if name.startswith("touch 3 "))
     stand = int(data.touch_stands[i])
     for axis in range(6):
         deviation = np.zeros(6)
         deviation[axis] = 1e-4 if axis < 3 else 1e-7
         touches = list(recording.touches)
-        moved = deviated(touches[i].base_from_wrist, deviation)
-        seen = replace(touches[i].observation, base_from_wrist=moved)
-        touches[i] = replace(touches[i], base_from_wrist=moved, observation=seen)
+        moved = deviated(touches[2].base_from_wrist, deviation)
+        seen = replace(touches[2].observation, base_from_wrist=moved)
+        touches[2] = replace(touches[2], base_from_wrist=moved, observation=seen)
         other = gather(replace(recording, touches=tuple(touches)), arm=data.arm)
         # The tool's axis, which the whitener follows, is isotropic here.
         rows = [linearize(state, d, result.layout)[0][: data.arm_rows] for d in (data, other)]

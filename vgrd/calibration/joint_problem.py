@@ -1,23 +1,35 @@
 """What a recording holds for the joint estimate, as arrays."""
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
 from enum import StrEnum
+from types import MappingProxyType
 
 import numpy as np
 from numpy.typing import NDArray
 
-from vgrd.calibration.touches import TouchSet, touch_set
-from vgrd.errors import InputError, TooFewObservations
+from vgrd.calibration.joint_arm import ArmModel
+from vgrd.calibration.joint_optics import TAG_A, TAG_B, Optics
+from vgrd.calibration.touches import TouchSet
+from vgrd.errors import InputError
 from vgrd.geometry import Array, Pose
 from vgrd.geometry.camera import CameraModel
-from vgrd.geometry.covariance import whitener
-from vgrd.model import Motion, Mount, Observation, Recording, TagObservation, Target, Touch
+from vgrd.model import Motion, Recording, Target
+
+__all__ = [
+    "ArmModel",
+    "Holes",
+    "Indices",
+    "JointData",
+    "Link",
+    "Looks",
+    "Sighting",
+    "Tags",
+    "Turntable",
+    "target_of",
+]
 
 Indices = NDArray[np.intp]
-
-_REPEATABILITY = 0.3
-_STILL = -1
 
 
 class Link(StrEnum):
@@ -30,45 +42,20 @@ class Link(StrEnum):
     SPINS = "tag B in spins"
     HOLES = "holes"
     TURNTABLE = "turntable in CAD"
+    REFINED = "print and intrinsics"
 
 
-@dataclass(frozen=True, slots=True)
-class ArmModel:
-    """Errors of the arm: a new draw at every stand, and a smooth field over the workspace.
-
-    sigma_mm, field_mm: per axis, of the flange; turns are rad_per_mm times as large. The field's
-    correlation over a distance d is exp(-d^2 / 2 length_mm^2).
-    """
-
-    sigma_mm: float = 0.0
-    field_mm: float = 0.0
-    length_mm: float = 200.0
-    rad_per_mm: float = 2e-3
-
-    @classmethod
-    def of(cls, robot_sigma_mm: float) -> "ArmModel":
-        """An arm of which only one figure is known: repeatability is the lesser part of it."""
-        repeats = _REPEATABILITY * robot_sigma_mm
-        return cls(repeats, float(np.sqrt(robot_sigma_mm**2 - repeats**2)))
-
-    @property
-    def is_exact(self) -> bool:
-        """True when the arm is taken to be where it reports."""
-        return self.sigma_mm == 0 and self.field_mm == 0
-
-    def field(self, a: Array, b: Array) -> Array:
-        """mm^2 (n, m): covariance per axis between flange positions a (n, 3) and b (m, 3)."""
-        squared = np.sum((a[:, None] - b[None]) ** 2, axis=2)
-        return np.asarray(self.field_mm**2 * np.exp(-0.5 * squared / self.length_mm**2))
-
-    def prior(self, flange_at: Array) -> Array:
-        """mm^2 (s, s): covariance per axis of all stands, at flange positions (s, 3)."""
-        own = self.sigma_mm**2 * np.eye(len(flange_at))
-        return np.asarray(own + self.field(flange_at, flange_at))
-
-    def scales(self) -> Array:
-        """(6,): what 1 mm of error means for a deviation (mm, rad) of the flange."""
-        return np.array([1.0] * 3 + [self.rad_per_mm] * 3)
+SAMPLED: Mapping[Link, int] = MappingProxyType(
+    {
+        Link.HAND_EYE: 6,
+        Link.TOUCHES: 3,
+        Link.POINTS: 3,
+        Link.REFERENCE: 6,
+        Link.SPINS: 6,
+        Link.HOLES: 2,
+    }
+)
+"""Kinds that are measured sample by sample, and the rows of one sample."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -100,14 +87,42 @@ class Sighting:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Tags:
-    """n sightings of a tag: rotations (n, 3, 3), translations (n, 3), whiteners (n, 6, 6)."""
+    """n sightings of a tag: rotations (n, 3, 3), translations (n, 3), whiteners (n, 6, 6).
+
+    by_refined: (n, 6, e), left tangent by which they are seen elsewhere as tag sizes and intrinsics
+    are refined; None where they are held.
+    """
 
     rotations: Array
     translations: Array
     whiteners: Array
+    by_refined: Array | None = None
 
     def __len__(self) -> int:
         return len(self.rotations)
+
+    def some(self, chosen: Indices) -> "Tags":
+        """Those with the given indices."""
+        by = None if self.by_refined is None else self.by_refined[chosen]
+        return Tags(self.rotations[chosen], self.translations[chosen], self.whiteners[chosen], by)
+
+    def weighted(self, weights: Array) -> "Tags":
+        """Variances divided by weights (n,); those of weight 0 are left out."""
+        some = self.some(np.flatnonzero(weights))
+        root = np.sqrt(weights[weights > 0])[:, None, None]
+        return replace(some, whiteners=root * some.whiteners)
+
+    def refined(self, optics: Optics, size_of: str, values: Array) -> "Tags":
+        """As seen with refined tag sizes and intrinsics, values (e,)."""
+        seen = [optics.at(pose, size_of, values) for pose in self.poses()]
+        return Tags(
+            np.array([one.pose.rotation for one in seen]).reshape(-1, 3, 3),
+            np.array([one.pose.translation for one in seen]).reshape(-1, 3),
+            np.array(
+                [one.whitener(W) for one, W in zip(seen, self.whiteners, strict=True)]
+            ).reshape(-1, 6, 6),
+            np.array([one.by_refined for one in seen]).reshape(-1, 6, optics.count),
+        )
 
     def poses(self) -> list[Pose]:
         """camera_from_tag of all."""
@@ -129,13 +144,17 @@ class Looks:
 
     def some(self, chosen: Indices) -> "Looks":
         """Those with the given indices."""
-        tags = self.tags
         return Looks(
-            Tags(tags.rotations[chosen], tags.translations[chosen], tags.whiteners[chosen]),
+            self.tags.some(chosen),
             self.rotations[chosen],
             self.translations[chosen],
             self.stands[chosen],
         )
+
+    def weighted(self, weights: Array) -> "Looks":
+        """Variances divided by weights (n,); those of weight 0 are left out."""
+        some = self.some(np.flatnonzero(weights))
+        return replace(some, tags=self.tags.weighted(weights))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -148,12 +167,23 @@ class Holes:
     sigma_px: Array
     camera: CameraModel
 
+    def weighted(self, weights: Array, spins: Array) -> "Holes":
+        """Variances divided by weights (h,), 0 leaves one out; spins (s,): which are left."""
+        kept = weights > 0
+        renumbered = np.where(
+            self.spin >= 0, np.append(np.cumsum(spins > 0) - 1, 0)[self.spin], -1
+        )
+        sigma_px = self.sigma_px[kept] / np.sqrt(weights[kept])
+        return Holes(self.cad[kept], renumbered[kept], self.pixels[kept], sigma_px, self.camera)
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class JointData:
-    """All evidence. Stands are where the arm stood, one per sample: flange_at (s, 3); cad: (m, 3), one per touch.
+    """All evidence, samples in an order that does not depend on the recording's.
 
-    center: of the turntable in CAD, or None.
+    Stands are where the arm stood, one per sample: flange_at (s, 3); cad: (m, 3), one per touch.
+    center: of the turntable in CAD, or None. names: of the samples of every kind. optics: what is
+    refined of tag sizes and intrinsics; refined_at: (e,) values of it at which tags are seen here.
     """
 
     motion: Motion
@@ -170,6 +200,9 @@ class JointData:
     turntable: Turntable
     flange_at: Array
     arm: ArmModel
+    names: Mapping[Link, tuple[str, ...]]
+    optics: Optics
+    refined_at: Array = field(default_factory=lambda: np.zeros(0))
 
     @property
     def axis(self) -> Array | None:
@@ -188,6 +221,7 @@ class JointData:
             Link.SPINS: 6 * len(self.spins),
             Link.HOLES: 2 * len(self.holes.cad),
             Link.TURNTABLE: 2 * (self.center is not None) + 2 * (self.axis is not None),
+            Link.REFINED: self.optics.count,
         }
 
     def rows_of(self, link: Link) -> slice:
@@ -207,45 +241,45 @@ class JointData:
         seen = self.touches.equations() + self.points.equations()
         return sum(self.counts.values()) - blind + seen
 
+    def weighted(self, weights: Mapping[Link, Array]) -> "JointData":
+        """Variances divided by the weights of the samples of every kind; 0 leaves one out.
 
-def gather(
-    recording: Recording,
-    sightings: Sequence[Sighting] = (),
-    arm: ArmModel | None = None,
-    turntable: Turntable | None = None,
-) -> JointData:
-    """Bring all samples into arrays; verifications stay out.
+        A hole seen in a spin goes with it.
+        """
+        touched, pointed, spun = (weights[k] for k in (Link.TOUCHES, Link.POINTS, Link.SPINS))
+        holes = weights[Link.HOLES] * (np.append(spun, 1)[self.holes.spin] > 0)
+        weights = {**weights, Link.HOLES: holes}
+        return replace(
+            self,
+            looks=self.looks.weighted(weights[Link.HAND_EYE]),
+            touches=self.touches.weighted(touched).some(np.flatnonzero(touched)),
+            cad=self.cad[touched > 0],
+            touch_stands=self.touch_stands[touched > 0],
+            points=self.points.weighted(pointed).some(np.flatnonzero(pointed)),
+            point_stands=self.point_stands[pointed > 0],
+            reference=self.reference.weighted(weights[Link.REFERENCE]),
+            spins=self.spins.weighted(spun),
+            holes=self.holes.weighted(holes, spun),
+            names={
+                link: tuple(name for name, w in zip(names, weights[link], strict=True) if w > 0)
+                for link, names in self.names.items()
+            },
+        )
 
-    Raises InputError (eye-in-hand, unknown target) or TooFewObservations with what is missing.
-    """
-    facts, touches = recording.facts, recording.touches
-    if facts.mount is not Mount.EYE_TO_HAND:
-        raise InputError("the joint estimate needs a camera that stands still (eye-to-hand)")
-    if not touches:
-        raise TooFewObservations("nothing was touched: touch at least 3 targets of the object")
-    m, k = len(touches), len(recording.points)
-    samples: list[Touch | Observation] = [*touches, *recording.points]
-    samples += [*recording.looks, *recording.spins]
-    references = [touch.observation for touch in touches]
-    motion = facts.object.motion
-    free = motion is Motion.FREE
-    spins = _tags([] if free else [seen.tag_b for seen in recording.spins])
-    return JointData(
-        motion=motion,
-        looks=_looks(recording),
-        touches=_touch_set(recording, touches),
-        cad=np.array([target_of(recording, t.target).point_in_object for t in touches]),
-        touch_stands=np.arange(m),
-        points=_touch_set(recording, recording.points),
-        point_stands=np.arange(m, m + k),
-        reference=_tags([None if seen is None else seen.tag_b for seen in references]),
-        spins=spins,
-        holes=_holes(recording, [s for s in sightings if s.spin is None or not free]),
-        center=_center(recording) if len(spins) else None,
-        turntable=turntable or Turntable(),
-        flange_at=np.array([sample.base_from_wrist.translation for sample in samples]),
-        arm=arm or ArmModel.of(facts.robot_sigma_mm),
-    )
+    def refined(self, values: Array) -> "JointData":
+        """The same, gathered with nothing refined, as seen with refined values (e,)."""
+        if not len(values):
+            return self
+        optics = self.optics
+        seen = self.looks.tags.refined(optics, TAG_A, values)
+        return replace(
+            self,
+            looks=replace(self.looks, tags=seen),
+            reference=self.reference.refined(optics, TAG_B, values),
+            spins=self.spins.refined(optics, TAG_B, values),
+            holes=replace(self.holes, camera=optics.camera_at(values)),
+            refined_at=values,
+        )
 
 
 def target_of(recording: Recording, name: str) -> Target:
@@ -254,63 +288,3 @@ def target_of(recording: Recording, name: str) -> Target:
     if name not in targets:
         raise InputError(f"target {name!r} is not in CAD; there are: {', '.join(sorted(targets))}")
     return targets[name]
-
-
-def _center(recording: Recording) -> Array | None:
-    spec = recording.facts.object
-    return spec.center_in_object if spec.motion is Motion.TURNTABLE else None
-
-
-def _looks(recording: Recording) -> Looks:
-    """Every picture of tag A; one taken while touching belongs to the stand of the touch."""
-    touches = (*recording.touches, *recording.points)
-    seen = [*(touch.observation for touch in touches), *recording.looks, *recording.spins]
-    kept = [(i, s) for i, s in enumerate(seen) if s is not None and s.tag_a is not None]
-    if not kept:
-        raise TooFewObservations(
-            "tag A was never seen, so the camera is not tied to the robot: bring it into view"
-        )
-    poses = [s.base_from_wrist for _, s in kept]
-    return Looks(
-        _tags([s.tag_a for _, s in kept]),
-        np.array([pose.rotation for pose in poses]),
-        np.array([pose.translation for pose in poses]),
-        np.array([i for i, _ in kept], dtype=np.intp),
-    )
-
-
-def _tags(observations: Sequence[TagObservation | None]) -> Tags:
-    seen = [tag for tag in observations if tag is not None]
-    covariances = np.array([tag.covariance for tag in seen]).reshape(-1, 6, 6)
-    return Tags(
-        np.array([tag.camera_from_tag.rotation for tag in seen]).reshape(-1, 3, 3),
-        np.array([tag.camera_from_tag.translation for tag in seen]).reshape(-1, 3),
-        whitener(covariances),
-    )
-
-
-def _touch_set(recording: Recording, touches: Sequence[Touch]) -> TouchSet:
-    return touch_set(
-        [touch.base_from_wrist for touch in touches],
-        recording.facts.tool.axis_in_wrist,
-        [touch.lateral_sigma_mm for touch in touches],
-        [touch.axial_sigma_mm for touch in touches],
-    )
-
-
-def _holes(recording: Recording, sightings: Sequence[Sighting]) -> Holes:
-    facts = recording.facts
-    seen = [i for i, spin in enumerate(recording.spins) if spin.tag_b is not None]
-    cad, spins = [], []
-    for sighting in sightings:
-        cad.append(target_of(recording, sighting.target).point_in_object)
-        if sighting.spin is not None and sighting.spin not in seen:
-            raise InputError(f"hole {sighting.target!r}: tag B is not in spin {sighting.spin + 1}")
-        spins.append(_STILL if sighting.spin is None else seen.index(sighting.spin))
-    return Holes(
-        np.array(cad).reshape(-1, 3),
-        np.array(spins, dtype=np.intp),
-        np.array([sighting.pixel for sighting in sightings]).reshape(-1, 2),
-        np.array([sighting.sigma_px for sighting in sightings], dtype=np.float64),
-        CameraModel(facts.camera_matrix, facts.distortion, facts.image_size_px),
-    )

@@ -27,7 +27,10 @@ class Moves:
 
 
 def linearize(state: JointState, data: JointData, layout: Layout) -> tuple[Array, Array]:
-    """Residuals (r,) and derivative (r, n), rows in the order of `data.counts`."""
+    """Residuals (r,) and derivative (r, n), rows in the order of `data.counts`.
+
+    Pictures follow the refined numbers linearly from where `data` has them.
+    """
     blocks = [
         _hand_eye(state, data, layout),
         _touches(state, data, layout),
@@ -42,7 +45,12 @@ def linearize(state: JointState, data: JointData, layout: Layout) -> tuple[Array
         blocks.append(_center(state, data.center, data.turntable.center_sigma_mm, layout))
     if data.axis is not None:
         blocks.append(_axis(state, data.axis, data.turntable.axis_sigma_rad, layout))
-    return np.concatenate([r for r, _ in blocks]), np.vstack([J for _, J in blocks])
+    r, J = np.concatenate([r for r, _ in blocks]), np.vstack([J for _, J in blocks])
+    if not layout.refined:
+        return r, J
+    r = r + J[:, layout.refined_columns] @ (state.refined - data.refined_at)
+    prior = np.eye(layout.size)[layout.refined_columns]
+    return np.concatenate([r, state.refined]), np.vstack([J, prior])
 
 
 def arm_jacobian(state: JointState, data: JointData) -> Array:
@@ -79,8 +87,11 @@ def adjoints(R: Array, t: Array) -> Array:
     return A
 
 
-def _tag_residuals(R: Array, t: Array, tags: Tags) -> tuple[Array, Array]:
-    """Whitened log(predicted measured^-1) (n, 6), derivative (n, 6, 6) by a left perturbation."""
+def _tag_residuals(R: Array, t: Array, tags: Tags) -> tuple[Array, Array, Array]:
+    """Whitened log(predicted measured^-1) (n, 6), derivative (n, 6, 6) by a left perturbation.
+
+    And (n, 6, e) by the refined numbers, which move what was measured.
+    """
     turn = R @ np.swapaxes(tags.rotations, 1, 2)
     shift = t - np.einsum("nij,nj->ni", turn, tags.translations)
     w = log_rotation(turn).reshape(-1, 3)
@@ -90,7 +101,10 @@ def _tag_residuals(R: Array, t: Array, tags: Tags) -> tuple[Array, Array]:
     v = np.einsum("nij,nj->ni", _inverse_jacobian(W), shift)
     ad[:, :3, 3:] = hat(v)
     D = tags.whiteners @ _inverse_jacobian(ad)
-    return np.einsum("nij,nj->ni", tags.whiteners, np.concatenate([v, w], axis=1)), D
+    E = np.zeros((len(w), 6, 0))
+    if tags.by_refined is not None:
+        E = -tags.whiteners @ _inverse_jacobian(-ad) @ tags.by_refined
+    return np.einsum("nij,nj->ni", tags.whiteners, np.concatenate([v, w], axis=1)), D, E
 
 
 def _inverse_jacobian(ad: Array) -> Array:
@@ -122,9 +136,10 @@ def _flat(r: Array, J: Array) -> tuple[Array, Array]:
 
 def _hand_eye(state: JointState, data: JointData, layout: Layout) -> tuple[Array, Array]:
     X_inv, looks = state.base_from_camera.inverse(), data.looks
-    r, D = _tag_residuals(*predicted_tag_a(state, data), looks.tags)
+    r, D, E = _tag_residuals(*predicted_tag_a(state, data), looks.tags)
     D = D @ X_inv.adjoint()
     J = _rows(len(r), 6, layout)
+    J[:, :, layout.refined_columns] = E
     J[:, :, layout.CAMERA] = -D
     J[:, :, layout.TAG_A] = D @ adjoints(looks.rotations, looks.translations)
     return _flat(r, J)
@@ -164,8 +179,9 @@ def by_left(points: Array) -> Array:
 def _reference(state: JointState, data: JointData, layout: Layout) -> tuple[Array, Array]:
     seen, n = state.camera_from_tag_b, len(data.reference)
     R = np.broadcast_to(seen.rotation, (n, 3, 3))
-    r, D = _tag_residuals(R, np.broadcast_to(seen.translation, (n, 3)), data.reference)
+    r, D, E = _tag_residuals(R, np.broadcast_to(seen.translation, (n, 3)), data.reference)
     J = _rows(n, 6, layout)
+    J[:, :, layout.refined_columns] = E
     J[:, :, layout.TAG_B] = D
     return _flat(r, J)
 
@@ -194,8 +210,10 @@ def moved_tag(
     """
     F = state.camera_from_tag_b
     t = moved.rotations @ F.translation + moved.translations
-    r, D = _tag_residuals(moved.rotations @ F.rotation, t, tags)
+    r, D, E = _tag_residuals(moved.rotations @ F.rotation, t, tags)
     J = _rows(len(r), 6, layout)
+    if tags.by_refined is not None:
+        J[:, :, layout.refined_columns] = E
     J[:, :, layout.TAG_B] = D @ adjoints(moved.rotations, moved.translations)
     J[:, :, layout.axis_columns] = D @ moved.by_axis
     return r, J, D @ moved.by_move
@@ -235,6 +253,8 @@ def _holes(state: JointState, data: JointData, layout: Layout) -> tuple[Array, A
     J = D @ own
     J[:, :, layout.OBJECT] = D @ by_base @ by_left(in_base)
     J[:, :, layout.CAMERA] = -J[:, :, layout.OBJECT]
+    by_camera = holes.camera.intrinsics_jacobian(at) @ data.optics.intrinsics()
+    J[:, :, layout.refined_columns] = by_camera / holes.sigma_px[:, None, None]
     return _flat((pixels - holes.pixels) / holes.sigma_px[:, None], J)
 
 

@@ -6,7 +6,7 @@ G = camera_from_axis (its z is the axis of turning) and P planar (x, y, angle); 
 turntable.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,12 +28,16 @@ Columns = NDArray[np.intp]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Layout:
-    """Where the unknowns stand in a step. axis: which of the 6 body-frame moves of G are free."""
+    """Where the unknowns stand in a step.
+
+    axis: which of the 6 body-frame moves of G are free; refined: how many tag sizes and intrinsics.
+    """
 
     axis: tuple[int, ...]
     moves: tuple[int, ...]
     spins: int
     has_point: bool
+    refined: int = 0
 
     CAMERA = slice(0, 6)
     TAG_A = slice(6, 12)
@@ -59,33 +63,42 @@ class Layout:
         return slice(first, first + 3 * self.has_point)
 
     @property
+    def refined_columns(self) -> slice:
+        """Columns of the refined tag sizes and intrinsics."""
+        first = int(self.point_columns.stop)
+        return slice(first, first + self.refined)
+
+    @property
     def size(self) -> int:
         """Number of unknowns."""
-        return int(self.point_columns.stop)
+        return int(self.refined_columns.stop)
 
     def is_length(self) -> NDArray[np.bool_]:
-        """(n,): True for mm, False for rad."""
+        """(n,): True for mm and what is refined (in sigmas known beforehand), False for rad."""
         pose = [True] * 3 + [False] * 3
         fixed = pose * 2 + [True] * 3 + pose * 2
         axis = [i < 3 for i in self.axis]
         moves = [i < 3 for i in self.moves] * self.spins
-        return np.array(fixed + axis + moves + [True] * (3 * self.has_point))
+        return np.array(fixed + axis + moves + [True] * (3 * self.has_point + self.refined))
 
 
 def layout_of(data: JointData) -> Layout:
     """Unknowns that this evidence speaks of."""
     spins = len(data.spins)
-    point = len(data.points) > 0
+    point, refined = len(data.points) > 0, data.optics.count
     if not spins:
-        return Layout((), (), 0, point)
+        return Layout((), (), 0, point, refined)
     if data.motion is Motion.TURNTABLE:
-        return Layout((3, 4, 0, 1), (5,), spins, point)
-    return Layout((3, 4), (5, 0, 1), spins, point)
+        return Layout((3, 4, 0, 1), (5,), spins, point, refined)
+    return Layout((3, 4), (5, 0, 1), spins, point, refined)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class JointState:
-    """Values of all unknowns; planar: (n, 3) x, y in mm and angle in rad of every spin."""
+    """Values of all unknowns; planar: (n, 3) x, y in mm and angle in rad of every spin.
+
+    refined: (e,) tag sizes and intrinsics, in sigmas from what was assumed.
+    """
 
     base_from_camera: Pose
     wrist_from_tag_a: Pose
@@ -95,6 +108,7 @@ class JointState:
     camera_from_axis: Pose
     planar: Array
     fixed_point_in_base: Array
+    refined: Array = field(default_factory=lambda: np.zeros(0))
 
     @property
     def object_from_tag_b(self) -> Pose:
@@ -118,6 +132,7 @@ class JointState:
             fixed_point_in_base=self.fixed_point_in_base + step[layout.point_columns]
             if layout.has_point
             else self.fixed_point_in_base,
+            refined=self.refined + step[layout.refined_columns],
         )
 
 
@@ -167,6 +182,7 @@ def guess(data: JointData) -> JointState:
         camera_from_axis,
         np.array(planar).reshape(-1, 3),
         spike,
+        np.zeros(data.optics.count),
     )
 
 
@@ -233,11 +249,11 @@ def _guess_center(data: JointData) -> RotationCenter | None:
 
 
 def _guess_axis(data: JointData, center: RotationCenter | None, camera_from_object: Pose) -> Pose:
-    """Frame with z along the axis; origin: the centre in CAD, brought onto the axis seen."""
+    """Frame with z along the axis, CAD's z up; origin: the centre in CAD, brought onto the axis seen."""
     at = camera_from_object @ (np.zeros(3) if data.center is None else data.center)
     z = camera_from_object.rotation[:, 2]
     if center is not None:
-        z = center.axis_in_camera
+        z = center.axis_in_camera * np.copysign(1.0, center.axis_in_camera @ z)
         at = center.at_height(at)[1]
     x = np.cross(z, np.eye(3)[int(np.argmin(np.abs(z)))])
     x = x / np.linalg.norm(x)

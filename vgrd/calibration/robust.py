@@ -55,16 +55,19 @@ def noise_scale(fit: TouchFit) -> float:
     return float(np.sqrt(np.sum(fit.whitened**2) / fit.freedom))
 
 
-def fit_without_outliers(solve: Solve[FitT], count: int) -> RobustFit[FitT]:
+def fit_without_outliers(
+    solve: Solve[FitT], count: int, limit: float = OUTLIER_SIGMA
+) -> RobustFit[FitT]:
     """Fit `count` touches without those that do not belong to the others, at most a third of them.
 
     `solve` takes weights (count,), 0 leaves a touch out. Where the touches scatter more than
-    their sigmas say, a bad one has to stand out of that. Raises what `solve` raises for all touches.
+    their sigmas say, a bad one has to stand out of that. limit: sigmas beyond which one is bad.
+    Raises what `solve` raises for all touches.
     """
     fit = solve(np.ones(count))
-    search = _Search(solve, int(_MOST * count), fit, np.ones(count, dtype=bool))
-    if fit.freedom > _SPARE_FREEDOM and fit.scores.max() > OUTLIER_SIGMA:
-        search.leave_out(_suspects(solve, fit))
+    search = _Search(solve, int(_MOST * count), fit, np.ones(count, dtype=bool), limit)
+    if fit.freedom > _SPARE_FREEDOM and fit.scores.max() > limit:
+        search.leave_out(_suspects(solve, fit, limit))
         search.readmit()
         search.drop_the_worst()
     scores = search.fit.scores.copy()
@@ -73,7 +76,7 @@ def fit_without_outliers(solve: Solve[FitT], count: int) -> RobustFit[FitT]:
     return RobustFit(search.fit, search.used, scores)
 
 
-def _suspects(solve: Solve[FitT], fit: FitT) -> list[int]:
+def _suspects(solve: Solve[FitT], fit: FitT, limit: float) -> list[int]:
     """Touches that Cauchy weights push aside, worst first."""
     weights = np.ones(len(fit.scores))
     for _ in range(_ROUNDS):
@@ -86,13 +89,14 @@ def _suspects(solve: Solve[FitT], fit: FitT) -> list[int]:
         except CalibrationError:
             break
     typical = max(1.0, float(np.median(off)))
-    return [int(i) for i in np.argsort(-off) if off[i] > OUTLIER_SIGMA * typical]
+    return [int(i) for i in np.argsort(-off) if off[i] > limit * typical]
 
 
 class _Search(Generic[FitT]):
     """The touches in use and their fit."""
 
-    def __init__(self, solve: Solve[FitT], most: int, fit: FitT, used: Mask) -> None:
+    def __init__(self, solve: Solve[FitT], most: int, fit: FitT, used: Mask, limit: float) -> None:
+        self._limit = limit
         self._solve = solve
         self._most = most
         self.fit = fit
@@ -105,7 +109,7 @@ class _Search(Generic[FitT]):
     def readmit(self) -> None:
         """Take back what the others do not contradict."""
         for i in np.flatnonzero(~self.used):
-            if self.score_of(int(i)) <= OUTLIER_SIGMA * max(1.0, noise_scale(self.fit)):
+            if self.score_of(int(i)) <= self._limit * max(1.0, noise_scale(self.fit)):
                 self._try(self._with([int(i)], used=True))
 
     def drop_the_worst(self) -> None:
@@ -114,9 +118,9 @@ class _Search(Generic[FitT]):
             worst = int(np.argmax(self.fit.scores))
             score = float(self.fit.scores[worst])
             used, fit = self.used, self.fit
-            if score <= OUTLIER_SIGMA or not self._try(self._with([worst], used=False)):
+            if score <= self._limit or not self._try(self._with([worst], used=False)):
                 return
-            if score <= OUTLIER_SIGMA * max(1.0, noise_scale(self.fit)):
+            if score <= self._limit * max(1.0, noise_scale(self.fit)):
                 self.used, self.fit = used, fit
                 return
 

@@ -4,6 +4,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from vgrd.errors import InputError
 from vgrd.geometry import Array, Pose
@@ -85,6 +86,16 @@ class TouchSet:
             self.axial_sigma_mm * factor,
         )
 
+    def some(self, chosen: NDArray[np.intp]) -> "TouchSet":
+        """Those with the given indices."""
+        return TouchSet(
+            self.rotations[chosen],
+            self.translations[chosen],
+            self.axis_in_wrist,
+            self.lateral_sigma_mm[chosen],
+            self.axial_sigma_mm[chosen],
+        )
+
     def sigma_along(self, directions: Array) -> Array:
         """Sigma (m,) of each touch along a direction (m, 3), unit vectors in the base."""
         along = np.einsum("mi,mij,j->m", directions, self.rotations, self.axis_in_wrist) ** 2
@@ -130,10 +141,10 @@ def outlier_scores(residuals: Array, jacobian: Array) -> Array:
     parts = np.einsum("mij,mi->mj", vectors, residuals)
     measured = (values > _LEVERAGE_FLOOR) & (parts != 0)
     squares = np.sum(parts**2 / np.where(measured, values, np.inf), axis=1)
-    return _equivalent_sigmas(squares, measured.sum(axis=1))
+    return equivalent_sigmas(squares, measured.sum(axis=1))
 
 
-def _equivalent_sigmas(squares: Array, freedom: Array) -> Array:
+def equivalent_sigmas(squares: Array, freedom: Array) -> Array:
     """Normal quantile with the same tail as chi2(freedom) at `squares`; Wilson, Hilferty 1931."""
     known = np.maximum(freedom, 1)
     width = 2 / (9 * known)

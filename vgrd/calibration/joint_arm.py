@@ -1,0 +1,71 @@
+"""What the joint estimate takes the arm's errors to be."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from vgrd.geometry import Array
+
+_REPEATABILITY = 0.3
+_UNIFORM_VARIANCE = 1 / 12
+
+
+@dataclass(frozen=True, slots=True)
+class ArmModel:
+    """Errors of the arm: a new draw at every stand, rounding, and a smooth field over the workspace.
+
+    sigma_mm, field_mm: per axis, of the flange; turns are rad_per_mm times as large. The field's
+    correlation over a distance d is exp(-d^2 / 2 length_mm^2). quantum_mm, quantum_rad: steps to
+    which the robot's interface rounds a pose, each axis by itself.
+    """
+
+    sigma_mm: float = 0.0
+    field_mm: float = 0.0
+    length_mm: float = 200.0
+    rad_per_mm: float = 2e-3
+    quantum_mm: float = 0.0
+    quantum_rad: float = 0.0
+
+    @classmethod
+    def of(cls, robot_sigma_mm: float) -> "ArmModel":
+        """An arm of which only one figure is known: repeatability is the lesser part of it."""
+        repeats = _REPEATABILITY * robot_sigma_mm
+        return cls(repeats, float(np.sqrt(robot_sigma_mm**2 - repeats**2)))
+
+    @property
+    def is_exact(self) -> bool:
+        """True when the arm is taken to be where it reports."""
+        return not (self.sigma_mm or self.field_mm or self.quantum_mm or self.quantum_rad)
+
+    def field(self, a: Array, b: Array) -> Array:
+        """mm^2 (n, m): covariance per axis between flange positions a (n, 3) and b (m, 3)."""
+        squared = np.sum((a[:, None] - b[None]) ** 2, axis=2)
+        return np.asarray(self.field_mm**2 * np.exp(-0.5 * squared / self.length_mm**2))
+
+    def prior(self, flange_at: Array) -> Array:
+        """mm^2 (s, s): covariance per axis of all stands (s, 3), rounding not included."""
+        own = self.sigma_mm**2 * np.eye(len(flange_at))
+        return np.asarray(own + self.field(flange_at, flange_at))
+
+    def scales(self) -> Array:
+        """(6,): what 1 mm of error means for a deviation (mm, rad) of the flange."""
+        return np.array([1.0] * 3 + [self.rad_per_mm] * 3)
+
+    def rounding(self) -> Array:
+        """(6,): sigmas (mm, rad) of the rounding of a pose."""
+        steps = np.array([self.quantum_mm] * 3 + [self.quantum_rad] * 3)
+        return np.asarray(steps * np.sqrt(_UNIFORM_VARIANCE))
+
+    def variances(self) -> Array:
+        """(6,): mm^2 and rad^2 of the deviation at one stand, everything included."""
+        own = (self.sigma_mm**2 + self.field_mm**2) * self.scales() ** 2
+        return np.asarray(own + self.rounding() ** 2)
+
+    def half(self, flange_at: Array) -> Array:
+        """H (6 s, k) with H H^T the covariance of the deviations at all stands (s, 3)."""
+        s = len(flange_at)
+        L = np.linalg.cholesky(self.prior(flange_at) + 1e-12 * np.eye(s))
+        own = np.kron(L, np.diag(self.scales()))
+        if not (self.quantum_mm or self.quantum_rad):
+            return np.asarray(own)
+        return np.hstack([own, np.kron(np.eye(s), np.diag(self.rounding()))])

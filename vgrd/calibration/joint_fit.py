@@ -1,0 +1,143 @@
+"""Least squares of the joint estimate: the noise of the arm, null directions, scores of samples.
+
+Corrections of the robot's poses are eliminated in closed form: with a prior S and derivative G they
+widen the noise to I + G S G^T. It is renewed, as the refined tag sizes are, until nothing moves.
+"""
+
+from dataclasses import dataclass
+from functools import partial
+
+import numpy as np
+from scipy.linalg import solve_triangular
+
+from vgrd.calibration.joint_problem import JointData
+from vgrd.calibration.joint_rows import arm_jacobian, linearize
+from vgrd.calibration.joint_state import JointState, Layout
+from vgrd.geometry import Array
+from vgrd.geometry.least_squares import Report, minimize, require_convergence
+
+_UNDETERMINED_MM = 500.0
+_UNDETERMINED_RAD = 1.0
+_ROUNDS = 8
+_HOLD = 1e-2
+_SETTLED_MM = 2e-2
+_SETTLED_SIGMA = 1e-5
+_TOLERANCE = 1e-6
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Optimum:
+    """Evidence as seen with the refined numbers, the state, and the fit around it.
+
+    whitened (r,), jacobian (r, n): in sigmas, noise of the arm included by `arm_factor`, the lower
+    triangle of I + G S G^T of `arm_by`: G.
+    """
+
+    data: JointData
+    layout: Layout
+    state: JointState
+    whitened: Array
+    jacobian: Array
+    arm_by: Array
+    arm_factor: Array
+    report: Report
+
+
+def settle(raw: JointData, layout: Layout, state: JointState) -> Optimum:
+    """Most likely state near the one given. Raises DidNotConverge."""
+    for _ in range(_ROUNDS):
+        data = raw.refined(state.refined)
+        _, factor = arm_noise(state, data)
+        minimum = minimize(
+            partial(_held, data=data, layout=layout, factor=factor),
+            partial(_retract, layout=layout),
+            state,
+            tolerance=_TOLERANCE,
+        )
+        before, state = state, minimum.state
+        if _is_settled(before, state, data):
+            break
+    require_convergence(minimum.report, "joint estimate")
+    state = _polished(state, minimum.residuals, minimum.jacobian, layout)
+    return fit_at(raw, layout, state, minimum.report)
+
+
+def fit_at(raw: JointData, layout: Layout, state: JointState, report: Report) -> Optimum:
+    """The fit as it looks at a state."""
+    data = raw.refined(state.refined)
+    G, factor = arm_noise(state, data)
+    r, J = linearize(state, data, layout)
+    r, J = whiten_arm(factor, r), whiten_arm(factor, J)
+    return Optimum(data, layout, state, r, J, G, factor, report)
+
+
+def arm_noise(state: JointState, data: JointData) -> tuple[Array, Array]:
+    """G and the Cholesky factor of I + G S G^T; both empty for an exact arm."""
+    if data.arm.is_exact:
+        return np.zeros((0, 0)), np.zeros((0, 0))
+    G = arm_jacobian(state, data)
+    F = G @ data.arm.half(data.flange_at)
+    return G, np.asarray(np.linalg.cholesky(np.eye(len(G)) + F @ F.T), dtype=np.float64)
+
+
+def whiten_arm(factor: Array, rows: Array) -> Array:
+    """Rows (r,) or (r, n) with the noise of the arm taken into account."""
+    k = len(factor)
+    if not k:
+        return rows
+    first = solve_triangular(factor, rows[:k], lower=True, check_finite=False)
+    return np.concatenate([first, rows[k:]])
+
+
+def information_inverse(jacobian: Array, layout: Layout) -> tuple[Array, Array]:
+    """Covariance (n, n) from a whitened Jacobian (r, n), and what it leaves undetermined (n, z).
+
+    A direction is undetermined when the data leave it uncertain by more than 500 mm or 1 rad.
+    """
+    scales = units(layout)
+    R = np.linalg.qr(jacobian * scales, mode="r")
+    _, s, Vt = np.linalg.svd(R, full_matrices=True)
+    rank = int(np.sum(s > 1.0))
+    half = scales[:, None] * Vt[:rank].T / s[:rank]
+    return half @ half.T, scales[:, None] * Vt[rank:].T
+
+
+def units(layout: Layout) -> Array:
+    """(n,): a step of every unknown beyond which it counts as undetermined."""
+    return np.where(layout.is_length(), _UNDETERMINED_MM, _UNDETERMINED_RAD)
+
+
+def _held(
+    state: JointState, data: JointData, layout: Layout, factor: Array
+) -> tuple[Array, Array]:
+    """Whitened residuals and derivative; rows of zero residual hold what nothing determines."""
+    r, J = linearize(state, data, layout)
+    hold = np.diag(_HOLD / units(layout))
+    return (
+        np.concatenate([whiten_arm(factor, r), np.zeros(layout.size)]),
+        np.vstack([whiten_arm(factor, J), hold]),
+    )
+
+
+def _retract(state: JointState, step: Array, layout: Layout) -> JointState:
+    return state.retract(step, layout)
+
+
+def _polished(state: JointState, r: Array, J: Array, layout: Layout) -> JointState:
+    """One step more: costs cannot tell steps below the root of the machine's precision apart."""
+    scale = np.linalg.norm(J, axis=0)
+    Q, R = np.linalg.qr(J / scale)
+    return state.retract(solve_triangular(R, -(Q.T @ r)) / scale, layout)
+
+
+def _is_settled(before: JointState, after: JointState, data: JointData) -> bool:
+    refined = np.abs(after.refined - before.refined).max(initial=0)
+    still = data.arm.is_exact or _moved_mm(before, after) < _SETTLED_MM
+    return bool(still and refined < _SETTLED_SIGMA)
+
+
+def _moved_mm(before: JointState, after: JointState) -> float:
+    """How far the levers of the arm moved (1 mrad counts as 1 mm)."""
+    mm, rad = before.base_from_camera.distance(after.base_from_camera)
+    tip = float(np.linalg.norm(before.tcp_in_wrist - after.tcp_in_wrist))
+    return max(mm, 1e3 * rad, tip)
