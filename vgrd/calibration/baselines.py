@@ -15,9 +15,10 @@ from vgrd.calibration.expected import (
     special_expected,
 )
 from vgrd.calibration.hand_eye import HandEyeProblem, HandEyeResult, calibrate_hand_eye
+from vgrd.calibration.hand_eye_samples import hand_eye_samples
 from vgrd.calibration.motion import Axes, turned_axes
 from vgrd.calibration.rotation_center import find_rotation_center
-from vgrd.calibration.system import calibrate_system, hand_eye_samples
+from vgrd.calibration.system import calibrate_system
 from vgrd.calibration.tcp import calibrate_fixed_point
 from vgrd.calibration.teaching import arm_touches
 from vgrd.errors import CalibrationError, InputError

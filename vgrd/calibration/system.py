@@ -4,19 +4,18 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 from vgrd.calibration.coordinates import expected_coordinate
-from vgrd.calibration.hand_eye import HandEyeProblem, HandEyeResult, PoseSample, calibrate_hand_eye
+from vgrd.calibration.hand_eye import HandEyeProblem, HandEyeResult, calibrate_hand_eye
+from vgrd.calibration.hand_eye_samples import hand_eye_samples
 from vgrd.calibration.reference import find_reference
 from vgrd.calibration.rotation_center import RotationCenter, find_rotation_center
 from vgrd.calibration.teaching import Taught, teach
 from vgrd.calibration.verdict import Evidence, judge, verify
 from vgrd.errors import InputError, NotObservable, TooFewObservations
-from vgrd.geometry import Array, Pose
+from vgrd.geometry import Array
 from vgrd.model import Calibration, Finding, Mount, Observation, Recording, Verdict, frozen_array
 
 __all__ = ["calibrate_system", "expected_coordinate"]
 
-_SAME_MM = 1e-6
-_SAME_RAD = 1e-9
 _REACH_MM = 500.0
 
 
@@ -75,32 +74,6 @@ def calibrate_system(recording: Recording) -> Calibration:
         residuals={**residuals, **misses},
         verdict=Verdict((*doubts, *findings, *verified)),
     )
-
-
-def hand_eye_samples(recording: Recording) -> list[PoseSample]:
-    """Every distinct flange pose from which tag A was seen; verifications are held out."""
-    named = [(f"look {i + 1}", seen) for i, seen in enumerate(recording.looks)]
-    for kind, touches in (("touch", recording.touches), ("point", recording.points)):
-        named += [
-            (f"{kind} {i + 1} ({touch.target})", touch.observation)
-            for i, touch in enumerate(touches)
-            if touch.observation is not None
-        ]
-    samples: list[PoseSample] = []
-    for name, seen in named:
-        if seen.tag_a is None or _is_repeated(seen.base_from_wrist, samples):
-            continue
-        tag = seen.tag_a
-        samples.append(PoseSample(name, seen.base_from_wrist, tag.camera_from_tag, tag.covariance))
-    return samples
-
-
-def _is_repeated(pose: Pose, samples: Sequence[PoseSample]) -> bool:
-    for other in samples:
-        mm, rad = pose.distance(other.base_from_wrist)
-        if mm < _SAME_MM and rad < _SAME_RAD:
-            return True
-    return False
 
 
 def _hand_eye_problem(recording: Recording) -> HandEyeProblem:

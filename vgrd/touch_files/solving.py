@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from scipy.special import gammaincc
 
+from vgrd.calibration.checks.misreading import misreading
 from vgrd.calibration.robust import RobustFit, TouchFit, fit_without_outliers, noise_scale
 from vgrd.calibration.rotation_relaxation import Certificate
 from vgrd.calibration.tcp import FixedPointResult, calibrate_fixed_point
@@ -19,7 +20,6 @@ from vgrd.geometry import Array, Pose
 from vgrd.geometry.covariance import radius95
 from vgrd.model import Finding, Verdict
 from vgrd.touch_files.document import TouchFile, TouchKind, load_touches
-from vgrd.touch_files.misreading import misreading
 
 _CHANCE = 1e-3
 _CONTRADICTORY = 3.0
