@@ -8,10 +8,22 @@ of.
 import cv2
 import numpy as np
 
+from fakes.blur import Blur
 from fakes.layout import Layout
-from fakes.raster import BLOCK, coverage
+from fakes.patterns import tag_pattern
+from fakes.raster import coverage
 from fakes.scenery import Scenery
-from fakes.sensor import BLACK, WHITE, Picture, Plane, Region, light, quantised, with_noise
+from fakes.sensor import (
+    BLACK,
+    WHITE,
+    Picture,
+    Plane,
+    Region,
+    light,
+    quantised,
+    region_around,
+    with_noise,
+)
 from fakes.visibility import PLATE_CELLS, TAG_NAMES, Sight, bodies, hides, plate_points, visible
 from fakes.world import TagName, WorldSnapshot
 from vgrd.geometry import Array, Pose
@@ -64,14 +76,15 @@ class Renderer:
         toward_camera = camera_from_tag.rotation[:, 2] @ camera_from_tag.translation
         if toward_camera <= 0:
             return
-        outline = self.layout.optics.project(camera_from_tag.apply(_plate_outline(tag)))
-        region = _region_around(outline, picture.shape)
+        optics = self.layout.optics
+        outline = optics.project(camera_from_tag.apply(_plate_outline(tag)))
+        region = region_around(outline, optics.size_px, 10)
         if region is None:
             return
-        white = coverage(self.layout, camera_from_tag, tag, region)
-        sigma = self.layout.optics.blur_px(float(camera_from_tag.translation[2]))
-        plate = _polygon_share(outline, region, sigma)
-        paper = light(self.layout.optics.size_px, region)
+        blur = Blur(optics.blur_px(float(camera_from_tag.translation[2])))
+        white = coverage(optics, camera_from_tag, tag_pattern(tag), region, blur)
+        plate = _polygon_share(outline, region, blur.sigma_px)
+        paper = light(optics.size_px, region)
         clean = paper * (np.float32(BLACK) + np.float32(WHITE - BLACK) * white)
         under = picture[region.slices].astype(np.float32)
         picture[region.slices] = quantised(under + plate * (with_noise(clean, rng) - under))
@@ -80,18 +93,6 @@ class Renderer:
 def _plate_outline(tag: TagSpec) -> Array:
     half = tag.size_mm * PLATE_CELLS / 16
     return half * np.array([[-1, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0.0]])
-
-
-def _region_around(outline: Array, shape: tuple[int, ...]) -> Region | None:
-    """Whole blocks around an outline (n, 2), cut to the picture; None when nothing is left."""
-    low = np.floor(outline.min(0)).astype(int) - 10
-    high = np.ceil(outline.max(0)).astype(int) + 10
-    low = np.maximum(low, 0) // BLOCK * BLOCK
-    high = np.minimum(high, (shape[1], shape[0])) // BLOCK * BLOCK
-    width, height = (high - low).tolist()
-    if width < BLOCK or height < BLOCK:
-        return None
-    return Region(int(low[0]), int(low[1]), width, height)
 
 
 def _polygon_share(outline: Array, region: Region, sigma: float) -> Plane:

@@ -5,9 +5,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from vgrd.geometry import Array
+
 Picture = NDArray[np.uint8]
 Plane = NDArray[np.float32]
 
+BLOCK = 4  # px; regions that are drawn exactly are whole blocks
 WHITE, BLACK = 205.0, 14.0  # grey levels of paper and ink in full light
 SHOT, READ = 0.0209, 0.5  # variance per grey level and sigma: 40 dB at white
 
@@ -27,19 +30,44 @@ class Region:
         return slice(self.y, self.y + self.height), slice(self.x, self.x + self.width)
 
 
-def light(size_px: tuple[int, int], region: Region) -> Plane:
-    """Relative illumination (height, width) of a region: vignetting and a slope."""
+def region_around(outline: Array, size_px: tuple[int, int], margin_px: float) -> Region | None:
+    """Whole blocks around an outline (n, 2), cut to the picture; None when nothing is left."""
+    low = np.floor(outline.min(0) - margin_px).astype(int)
+    high = np.ceil(outline.max(0) + margin_px).astype(int)
+    low = np.maximum(low, 0) // BLOCK * BLOCK
+    high = np.minimum(-(-high // BLOCK) * BLOCK, np.array(size_px) // BLOCK * BLOCK)
+    width, height = (high - low).tolist()
+    if width < BLOCK or height < BLOCK:
+        return None
+    return Region(int(low[0]), int(low[1]), width, height)
+
+
+def light(
+    size_px: tuple[int, int],
+    region: Region,
+    vignetting: float = 0.25,
+    slope: tuple[float, float] = (0.10, -0.06),
+) -> Plane:
+    """Relative illumination (height, width) of a region.
+
+    vignetting: share lost at sqrt(2) half widths from the middle; slope: change over half a
+    width, along x and y.
+    """
     width, height = size_px
     x = (region.x + np.arange(region.width, dtype=np.float32) - width / 2) / (width / 2)
     y = (region.y + np.arange(region.height, dtype=np.float32) - height / 2) / (width / 2)
     x, y = x[None].astype(np.float32), y[:, None].astype(np.float32)
-    return np.asarray((1 - 0.125 * (x * x + y * y)) * (1 + 0.10 * x) * (1 - 0.06 * y))
+    fall_off = 1 - vignetting / 2 * (x * x + y * y)
+    return np.asarray(fall_off * (1 + slope[0] * x) * (1 + slope[1] * y), np.float32)
 
 
-def with_noise(clean: Plane, rng: np.random.Generator) -> Plane:
-    """Add shot and read noise to grey levels."""
+def with_noise(
+    clean: Plane, rng: np.random.Generator, shot: float = SHOT, read: float = READ
+) -> Plane:
+    """Add shot noise (variance `shot` per grey level) and read noise (sigma) to grey levels."""
     noise = rng.standard_normal(clean.shape, dtype=np.float32)
-    return np.asarray(clean + noise * np.sqrt(np.float32(SHOT) * clean + np.float32(READ**2)))
+    variance = np.float32(shot) * np.maximum(clean, 0) + np.float32(read**2)
+    return np.asarray(clean + noise * np.sqrt(variance))
 
 
 def quantised(levels: Plane) -> Picture:

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from fakes.layout import Layout
+from fakes.patterns import tag_cells
 from fakes.poses import frozen_snapshot, look_poses, retracted_pose, touch_pose
-from fakes.raster import tag_cells
 from fakes.render import Renderer
 from fakes.world import WorldSnapshot
 from vgrd.errors import InputError
@@ -155,7 +155,7 @@ def small_picture(*tags, size=(800, 600), edge_px=120):
     """Flat tags side by side on white, without noise."""
     picture = np.full(size[::-1], 200, np.uint8)
     for i, tag in enumerate(tags):
-        cells = (tag_cells(tag)[1:-1, 1:-1] * 180 + 20).astype(np.uint8)
+        cells = (tag_cells(tag.family, tag.id) * 180 + 20).astype(np.uint8)
         marker = cv2.resize(cells, (edge_px, edge_px), interpolation=cv2.INTER_NEAREST)
         x = 80 + i * 250
         picture[100 : 100 + edge_px, x : x + edge_px] = marker
