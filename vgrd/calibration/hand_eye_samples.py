@@ -2,6 +2,8 @@
 
 from collections.abc import Sequence
 
+import numpy as np
+
 from vgrd.calibration.hand_eye import PoseSample
 from vgrd.geometry import Pose
 from vgrd.model import Recording
@@ -28,16 +30,17 @@ def sightings_of_tag_a(recording: Recording) -> list[PoseSample]:
 
 def hand_eye_samples(recording: Recording) -> list[PoseSample]:
     """The first of them from every distinct flange pose."""
-    samples: list[PoseSample] = []
-    for sample in sightings_of_tag_a(recording):
-        if not _is_repeated(sample.base_from_wrist, samples):
-            samples.append(sample)
-    return samples
+    samples = sightings_of_tag_a(recording)
+    first = first_of_same([sample.base_from_wrist for sample in samples])
+    return [sample for i, sample in enumerate(samples) if first[i] == i]
 
 
-def _is_repeated(pose: Pose, samples: Sequence[PoseSample]) -> bool:
-    for other in samples:
-        mm, rad = pose.distance(other.base_from_wrist)
-        if mm < _SAME_MM and rad < _SAME_RAD:
-            return True
-    return False
+def first_of_same(poses: Sequence[Pose]) -> list[int]:
+    """For every pose (n) the index of the first one that equals it."""
+    if not poses:
+        return []
+    t = np.array([pose.translation for pose in poses])
+    R = np.array([pose.rotation for pose in poses])
+    apart_mm = np.linalg.norm(t[:, None] - t, axis=2)
+    apart = np.abs(R[:, None] - R).max(axis=(2, 3))
+    return [int(i) for i in np.argmax((apart_mm < _SAME_MM) & (apart < _SAME_RAD), axis=1)]

@@ -28,7 +28,7 @@ def observability(jacobian: Array, scales: Array, tolerance: float) -> Observabi
     of the number of rows, in the unit of the residuals.
     """
     m, n = jacobian.shape
-    _, s, Vt = np.linalg.svd(jacobian * scales, full_matrices=True)
+    _, s, Vt = np.linalg.svd(np.linalg.qr(jacobian * scales, mode="r"), full_matrices=True)
     rank = int(np.sum(s > tolerance * np.sqrt(max(m, 1))))
     return Observability(rank, Vt[rank:n])
 
