@@ -21,7 +21,7 @@ class Blur:
     @property
     def samples(self) -> int:
         """How many samples per pixel and axis the Gaussian needs."""
-        return int(np.clip(np.ceil(2 / self.sigma_px), 3, 6))
+        return int(np.clip(np.ceil(2.6 / self.sigma_px), 3, 6))
 
     @property
     def reach_px(self) -> int:

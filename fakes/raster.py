@@ -2,8 +2,9 @@
 
 A picture is cut into blocks of a few pixels. Rays are exact at the corners of a block and bilinear
 inside it; there a straight line of the plane is a straight line, and the share of a sample's box on
-either side of it has a closed form. So few samples are enough: three per pixel and axis at a blur
-of 0.7 px are wrong by 4e-4 of white at most, 5e-5 rms (tests/world/test_raster.py).
+either side of it has a closed form. So few samples are enough: with four per pixel and axis
+at a blur of 0.7 px an edge is where it should be to 2e-4 px even along a column of pixels
+(tests/world/test_render_accuracy.py).
 """
 
 import cv2
@@ -26,8 +27,8 @@ def coverage(
 ) -> Plane:
     """Share of white (height, width) that each pixel of a region receives from a figure on a plane.
 
-    Area-accurate, blur included; the region's sides are whole blocks (`BLOCK`). Wrong by less than
-    1e-3 of white; lines that are closer than a pixel are only hinted at.
+    Area-accurate, blur included; the region's sides are whole blocks (`BLOCK`). Lines that
+    are closer than a pixel are only hinted at.
     """
     pad = blur.reach_px
     samples = blur.samples * (2 if isinstance(figure, Disc) else 1)
