@@ -10,16 +10,17 @@ from dataclasses import dataclass, replace
 from types import MappingProxyType
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
-from vgrd.geometry import Array, Pose
+from vgrd.geometry import Array, Pose, hat
 from vgrd.geometry.camera import CameraModel
-from vgrd.geometry.point_pose import linearize_points, pose_from_points
 from vgrd.model import CellFacts, TagObservation, TagSpec, frozen_array
 
 TAG_A, TAG_B = "size of tag A", "size of tag B"
 FOCAL, CENTER_X, CENTER_Y, K1 = "focal length", "cx", "cy", "k1"
 
 _SQUARE = np.array([(-0.5, -0.5, 0.0), (0.5, -0.5, 0.0), (0.5, 0.5, 0.0), (-0.5, 0.5, 0.0)])
+_RESECTIONS = 4
 _INTRINSIC: Mapping[str, tuple[int, ...]] = MappingProxyType(
     {FOCAL: (0, 1), CENTER_X: (2,), CENTER_Y: (3,), K1: (4,)}
 )
@@ -54,15 +55,15 @@ class Refinement:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Seen:
-    """A tag's pose as refined; by_refined: (6, e), its left tangent; shift (6, 6): old to new."""
+    """n tags as refined: rotations (n, 3, 3), translations (n, 3).
 
-    pose: Pose
+    by_refined: (n, 6, e), left tangents; shifts: (n, 6, 6), tangents as measured to refined ones.
+    """
+
+    rotations: Array
+    translations: Array
     by_refined: Array
-    shift: Array
-
-    def whitener(self, whitener: Array) -> Array:
-        """The whitener (6, 6) of the pose as measured, for this one: the same noise on the tag."""
-        return np.asarray(whitener @ np.linalg.inv(self.shift))
+    shifts: Array
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -107,20 +108,22 @@ class Optics:
             return known
         return known + self.sigmas[tag] * float(values[list(self.sigmas).index(tag)])
 
-    def at(self, measured: Pose, tag: str, values: Array) -> Seen:
-        """The pose of TAG_A or TAG_B, measured as assumed, with refined numbers (e,)."""
-        corners, size = _SQUARE * self.sizes_mm[tag], self.size_mm(tag, values)
-        pose, camera = measured, self.camera_at(values)
-        by = np.zeros((6, self.count))
+    def seen(self, rotations: Array, translations: Array, tag: str, values: Array) -> Seen:
+        """Poses (n, 3, 3), (n, 3) of TAG_A or TAG_B as measured, with refined numbers (e,)."""
+        known, size = self.sizes_mm[tag], self.size_mm(tag, values)
+        R, t, by = rotations, translations, np.zeros((len(rotations), 6, self.count))
+        camera = self.camera_at(values)
         if self._of_camera():
-            pixels = self.camera.project(measured @ corners)
-            pose = pose_from_points(corners, pixels, camera, measured).camera_from_target
-        pose = Pose(pose.rotation, pose.translation * (size / self.sizes_mm[tag]))
+            pixels = self.camera.project(_corners(R, t, known))
+            R, t = _resected(R, t, pixels, camera, known)
+        t = t * (size / known)
         if self._of_camera():
-            by += by_intrinsics(camera, _SQUARE * size, pose) @ self.intrinsics()
+            by += _by_intrinsics(R, t, camera, size) @ self.intrinsics()
         if tag in self.sigmas:
-            by[:3, list(self.sigmas).index(tag)] += pose.translation * self.sigmas[tag] / size
-        return Seen(pose, by, (pose @ measured.inverse()).adjoint())
+            by[:, :3, list(self.sigmas).index(tag)] += t * self.sigmas[tag] / size
+        turn = R @ np.swapaxes(rotations, 1, 2)
+        back = t - np.einsum("nij,nj->ni", turn, translations)
+        return Seen(R, t, by, adjoints(turn, back))
 
     def _of_camera(self) -> bool:
         return any(name in _INTRINSIC for name in self.sigmas)
@@ -138,17 +141,57 @@ class RefinedOptics:
         """The same tag as seen with the refined numbers, its noise carried along."""
         if not self.optics.count:
             return tag
-        seen = self.optics.at(tag.camera_from_tag, self.tags[tag.tag], self.values)
-        covariance = frozen_array(seen.shift @ tag.covariance @ seen.shift.T, 6, 6)
-        return replace(tag, camera_from_tag=seen.pose, covariance=covariance)
+        seen = self._seen(tag)
+        A = seen.shifts[0]
+        pose = Pose(seen.rotations[0], seen.translations[0])
+        covariance = frozen_array(A @ tag.covariance @ A.T, 6, 6)
+        return replace(tag, camera_from_tag=pose, covariance=covariance)
 
     def by_refined(self, tag: TagObservation) -> Array:
         """(6, e): left tangent by which `corrected(tag)` moves, per sigma of every number."""
-        return self.optics.at(tag.camera_from_tag, self.tags[tag.tag], self.values).by_refined
+        return np.asarray(self._seen(tag).by_refined[0])
+
+    def _seen(self, tag: TagObservation) -> Seen:
+        C = tag.camera_from_tag
+        name = self.tags[tag.tag]
+        return self.optics.seen(C.rotation[None], C.translation[None], name, self.values)
 
 
-def by_intrinsics(camera: CameraModel, points_in_target: Array, camera_from_target: Pose) -> Array:
-    """Left tangent (6, 6) by which a target is seen elsewhere per fx, fy, cx, cy, k1, k2."""
-    by_pose = linearize_points(camera, camera_from_target, points_in_target)[1].reshape(-1, 6)
-    J = camera.intrinsics_jacobian(camera_from_target @ points_in_target).reshape(-1, 6)
-    return np.asarray(-np.linalg.pinv(by_pose) @ J)
+def adjoints(R: Array, t: Array) -> Array:
+    """Adjoints (n, 6, 6) of poses (n, 3, 3), (n, 3)."""
+    A = np.zeros((len(R), 6, 6))
+    A[:, :3, :3] = A[:, 3:, 3:] = R
+    A[:, :3, 3:] = hat(t) @ R
+    return A
+
+
+def _corners(R: Array, t: Array, size_mm: float) -> Array:
+    """Corners (4 n, 3) of tags in the camera."""
+    corners = size_mm * _SQUARE @ np.swapaxes(R, 1, 2) + t[:, None]
+    return np.asarray(corners.reshape(-1, 3))
+
+
+def _resected(
+    R: Array, t: Array, pixels: Array, camera: CameraModel, size_mm: float
+) -> tuple[Array, Array]:
+    """Poses near the ones given that put the corners of tags to pixels (4 n, 2): Gauss-Newton."""
+    for _ in range(_RESECTIONS):
+        at = _corners(R, t, size_mm)
+        off = (pixels - camera.project(at)).reshape(-1, 8, 1)
+        step = (np.linalg.pinv(_by_pose(camera, at)) @ off)[:, :, 0]
+        turn = Rotation.from_rotvec(step[:, 3:]).as_matrix()
+        R, t = turn @ R, np.einsum("nij,nj->ni", turn, t) + step[:, :3]
+    return R, t
+
+
+def _by_pose(camera: CameraModel, corners: Array) -> Array:
+    """Derivative (n, 8, 6) of pixels by left perturbations of the poses."""
+    D = camera.linearize(corners)[1]
+    return np.concatenate([D, -D @ hat(corners)], axis=2).reshape(-1, 8, 6)
+
+
+def _by_intrinsics(R: Array, t: Array, camera: CameraModel, size_mm: float) -> Array:
+    """Left tangents (n, 6, 6) by which tags are seen elsewhere per fx, fy, cx, cy, k1, k2."""
+    corners = _corners(R, t, size_mm)
+    by_camera = camera.intrinsics_jacobian(corners).reshape(-1, 8, 6)
+    return np.asarray(-np.linalg.pinv(_by_pose(camera, corners)) @ by_camera)

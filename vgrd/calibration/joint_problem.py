@@ -114,15 +114,9 @@ class Tags:
 
     def refined(self, optics: Optics, size_of: str, values: Array) -> "Tags":
         """As seen with refined tag sizes and intrinsics, values (e,)."""
-        seen = [optics.at(pose, size_of, values) for pose in self.poses()]
-        return Tags(
-            np.array([one.pose.rotation for one in seen]).reshape(-1, 3, 3),
-            np.array([one.pose.translation for one in seen]).reshape(-1, 3),
-            np.array(
-                [one.whitener(W) for one, W in zip(seen, self.whiteners, strict=True)]
-            ).reshape(-1, 6, 6),
-            np.array([one.by_refined for one in seen]).reshape(-1, 6, optics.count),
-        )
+        seen = optics.seen(self.rotations, self.translations, size_of, values)
+        whiteners = self.whiteners @ np.linalg.inv(seen.shifts)
+        return Tags(seen.rotations, seen.translations, whiteners, seen.by_refined)
 
     def poses(self) -> list[Pose]:
         """camera_from_tag of all."""

@@ -4,6 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from vgrd.calibration.joint_optics import adjoints
 from vgrd.calibration.joint_problem import Indices, JointData, Link, Tags
 from vgrd.calibration.joint_state import JointState, Layout
 from vgrd.calibration.touches import TouchSet
@@ -77,14 +78,6 @@ def arm_jacobian(state: JointState, data: JointData) -> Array:
 def _put(G: Array, rows: slice, blocks: Array, stands: Indices) -> None:
     part = G[rows].reshape(*blocks.shape[:2], *G.shape[1:])
     part[np.arange(len(blocks)), :, stands] = blocks
-
-
-def adjoints(R: Array, t: Array) -> Array:
-    """Adjoints (n, 6, 6) of poses (n, 3, 3), (n, 3)."""
-    A = np.zeros((len(R), 6, 6))
-    A[:, :3, :3] = A[:, 3:, 3:] = R
-    A[:, :3, 3:] = hat(t) @ R
-    return A
 
 
 def _tag_residuals(R: Array, t: Array, tags: Tags) -> tuple[Array, Array, Array]:

@@ -35,6 +35,7 @@ TAG_B = TagSpec("36h11", 1, 25.0)
 WORK_ROTATION = frozen_array(Rotation.from_euler("xyz", [np.pi, 0, 0.3]).as_matrix(), 3, 3)
 TOUCH_SIGMA_MM = 0.233
 _TRUNCATED_SIGMAS = 3.0
+_LEFT_OF_SIGMA = 0.98658  # standard deviation of a normal variable cut there
 _WAVES = 64
 _SECONDS_PER_SAMPLE = 5.0
 _K = ((6486.0, 0.0, 2012.0), (0.0, 6486.0, 1518.0), (0.0, 0.0, 1.0))
@@ -100,7 +101,10 @@ class Request:
 
 
 class Simulation:
-    """One cell; everything random comes from `seed`."""
+    """One cell; everything random comes from `seed`.
+
+    center_sigma_mm: how far CAD is off the axis of turning, per axis.
+    """
 
     base_from_camera = Pose(
         Rotation.from_euler("xyz", [np.pi, 0.1, 0.2]).as_matrix(), np.array([350.0, 0, 700])
@@ -125,6 +129,7 @@ class Simulation:
         axial_sigma_mm: float | None = None,
         arm: ArmErrors = EXACT_ARM,
         one_axis: bool = False,
+        center_sigma_mm: float = 0.0,
     ) -> None:
         self.rng = np.random.default_rng(seed)
         self.vision = vision
@@ -133,6 +138,9 @@ class Simulation:
         self._one_axis = one_axis
         self._field = _field(self.rng, arm)
         self._stamp_s = 0.0
+        self._center_in_cad = np.zeros(3)
+        if center_sigma_mm > 0:
+            self._center_in_cad[:2] = self.rng.normal(size=2) * center_sigma_mm
         circle = np.arange(6) * np.pi / 3
         self.targets = {
             f"P{k + 1}": Target(
@@ -240,7 +248,8 @@ class Simulation:
             tag_b=TAG_B,
             tool=Tool(),
             object=ObjectSpec(
-                MappingProxyType(self.targets), center_in_object=frozen_array((0, 0, 0), 3)
+                MappingProxyType(self.targets),
+                center_in_object=frozen_array(self._center_in_cad, 3),
             ),
             robot_sigma_mm=max(float(np.hypot(self.arm.sigma_mm, self.arm.field_mm)), 1e-3),
         )
@@ -266,8 +275,8 @@ class Simulation:
             flange = flange - off
         reported = Pose(R, flange)
         seen = None if angle_rad is None else self.observe(reported, angle_rad, draw)
-        floor = 1e-3
-        return Touch(target, reported, max(lateral, floor), max(axial, floor), seen)
+        lateral, axial = (max(_LEFT_OF_SIGMA * sigma, 1e-3) for sigma in self.sigmas_mm)
+        return Touch(target, reported, lateral, axial, seen)
 
     def _truncated(self) -> Array:
         tail = ndtr(-_TRUNCATED_SIGMAS)
