@@ -137,7 +137,8 @@ def plan_samples(
     """
     foresight = Foresight(nominal, job or Job(), tag_a_in_view)
     reach = reach or Reach()
-    candidates = [*touches_within(nominal, reach), *spins_within(nominal, reach)]
+    candidates: list[Touching | Spinning] = [*touches_within(nominal, reach)]
+    candidates += spins_within(nominal, reach)
     start = foresight.without(looks=False, spins=False)
     return tuple(candidates[i] for i in _planned(foresight, start, candidates, count))
 

@@ -6,8 +6,10 @@ from dataclasses import replace
 import numpy as np
 
 from vgrd.calibration.joint import JointResult
+from vgrd.calibration.joint_optics import TAG_A, TAG_B, adjoints
 from vgrd.calibration.joint_problem import JointData, Link, Looks, Tags, target_of
-from vgrd.calibration.joint_rows import adjoints, arm_jacobian, linearize, moves
+from vgrd.calibration.joint_rows import arm_jacobian, linearize, moves
+from vgrd.calibration.joint_state import Layout
 from vgrd.calibration.reach import Candidate, Spinning, Touching, flange_of
 from vgrd.calibration.touches import TouchSet, touch_set
 from vgrd.geometry import Array, Pose
@@ -51,8 +53,8 @@ class ForeseenRows:
         touching = [i for i, one in enumerate(candidates) if isinstance(one, Touching)]
         data, looking = self._seen(poses)
         data = self._touched(data, candidates, poses, touching)
-        state = result.state
-        J = self._embedded(linearize(state, data, replace(result.layout, spins=0))[1])
+        still = replace(result.layout, spins=0)
+        J = self._embedded(linearize(result.state, data, still)[1], still)
         out = np.zeros((c, _WIDTH, J.shape[1]))
         for link, seen, width, first in (
             (Link.HAND_EYE, looking, 6, 0),
@@ -78,7 +80,7 @@ class ForeseenRows:
         ):
             part = G[data.rows_of(link)].reshape(len(seen), width, len(rows), 6)
             own[seen, first : first + width] = part[np.arange(len(seen)), :, seen]
-        own = own * arm.scales() * np.hypot(arm.sigma_mm, arm.field_mm)
+        own = own * np.sqrt(arm.variances())
         L = np.linalg.cholesky(np.eye(9) + own @ own.transpose(0, 2, 1))
         return np.concatenate([np.linalg.solve(L, rows[:, :9]), rows[:, 9:]], axis=1)
 
@@ -104,7 +106,7 @@ class ForeseenRows:
             ),
             cad=np.array(cad),
             touch_stands=np.array(touching, dtype=np.intp),
-            reference=_tags([result.state.camera_from_tag_b] * m, self._body_b),
+            reference=self._tags([result.state.camera_from_tag_b] * m, TAG_B),
         )
 
     def _seen(self, poses: Sequence[Pose]) -> tuple[JointData, list[int]]:
@@ -116,7 +118,7 @@ class ForeseenRows:
         at = np.array([pose.translation for pose in poses])
         R = np.array([pose.rotation for pose in poses])
         looks = Looks(
-            _tags([tags[i] for i in seen], self._body_a),
+            self._tags([tags[i] for i in seen], TAG_A),
             R[seen],
             at[seen],
             np.array(seen, dtype=np.intp),
@@ -131,20 +133,33 @@ class ForeseenRows:
         alone = replace(layout, spins=1)
         planar = np.array([[0.0, 0.0, angle_rad]])
         state = replace(result.state, planar=planar)
-        tag = _tags([moved_tag_b(result, angle_rad)], self._body_b)
-        blank = _blank(result.data)
-        J = linearize(state, replace(blank, spins=tag), alone)[1]
+        tag = self._tags([moved_tag_b(result, angle_rad)], TAG_B)
+        data = replace(_blank(result.data), spins=tag)
+        J = linearize(state, data, alone)[1][data.rows_of(Link.SPINS)]
         own = alone.spin_columns()[0]
         Q = np.linalg.qr(J[:, own])[0]
-        return self._embedded(J - Q @ (Q.T @ J))
+        return self._embedded(J - Q @ (Q.T @ J), alone)
 
-    def _embedded(self, J: Array) -> Array:
-        """Rows of a smaller layout in the columns of all unknowns; spins of their own left out."""
-        layout = self._result.layout
-        out = np.zeros((len(J), layout.size))
-        common = layout.axis_columns.stop
+    def _embedded(self, J: Array, layout: Layout) -> Array:
+        """Rows of another layout in the columns of all unknowns; spins of their own left out."""
+        whole = self._result.layout
+        out = np.zeros((len(J), whole.size))
+        common = whole.axis_columns.stop
         out[:, :common] = J[:, :common]
+        out[:, whole.refined_columns] = J[:, layout.refined_columns]
         return out
+
+    def _tags(self, poses: Sequence[Pose], which: str) -> Tags:
+        """TAG_A or TAG_B seen at these poses with the usual noise."""
+        result, body = self._result, self._body_a if which == TAG_A else self._body_b
+        optics, values = result.data.optics, result.state.refined
+        R = np.array([pose.rotation for pose in poses]).reshape(-1, 3, 3)
+        t = np.array([pose.translation for pose in poses]).reshape(-1, 3)
+        A = adjoints(R, t)
+        by = None
+        if optics.count:
+            by = optics.seen(R, t, which, values).by_refined
+        return Tags(R, t, whitener(A @ body @ A.transpose(0, 2, 1)), by)
 
 
 def picture_of(result: JointResult, angle_rad: float) -> TagObservation:
@@ -175,17 +190,11 @@ def _sighting(pose: Pose, body: Array, spec: TagSpec) -> TagObservation:
     return TagObservation(spec, pose, covariance, frozen_array(np.zeros((4, 2)), 4, 2), 0.0)
 
 
-def _tags(poses: Sequence[Pose], body: Array) -> Tags:
-    R = np.array([pose.rotation for pose in poses]).reshape(-1, 3, 3)
-    t = np.array([pose.translation for pose in poses]).reshape(-1, 3)
-    A = adjoints(R, t)
-    return Tags(R, t, whitener(A @ body @ A.transpose(0, 2, 1)))
-
-
 def _blank(data: JointData) -> JointData:
     """The same cell with nothing recorded."""
     nothing = np.zeros((0, 3))
-    tags = Tags(np.zeros((0, 3, 3)), nothing, np.zeros((0, 6, 6)))
+    by = np.zeros((0, 6, data.optics.count)) if data.optics.count else None
+    tags = Tags(np.zeros((0, 3, 3)), nothing, np.zeros((0, 6, 6)), by)
     axis = data.touches.axis_in_wrist
     touches = TouchSet(np.zeros((0, 3, 3)), nothing, axis, np.zeros(0), np.zeros(0))
     holes = replace(data.holes, cad=nothing, spin=_NONE, pixels=np.zeros((0, 2)))

@@ -85,7 +85,8 @@ class Foresight:
         half = half.transpose(0, 2, 1).reshape(len(rows), j, 3, -1)
         now = self._by @ covariance @ self._by.transpose(0, 2, 1) + self._rest
         after = now - half @ half.transpose(0, 1, 3, 2)
-        return _radii95(after.reshape(-1, 3, 3)).reshape(len(rows), j).mean(axis=1)
+        radii = _radii95(after.reshape(-1, 3, 3)).reshape(len(rows), j)
+        return np.asarray(radii.mean(axis=1))
 
     @staticmethod
     def with_rows(covariance: Array, rows: Array) -> Array:
@@ -102,7 +103,7 @@ class Foresight:
             kept = np.flatnonzero(~np.isin(data.looks.stands, data.touch_stands))
             alone = [Looking(pose) for pose in data.looks.some(kept).poses()]
             rows.append(self.rows(alone).reshape(-1, layout.size))
-        links = [Link.HOLES, Link.TURNTABLE] + [Link.SPINS] * spins
+        links = [Link.HOLES, Link.TURNTABLE, Link.REFINED] + [Link.SPINS] * spins
         rows += [self._result.jacobian[data.rows_of(link)] for link in links]
         P, N = information_inverse(np.vstack(rows), layout)
         return P + N @ N.T

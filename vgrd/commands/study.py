@@ -17,7 +17,8 @@ def study(
     name: Annotated[
         str,
         typer.Argument(
-            help="fig4, fig5, experiment-a, table3, table4, tilt, certificate, coverage, blunders."
+            help="fig4, fig5, experiment-a, table3, table4, tilt, certificate, coverage, blunders, "
+            "coached."
         ),
     ],
     runs: Annotated[int | None, typer.Option(min=1, help="Trials of each case.")] = None,

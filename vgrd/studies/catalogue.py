@@ -8,6 +8,7 @@ from vgrd.errors import InputError
 from vgrd.studies import (
     blunders,
     certificate,
+    coached,
     coverage,
     experiment_a,
     fig4,
@@ -31,6 +32,7 @@ STUDIES: Mapping[str, Study] = MappingProxyType(
             certificate,
             coverage,
             blunders,
+            coached,
         )
     }
 )
