@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from vgrd.errors import InputError
+from vgrd.commands.boards import charuco_board, tag_grid
 from vgrd.printing import JsonOption, print_result, show_fields
 
 if TYPE_CHECKING:
@@ -60,13 +60,8 @@ def grid(
     json_to: JsonOption = None,
 ) -> None:
     """Draw a board of several tags."""
-    from vgrd.vision.codes import family_named
-    from vgrd.vision.targets import TagGrid
-
-    columns, rows = columns_and_rows("--tags", tags)
     gap = size_mm / 4 if gap_mm is None else gap_mm
-    board = TagGrid(family_named(dictionary), columns, rows, size_mm, gap, first_id)
-    _draw(board, page, dpi, out, json_to)
+    _draw(tag_grid(dictionary, tags, size_mm, gap, first_id), page, dpi, out, json_to)
 
 
 def charuco(
@@ -81,34 +76,6 @@ def charuco(
 ) -> None:
     """Draw a ChArUco board."""
     _draw(charuco_board(squares, square_mm, marker_mm, dictionary), page, dpi, out, json_to)
-
-
-def columns_and_rows(option: str, text: str) -> tuple[int, int]:
-    """Two numbers of an option such as 5x7; InputError when they are not."""
-    try:
-        columns, rows = (int(number) for number in text.lower().split("x"))
-    except ValueError:
-        raise InputError(f"{option} {text}: write columns x rows, such as 5x7") from None
-    if columns < 1 or rows < 1 or columns * rows < 2:
-        raise InputError(f"{option} {text}: a board has at least two fields")
-    return columns, rows
-
-
-def charuco_board(
-    squares: str, square_mm: float, marker_mm: float, dictionary: str
-) -> "Printable":
-    """The board that the options mean; InputError when it cannot exist."""
-    from vgrd.vision.boards import BOARD_DICTIONARIES, Charuco
-    from vgrd.vision.codes import family_named
-
-    columns, rows = columns_and_rows("--squares", squares)
-    name = family_named(dictionary)
-    if name not in BOARD_DICTIONARIES:
-        raise InputError(
-            f"--dictionary {dictionary}: ChArUco boards have ArUco markers; known: "
-            + ", ".join(BOARD_DICTIONARIES)
-        )
-    return Charuco(columns, rows, square_mm, marker_mm, name)
 
 
 def _draw(target: "Printable", page: str, dpi: int, out: Path, json_to: str | None) -> None:
