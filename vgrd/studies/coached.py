@@ -59,9 +59,9 @@ class _Session:
 _SESSIONS: Mapping[str, _Session] = MappingProxyType(
     {
         "universal": _Session(looks=8, spins=0, bars=True),
-        "universal, any yaw": _Session(looks=8, spins=0, yaw_deg=180.0, bars=True),
+        "universal, any yaw": _Session(looks=8, spins=0, yaw_deg=180.0),
         "with 4 spins": _Session(looks=0, spins=4),
-        "10 samples of any kind": _Session(looks=0, spins=4, of_any_kind=True),
+        "10 samples of any kind": _Session(looks=0, spins=4, of_any_kind=True, bars=True),
     }
 )
 

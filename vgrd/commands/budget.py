@@ -1,0 +1,136 @@
+"""The command that tells which link of the chain the error comes from."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import numpy as np
+import typer
+
+from vgrd.errors import InputError
+from vgrd.printing import JsonOption, Result, console, print_result, table
+
+if TYPE_CHECKING:
+    from vgrd.calibration.budget import Budget, Systematic
+    from vgrd.geometry import Array
+    from vgrd.model import Recording
+
+
+def register(app: typer.Typer) -> None:
+    """Add budget."""
+    app.command()(budget)
+
+
+def budget(
+    session: Annotated[Path, typer.Argument(help="A session folder.")],
+    target: Annotated[str | None, typer.Option(help="One target; none: all of them.")] = None,
+    policy: Annotated[str, typer.Option(help="fixed, follow or requested.")] = "fixed",
+    work_rotvec_deg: Annotated[
+        tuple[float, float, float] | None,
+        typer.Option(help="Wrist at work, needed for requested; none: as touched."),
+    ] = None,
+    turn_deg: Annotated[float, typer.Option(help="How far the object has turned.")] = 90.0,
+    print_percent: Annotated[float, typer.Option(min=0, help="Sigma of the tags' size.")] = 0.05,
+    focal_percent: Annotated[float, typer.Option(min=0, help="Sigma of the focal length.")] = 0.03,
+    center_px: Annotated[float, typer.Option(min=0, help="Sigma of cx and cy.")] = 0.5,
+    drift_mm: Annotated[float, typer.Option(min=0, help="Sigma of what moved since.")] = 0.02,
+    quantum_mm: Annotated[
+        float, typer.Option(min=0, help="Step to which the robot rounds positions.")
+    ] = 0.01,
+    quantum_deg: Annotated[
+        float, typer.Option(min=0, help="Step to which the robot rounds angles.")
+    ] = 0.001,
+    png: Annotated[Path | None, typer.Option(help="Draw it into this file.")] = None,
+    json_to: JsonOption = None,
+) -> None:
+    """Share the error of the expected coordinate out among the links of the chain."""
+    from vgrd.calibration.budget import Systematic
+    from vgrd.model import Policy
+    from vgrd.store.sessions import load_recording
+
+    if policy not in list(Policy):
+        raise InputError(f"--policy {policy!r}: choose one of {', '.join(Policy)}")
+    recording = load_recording(session)
+    systematic = Systematic.of(
+        recording.facts,
+        print_share=print_percent / 100,
+        focal_share=focal_percent / 100,
+        center_px=center_px,
+        drift_mm=drift_mm,
+    )
+    work = None if work_rotvec_deg is None else np.radians(work_rotvec_deg)
+    shared_out = _budget(
+        recording,
+        [target] if target else None,
+        Policy(policy),
+        work,
+        np.radians(turn_deg),
+        (quantum_mm, float(np.radians(quantum_deg))),
+        systematic,
+    )
+    if png is not None:
+        _draw(shared_out, f"Error budget of {recording.session}, policy {policy}", png)
+    assumed = {
+        "turn_deg": turn_deg,
+        "print_percent": print_percent,
+        "focal_percent": focal_percent,
+        "center_px": center_px,
+        "drift_mm": drift_mm,
+        "quantum_mm": quantum_mm,
+        "quantum_deg": quantum_deg,
+    }
+    result = {
+        "session": recording.session,
+        "policy": policy,
+        "links": [str(link) for link in shared_out.links],
+        "targets": shared_out.rows(),
+        "irrelevant": list(shared_out.irrelevant),
+        "assumed": assumed,
+    }
+    print_result(result, json_to, _show)
+
+
+def _budget(
+    recording: "Recording",
+    targets: list[str] | None,
+    policy: str,
+    work_rotvec_rad: "Array | None",
+    turn_rad: float,
+    quanta: tuple[float, float],
+    systematic: "Systematic",
+) -> "Budget":
+    from dataclasses import replace
+
+    from vgrd.calibration.budget import error_budget
+    from vgrd.calibration.foreseen_rows import picture_of
+    from vgrd.calibration.joint import ArmModel, calibrate_joint
+    from vgrd.geometry import exp_rotation
+    from vgrd.model import Policy
+
+    arm = ArmModel.of(recording.facts.robot_sigma_mm)
+    arm = replace(arm, quantum_mm=quanta[0], quantum_rad=quanta[1])
+    result = calibrate_joint(recording, arm=arm)
+    work = None if work_rotvec_rad is None else exp_rotation(work_rotvec_rad)
+    now = picture_of(result, turn_rad)
+    return error_budget(result, now, Policy(policy), work, systematic, targets)
+
+
+def _draw(budget: "Budget", title: str, png: Path) -> None:
+    from vgrd.studies.budget_drawing import draw_budget
+
+    try:
+        draw_budget(budget, title).savefig(png)
+    except (OSError, ValueError) as err:
+        raise InputError(f"--png {png}: cannot be written: {err}") from err
+
+
+def _show(result: Result) -> None:
+    rows = [
+        [link, *(f"{100 * target[link]:.1f}" for target in result["targets"])]
+        for link in result["links"]
+    ]
+    rows.append(["95 % radius, mm", *(target["u95_mm"] for target in result["targets"])])
+    names = [target["target"] for target in result["targets"]]
+    title = f"{result['session']}, {result['policy']}: share in the variance, %"
+    console.print(table(title, ("link", *names), rows))
+    for what in result["irrelevant"]:
+        console.print(f"{what}: unknown, and irrelevant for this policy", highlight=False)
