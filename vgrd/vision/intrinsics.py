@@ -21,7 +21,6 @@ _NAMES = ("fx", "fy", "cx", "cy", "k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6"
 _WRONG_POINT_SHARE = 0.02  # of the board's extent in the picture: no lens bends a plane so much
 _OUTLIER, _BAD_VIEW = 6.0, 4.0  # of the robust noise level
 _MOST_WRONG = 0.2  # of a picture's points; with more of them the picture itself is bad
-_ROUNDS = 6
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -92,23 +91,19 @@ def calibrate_intrinsics(
     kept = [view for view in screened if isinstance(view, View)]
     reasons = {v.name: r for v, r in zip(views, screened, strict=True) if isinstance(r, str)}
     noise = Noise() if print_mm is None else Noise(print_mm=print_mm, flat_mm=print_mm)
-    for _ in range(_ROUNDS):
+    gross: dict[str, str] | None = None
+    while gross != {}:
         _require(kept, reasons)
-        start = _start(nominal, kept, size_px, distortion)
-        kept, gross = _without_bad(kept, start[1])
+        state, residuals = _start(nominal, kept, size_px, distortion)
+        kept, gross = _without_bad(kept, residuals)
         reasons |= gross
-        if not gross:
-            break
-    _require(kept, reasons)
-    state = start[0]
-    for _ in range(_ROUNDS):
-        state = replace(state, poses=tuple(state.poses[: len(kept)]))
+    while True:
         bundle = adjust(nominal, kept, state, noise, fixed_print=print_mm is not None)
-        poses = dict(zip((v.name for v in kept), bundle.state.poses, strict=True))
         better, bad = _without_bad(kept, bundle.residuals)
-        reasons |= bad
-        if not bad and sum(len(v.ids) for v in better) == sum(len(v.ids) for v in kept):
+        if _count(better) == _count(kept):
             break
+        reasons |= bad
+        poses = dict(zip((view.name for view in kept), bundle.state.poses, strict=True))
         kept = better
         _require(kept, reasons)
         state = replace(bundle.state, poses=tuple(poses[view.name] for view in kept))
@@ -136,6 +131,10 @@ def _screened(nominal: Array, view: View) -> View | str:
     if good.mean() < 1 - _MOST_WRONG or good.sum() < MIN_POINTS:
         return f"{int((~good).sum())} of {len(good)} points lie on no common plane"
     return View(view.name, view.ids[good], view.pixels[good])
+
+
+def _count(views: Sequence[View]) -> int:
+    return sum(len(view.ids) for view in views)
 
 
 def _require(kept: Sequence[View], reasons: dict[str, str]) -> None:

@@ -14,15 +14,16 @@ from dataclasses import dataclass, replace
 import cv2
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import cho_factor, cho_solve
 
-from vgrd.errors import DidNotConverge, NotObservable
+from vgrd.errors import DidNotConverge
 from vgrd.geometry import Array, Pose
 from vgrd.geometry.camera import CameraModel
+from vgrd.vision.intrinsics_rows import Rows, inverse, solved
 
 _STRETCH_SIGMA = 1e-3
-_MAX_STEPS, _MAX_ROUNDS = 60, 12
-_SETTLED, _MATCHED = 1e-10, 0.02
+_RATIONAL_SIGMA = 1.0  # of k4, k5, k6, which the pictures alone hardly tell from k1, k2, k3
+_MAX_STEPS, _MAX_ROUNDS, _MOST_DAMPING = 60, 12, 1e8
+_SETTLED, _MATCHED = 1e-8, 0.03
 _SIGMAS_PX, _SIGMAS_MM = (1e-4, 50.0), (2e-4, 2.0)
 _ORDER = [3, 4, 5, 0, 1, 2]  # OpenCV's columns of rotation and translation as (v, w)
 
@@ -102,19 +103,20 @@ class _Problem:
 
     def minimum(self, state: State) -> State:
         """Levenberg-Marquardt on the reduced normal equations."""
-        damping, cost = 1e-6, self._cost(state)
+        damping, cost, pictures = 1e-6, self._cost(state), self._all_linearized(state)
         for _ in range(_MAX_STEPS):
-            trial = self._step(state, damping)
+            trial = self._step(state, pictures, damping)
             trial_cost = self._cost(trial)
             if not trial_cost <= cost:
                 damping *= 10
-                if damping > 1e8:
+                if damping > _MOST_DAMPING:
                     break
                 continue
             gained = cost - trial_cost
             state, cost, damping = trial, trial_cost, max(damping / 10, 1e-12)
             if gained <= _SETTLED * (1 + cost):
                 return state
+            pictures = self._all_linearized(state)
         raise DidNotConverge(
             f"intrinsics: no minimum (cost {cost:.3g}); do all pictures show the same board "
             "through the same camera and focus?"
@@ -122,7 +124,7 @@ class _Problem:
 
     def matched_noise(self, state: State, *, fixed_print: bool) -> Noise:
         """Noise levels as the residuals show them."""
-        C = np.diag(_inverse(self._reduced(state)[0]))
+        C = np.diag(inverse(self._reduced(state, self._all_linearized(state))[0]))
         first = len(state.intrinsics) + 2
         prior = self._prior(state)
         kept = float(np.sum(prior * C))  # unknowns that the prior, not the pixels, determines
@@ -139,21 +141,21 @@ class _Problem:
 
     def bundle(self, state: State) -> Bundle:
         """The result at the minimum."""
-        S, _ = self._reduced(state)
+        pictures = self._all_linearized(state)
+        S, _ = self._reduced(state, pictures)
         k = len(state.intrinsics)
         held_out = []
-        for view, pose in zip(self.views, state.poses, strict=True):
-            rows = self._linearized(state, view, pose)
+        for rows in pictures:
             own = np.zeros_like(S)
             gradient = rows.reduce_into(own, np.zeros(len(S)))
-            without = _solve(S - own, gradient)
+            without = solved(S - own, gradient)
             off = rows.residuals + rows.by_shared(without)
             off -= rows.by_pose @ np.linalg.lstsq(rows.by_pose, off, rcond=None)[0]
             held_out.append(off.reshape(-1, 2) * self.noise.pixel_px)
         return Bundle(
             state,
             self.noise,
-            _inverse(S)[:k, :k],
+            inverse(S)[:k, :k],
             tuple(self._residuals(state)),
             tuple(held_out),
         )
@@ -164,9 +166,9 @@ class _Problem:
             [self.noise.print_mm**-2, self.noise.print_mm**-2, self.noise.flat_mm**-2],
             len(self.nominal),
         )
-        return np.concatenate(
-            [np.zeros(len(state.intrinsics)), np.full(2, _STRETCH_SIGMA**-2), offsets]
-        )
+        lens = np.zeros(len(state.intrinsics))
+        lens[4 + 5 :] = _RATIONAL_SIGMA**-2
+        return np.concatenate([lens, np.full(2, _STRETCH_SIGMA**-2), offsets])
 
     def _shared(self, state: State) -> Array:
         return np.concatenate([state.intrinsics, state.stretch, state.offsets.ravel()])
@@ -193,7 +195,7 @@ class _Problem:
         stretched = np.array([[a, s, 0], [s, -a, 0], [0, 0, 0]]) / 2
         return np.asarray(self.nominal + self.nominal @ stretched + state.offsets)
 
-    def _linearized(self, state: State, view: View, pose: Pose) -> "_Rows":
+    def _linearized(self, state: State, view: View, pose: Pose) -> Rows:
         points = self._points(state)[view.ids]
         K, d = _matrix(state.intrinsics), state.intrinsics[4:]
         zero = np.zeros(3)
@@ -205,7 +207,7 @@ class _Problem:
         by_lens[:, :, :k] = D[:, 6 : 6 + k].reshape(n, 2, k)
         by_lens[:, :, k] = by_point[:, :, 0] * x[:, None] - by_point[:, :, 1] * y[:, None]
         by_lens[:, :, k + 1] = by_point[:, :, 0] * y[:, None] + by_point[:, :, 1] * x[:, None]
-        return _Rows(
+        return Rows(
             (pixels[:, 0] - view.pixels).ravel() / sigma,
             by_lens.reshape(2 * n, -1) / sigma,
             by_point / sigma,
@@ -213,20 +215,28 @@ class _Problem:
             (k + 2 + 3 * view.ids[:, None] + np.arange(3)).ravel(),
         )
 
-    def _reduced(self, state: State, damping: float = 0.0) -> tuple[Array, Array]:
+    def _all_linearized(self, state: State) -> list[Rows]:
+        return [
+            self._linearized(state, view, pose)
+            for view, pose in zip(self.views, state.poses, strict=True)
+        ]
+
+    def _reduced(
+        self, state: State, pictures: Sequence[Rows], damping: float = 0.0
+    ) -> tuple[Array, Array]:
         """Normal equations of the shared unknowns, poses eliminated: matrix and gradient."""
         prior = self._prior(state)
         S, g = np.diag(prior * (1 + damping)), prior * self._shared(state)
-        for view, pose in zip(self.views, state.poses, strict=True):
-            self._linearized(state, view, pose).reduce_into(S, g, damping)
+        for rows in pictures:
+            rows.reduce_into(S, g, damping)
         return S, g
 
-    def _step(self, state: State, damping: float) -> State:
-        step = -_solve(*self._reduced(state, damping))
+    def _step(self, state: State, pictures: Sequence[Rows], damping: float) -> State:
+        step = -solved(*self._reduced(state, pictures, damping))
         k = len(state.intrinsics)
         poses = [
-            Pose.exp(self._linearized(state, view, pose).pose_step(step, damping)) @ pose
-            for view, pose in zip(self.views, state.poses, strict=True)
+            Pose.exp(rows.pose_step(step, damping)) @ pose
+            for rows, pose in zip(pictures, state.poses, strict=True)
         ]
         return State(
             state.intrinsics + step[:k],
@@ -234,67 +244,6 @@ class _Problem:
             state.offsets + step[k + 2 :].reshape(-1, 3),
             tuple(poses),
         )
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class _Rows:
-    """One picture linearized, in sigmas: residuals (2n,) and their derivatives.
-
-    by_lens: (2n, k + 2) intrinsics and stretch; by_point: (n, 2, 3), of each pixel's own point,
-    whose unknowns are `columns` (3n,) of the shared ones; by_pose: (2n, 6).
-    """
-
-    residuals: Array
-    by_lens: Array
-    by_point: Array
-    by_pose: Array
-    columns: NDArray[np.intp]
-
-    def by_shared(self, step: Array) -> Array:
-        """Change (2n,) of the residuals with a step of all shared unknowns."""
-        moved = step[self.columns].reshape(-1, 3)
-        change = self.by_lens @ step[: self.by_lens.shape[1]]
-        return np.asarray(change + np.einsum("nij,nj->ni", self.by_point, moved).ravel())
-
-    def reduce_into(self, S: Array, g: Array, damping: float = 0.0) -> Array:
-        """Add this picture, its pose eliminated, to the normal equations; returns g."""
-        lens = slice(0, self.by_lens.shape[1])
-        n = len(self.by_point)
-        blocks = np.einsum("nki,nkj->nij", self.by_point, self.by_point)
-        mixed = self._points_times(self.by_lens).reshape(3 * n, -1)
-        own = self.by_lens.T @ self.by_lens
-        own[np.diag_indices_from(own)] *= 1 + damping
-        blocks[:, range(3), range(3)] *= 1 + damping
-        S[lens, lens] += own
-        S[self.columns, lens] += mixed
-        S[lens, self.columns] += mixed.T
-        places = self.columns.reshape(n, 3)
-        S[places[:, :, None], places[:, None, :]] += blocks
-        W = np.zeros((len(S), 6))
-        W[lens] = self.by_lens.T @ self.by_pose
-        W[self.columns] = self._points_times(self.by_pose).reshape(3 * n, 6)
-        V = self._information(damping)
-        eliminated = np.linalg.solve(V, np.column_stack([W.T, self.by_pose.T @ self.residuals]))
-        S -= W @ eliminated[:, :-1]
-        g[lens] += self.by_lens.T @ self.residuals
-        g[self.columns] += self._points_times(self.residuals[:, None]).ravel()
-        g -= W @ eliminated[:, -1]
-        return g
-
-    def pose_step(self, step: Array, damping: float) -> Array:
-        """Step (6,) of the pose, left tangent, that goes with a step of the shared unknowns."""
-        off = self.residuals + self.by_shared(step)
-        return np.asarray(-np.linalg.solve(self._information(damping), self.by_pose.T @ off))
-
-    def _information(self, damping: float) -> Array:
-        V = self.by_pose.T @ self.by_pose
-        V[np.diag_indices_from(V)] *= 1 + damping
-        return np.asarray(V)
-
-    def _points_times(self, rows: Array) -> Array:
-        """Derivative by the points, transposed, times rows (2n, c): (n, 3, c)."""
-        mine = rows.reshape(len(self.by_point), 2, -1)
-        return np.asarray(np.einsum("nki,nkc->nic", self.by_point, mine))
 
 
 def _matrix(intrinsics: Array) -> Array:
@@ -312,22 +261,3 @@ def _component(offsets: Array, variances: Array, sigma: float) -> float:
 
 def _sigmas(noise: Noise) -> Array:
     return np.array([noise.pixel_px, noise.print_mm, noise.flat_mm])
-
-
-def _solve(S: Array, g: Array) -> Array:
-    scale = 1 / np.sqrt(np.maximum(np.diag(S), 1e-300))
-    try:
-        factor = cho_factor(S * np.outer(scale, scale), check_finite=False)
-    except np.linalg.LinAlgError as error:
-        raise NotObservable(
-            "the pictures leave the intrinsics undetermined: tilt the board by 20 to 40 degrees "
-            "in several directions",
-            rank=0,
-            unknowns=len(S),
-        ) from error
-    solved = cho_solve(factor, (scale * g.T).T if g.ndim == 1 else scale[:, None] * g)
-    return np.asarray(scale * solved if g.ndim == 1 else scale[:, None] * solved)
-
-
-def _inverse(S: Array) -> Array:
-    return _solve(S, np.eye(len(S)))
