@@ -109,7 +109,7 @@ class _Screening:
         self.optimum = optimum
         self._weights = {link: np.ones(len(data.names[link])) for link in SAMPLED}
         fits = deletion(optimum)
-        self._scores = {link: fit.scores for link, fit in fits.items()}
+        self._scores = {link: fit.scores.copy() for link, fit in fits.items()}
         self._solved = {_key(self._weights): (optimum, fits)}
 
     def run(self) -> None:
@@ -141,8 +141,9 @@ class _Screening:
         self._weights[link] = found.used.astype(np.float64)
         self.optimum, fits = self._solve(self._weights)
         for other in SAMPLED:
-            self._scores[other] = _spread(fits[other].scores, self._weights[other])
-        self._scores[link] = found.scores
+            used = self._weights[other] > 0
+            self._scores[other][used] = fits[other].scores
+        self._scores[link] = found.scores.copy()
 
     def _fit(self, link: Link, weights: Array) -> KindFit:
         fit = self._solve({**self._weights, link: weights})[1][link]

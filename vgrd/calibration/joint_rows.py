@@ -83,7 +83,7 @@ def _put(G: Array, rows: slice, blocks: Array, stands: Indices) -> None:
 def _tag_residuals(R: Array, t: Array, tags: Tags) -> tuple[Array, Array, Array]:
     """Whitened log(predicted measured^-1) (n, 6), derivative (n, 6, 6) by a left perturbation.
 
-    And (n, 6, e) by the refined numbers, which move what was measured.
+    And (n, 6, e) by the refined numbers, which move what was measured, its noise with it.
     """
     turn = R @ np.swapaxes(tags.rotations, 1, 2)
     shift = t - np.einsum("nij,nj->ni", turn, tags.translations)
@@ -96,7 +96,7 @@ def _tag_residuals(R: Array, t: Array, tags: Tags) -> tuple[Array, Array, Array]
     D = tags.whiteners @ _inverse_jacobian(ad)
     E = np.zeros((len(w), 6, 0))
     if tags.by_refined is not None:
-        E = -tags.whiteners @ _inverse_jacobian(-ad) @ tags.by_refined
+        E = -D @ tags.by_refined
     return np.einsum("nij,nj->ni", tags.whiteners, np.concatenate([v, w], axis=1)), D, E
 
 

@@ -1,0 +1,172 @@
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from fakes.simulation import FINE, Simulation
+from vgrd.calibration.joint import ArmModel, Sighting, calibrate_joint
+from vgrd.calibration.joint_expected import expected_by_joint
+from vgrd.calibration.joint_fit import settle
+from vgrd.calibration.joint_gather import gather
+from vgrd.calibration.joint_problem import SAMPLED, Link
+from vgrd.calibration.joint_robust import deletion
+from vgrd.calibration.joint_state import guess, layout_of
+from vgrd.geometry import Pose
+
+EXACT = ArmModel()
+FIELD = ArmModel(0.03, 0.15, rad_per_mm=0.75e-3)
+TILT = np.radians(25)
+
+
+def taught(seed, touches=8, tilted=4, **options):
+    sim = Simulation(seed, **options)
+    wrists = [sim.wrist()] * (touches - tilted) + [sim.wrist(TILT) for _ in range(tilted)]
+    return sim, sim.record(wrists=wrists)
+
+
+def shifted(pose, shift):
+    return Pose(pose.rotation, pose.translation + np.asarray(shift))
+
+
+def with_sample(recording, kind, index, **changes):
+    samples = list(getattr(recording, kind))
+    samples[index] = replace(samples[index], **changes)
+    return replace(recording, **{kind: tuple(samples)})
+
+
+def off(recording, index, shift):
+    pose = shifted(recording.touches[index].base_from_wrist, shift)
+    return with_sample(recording, "touches", index, base_from_wrist=pose)
+
+
+def named(result, kind=None):
+    return {s.name for s in result.samples if not s.used and kind in (None, s.kind)}
+
+
+def mean_miss(sim, result, requests):
+    return np.mean(
+        [
+            np.linalg.norm(
+                sim.miss(r, expected_by_joint(result, r.target, r.seen).base_from_wrist)
+            )
+            for r in requests
+        ]
+    )
+
+
+def test_a_touch_off_by_2_mm_is_named_and_does_not_spoil_the_coordinate():
+    clean, kept, spoilt = [], [], []
+    for seed in range(10):
+        sim, recording = taught(500 + seed)
+        bad = int(sim.rng.integers(8))
+        direction = sim.rng.normal(size=3)
+        blundered = off(recording, bad, 2 * direction / np.linalg.norm(direction))
+        result = calibrate_joint(blundered, arm=EXACT)
+        assert {int(name.split()[1]) - 1 for name in named(result)} == {bad}
+        requests = [sim.request() for _ in range(3)]
+        for found, from_ in (
+            (clean, calibrate_joint(recording, arm=EXACT)),
+            (kept, result),
+            (spoilt, calibrate_joint(blundered, arm=EXACT, robust=False)),
+        ):
+            found.append(mean_miss(sim, from_, requests))
+    assert np.mean(kept) <= 1.3 * np.mean(clean)
+    assert np.mean(spoilt) > 1.5 * np.mean(clean)
+
+
+def test_two_bad_touches_do_not_hide_each_other():
+    for seed in range(3):
+        _, recording = taught(520 + seed, touches=10, tilted=5)
+        both = off(off(recording, 1, (2.0, 0, 0)), 6, (1.6, 1.6, 0))
+        result = calibrate_joint(both, arm=EXACT)
+        assert named(result) == {"touch 2 (P2)", "touch 7 (P1)"}
+
+
+def test_bad_pictures_are_named_and_the_touches_keep_their_weight():
+    sim, recording = taught(530)
+    turn = Pose.from_rotvec((0.0, 0.02, 0.0), (0.0, 0.0, 0.0))
+    look, spin = recording.looks[3], recording.spins[5]
+    seen = replace(look.tag_a, camera_from_tag=look.tag_a.camera_from_tag @ turn)
+    slipped = shifted(spin.tag_b.camera_from_tag, (1.0, 0.0, 0.0))
+    spoilt = with_sample(recording, "looks", 3, tag_a=seen)
+    spoilt = with_sample(spoilt, "spins", 5, tag_b=replace(spin.tag_b, camera_from_tag=slipped))
+    result = calibrate_joint(spoilt, arm=EXACT)
+    assert named(result, "tag A") == {"look 4"}
+    assert named(result, "tag B in spins") == {"spin 6"}
+    assert named(result) == {"look 4", "spin 6"}
+    assert all("sigma off" in s.reason for s in result.samples if not s.used)
+    requests = [sim.request() for _ in range(4)]
+    clean = calibrate_joint(recording, arm=EXACT)
+    assert mean_miss(sim, result, requests) < 1.1 * mean_miss(sim, clean, requests)
+
+
+def test_a_hole_read_in_the_wrong_place_is_named():
+    sim, recording = taught(531)
+    holes = [Sighting(h.target, h.pixel, h.sigma_px, h.spin) for h in sim.holes([None, 3])]
+    holes[8] = replace(holes[8], pixel=holes[8].pixel + np.array([3.0, 0.0]))
+    result = calibrate_joint(recording, holes, arm=EXACT)
+    assert named(result) == {f"hole {holes[8].target} in spin 4"}
+
+
+def test_holes_of_a_spin_that_is_left_out_go_with_it():
+    sim, recording = taught(532)
+    holes = [Sighting(h.target, h.pixel, h.sigma_px, h.spin) for h in sim.holes([2, 5, 6])]
+    data = gather(recording, holes, EXACT)
+    weights = {link: np.ones(len(data.names[link])) for link in SAMPLED}
+    weights[Link.SPINS][list(data.names[Link.SPINS]).index("spin 6")] = 0
+    left = data.weighted(weights)
+    kept = [data.names[Link.HOLES].index(name) for name in left.names[Link.HOLES]]
+    assert len(kept) == 12
+    for i, k in enumerate(kept):
+        np.testing.assert_array_equal(left.holes.pixels[i], data.holes.pixels[k])
+        spin = data.names[Link.SPINS][data.holes.spin[k]]
+        assert left.names[Link.SPINS][left.holes.spin[i]] == spin
+
+
+@pytest.mark.parametrize("arm", [EXACT, FIELD])
+def test_a_clean_session_keeps_every_sample_and_loses_nothing(arm):
+    for seed in range(4):
+        _, recording = taught(540 + seed)
+        result, plain = (
+            calibrate_joint(recording, arm=arm),
+            calibrate_joint(recording, arm=arm, robust=False),
+        )
+        assert not named(result)
+        np.testing.assert_array_equal(result.covariance, plain.covariance)
+        np.testing.assert_array_equal(result.state.tcp_in_wrist, plain.state.tcp_in_wrist)
+
+
+@pytest.mark.parametrize("arm", [EXACT, FIELD])
+def test_scores_are_what_leaving_a_sample_out_says(arm):
+    """Squared distance of a touch from the fit without it, by the covariance of both."""
+    _, recording = taught(550, vision=FINE)
+    data = gather(recording, (), arm)
+    whole = settle(data, layout_of(data), guess(data))
+    scores = deletion(whole)[Link.TOUCHES].scores
+    weights = {link: np.ones(len(data.names[link])) for link in SAMPLED}
+    weights[Link.TOUCHES][2] = 0
+    left = data.weighted(weights)
+    without = settle(left, layout_of(left), whole.state)
+    gained = 2 * (whole.report.cost - without.report.cost)
+    cubic = ((gained / 3) ** (1 / 3) - (1 - 2 / 27)) / np.sqrt(2 / 27)
+    assert scores[2] == pytest.approx(max(cubic, 0), abs=0.02)
+
+
+@pytest.mark.parametrize("arm", [EXACT, FIELD])
+def test_samples_in_any_order_give_the_same_to_the_last_bit(arm):
+    sim, recording = taught(560)
+    recording = off(recording, 5, (0.0, 2.5, 0.0))
+    shuffled = replace(
+        recording,
+        **{
+            kind: tuple(getattr(recording, kind)[i] for i in sim.rng.permutation(count))
+            for kind, count in (("looks", 8), ("touches", 8), ("spins", 10))
+        },
+    )
+    a, b = calibrate_joint(recording, arm=arm), calibrate_joint(shuffled, arm=arm)
+    np.testing.assert_array_equal(a.covariance, b.covariance)
+    np.testing.assert_array_equal(a.state.tcp_in_wrist, b.state.tcp_in_wrist)
+    request = sim.request()
+    poses = [expected_by_joint(r, request.target, request.seen).base_from_wrist for r in (a, b)]
+    np.testing.assert_array_equal(poses[0].translation, poses[1].translation)
+    assert len(named(a)) == len(named(b)) == 1
