@@ -9,7 +9,17 @@ import sys
 import typer
 from rich.console import Console
 
-from vgrd.commands import budget, daemon, detect, intrinsics, recording, solving, study, target
+from vgrd.commands import (
+    advise,
+    budget,
+    daemon,
+    detect,
+    intrinsics,
+    recording,
+    solving,
+    study,
+    target,
+)
 from vgrd.errors import DaemonUnreachable, VgrdError
 
 app = typer.Typer(
@@ -18,7 +28,7 @@ app = typer.Typer(
     rich_markup_mode=None,
     help="Calibrate a vision-guided robot cell and serve expected coordinates over Modbus.",
 )
-for group in (budget, daemon, detect, intrinsics, recording, solving, study, target):
+for group in (advise, budget, daemon, detect, intrinsics, recording, solving, study, target):
     group.register(app)
 
 

@@ -32,9 +32,9 @@ from vgrd.model import Motion, Policy
 TILT = np.radians(30)
 
 
-def session(seed=1, **options):
+def session(seed=1, looks=4, spins=4, **options):
     sim = Simulation(seed, vision=COARSE)
-    return sim, sim.record(**options)
+    return sim, sim.record(looks=looks, spins=spins, **options)
 
 
 def tilted(sim, fixed=3, tilted=3):
@@ -113,7 +113,7 @@ def test_spins_count_where_the_turntable_is_poorly_known():
     sim, recording = session(spins=3, wrists=tilted(Simulation(1)))
     spin = rank_samples(recording, [Spinning(4.0)])[0]
     assert spin.after_mm < spin.before_mm
-    still = Simulation(2).record(spins=0, wrists=tilted(sim))
+    still = Simulation(2).record(looks=3, spins=0, wrists=tilted(sim))
     spin = rank_samples(still, [Spinning(4.0)], Job(angles_rad=[0.0]))[0]
     assert spin.after_mm == pytest.approx(spin.before_mm)
 
@@ -191,7 +191,7 @@ def test_the_nominal_axis_may_be_given_and_tilts_start_from_it():
 
 def test_an_arm_of_four_axes_is_never_asked_to_tilt():
     sim = Simulation(4, one_axis=True)
-    recording = sim.record(wrists=[sim.wrist(1.5) for _ in range(8)])
+    recording = sim.record(looks=3, spins=3, wrists=[sim.wrist(1.5) for _ in range(5)])
     reach = Reach.of(recording)
     assert reach.max_tilt_rad == 0
     for advice in next_best(calibrate_joint(recording), reach=reach):
@@ -205,7 +205,8 @@ def test_an_arm_of_four_axes_is_never_asked_to_tilt():
 
 def test_the_tcp_of_four_axes_is_named_unknown_and_irrelevant_until_a_tilt_is_asked_for():
     sim = Simulation(4, one_axis=True)
-    result = calibrate_joint(sim.record(wrists=[sim.wrist(1.5) for _ in range(8)]))
+    recording = sim.record(looks=3, spins=3, wrists=[sim.wrist(1.5) for _ in range(5)])
+    result = calibrate_joint(recording)
     for job in (Job(), Job(Policy.FOLLOW), Job(Policy.REQUESTED, [sim.wrist(2.0)])):
         open_directions = Foresight(result, job).undetermined()
         assert [one.matters for one in open_directions] == [False, False]
@@ -256,7 +257,8 @@ def test_the_camera_sees_tag_a_within_its_picture_only():
 
 def test_a_session_planned_as_a_whole_has_touches_and_spins():
     rng = np.random.default_rng(5)
-    nominal = calibrate_joint(Simulation(1).record(wrists=random_wrists(rng, 1.0, 6)))
+    recording = Simulation(1).record(looks=2, spins=3, wrists=random_wrists(rng, 1.0, 6))
+    nominal = calibrate_joint(recording, arm=ArmModel())
     job = Job(Policy.REQUESTED, random_wrists(rng, 1.0, 2), angles_rad=(0.0, 2.0))
     plan = plan_samples(nominal, 9, job, Reach(TILT, 1.0))
     kinds = [type(one) for one in plan]

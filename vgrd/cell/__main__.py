@@ -10,6 +10,7 @@ from pathlib import Path
 import structlog
 
 from vgrd import logs
+from vgrd.cell.advisor import Advisor
 from vgrd.cell.answering import Limits
 from vgrd.cell.control_server import ControlServer
 from vgrd.cell.measuring import Measuring
@@ -66,7 +67,8 @@ class Cell:
             clock,
             simulation=config.cell.simulation,
         )
-        teaching = Teaching(self.measuring, self.recorder, facts, config.touch)
+        advisor = Advisor(Policy(serving.policy))
+        teaching = Teaching(self.measuring, self.recorder, facts, config.touch, advisor)
         store = CalibrationStore(state, clock)
         self.operations = Operations(
             self.measuring, self.serving, teaching, store, runtime, state, clock

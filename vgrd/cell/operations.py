@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from vgrd.calibration.system import expected_coordinate
+from vgrd.cell.advisor import policy_called
 from vgrd.cell.control_server import Arguments, Operation, text_argument
 from vgrd.cell.feeds import GateFeed
 from vgrd.cell.measuring import Measuring
@@ -70,6 +71,7 @@ class Operations:
             "verify": sample(SampleKind.VERIFY),
             "point": lambda a: teaching.point(text_argument(a, "name")),
             "undo": lambda _: teaching.undo(),
+            "advise": self._advise,
             "solve": self._solve,
             "activate": self._activate,
             "ec": self._ec,
@@ -115,6 +117,16 @@ class Operations:
             + (f": {row.detail}" if row.detail else "")
             for row in rows
         }
+
+    async def _advise(self, arguments: Arguments) -> Mapping[str, Any]:
+        limits: dict[str, str | float] = {
+            name: _number(arguments, name)
+            for name in ("tilt_deg", "yaw_deg")
+            if arguments.get(name) is not None
+        }
+        if arguments.get("policy") is not None:
+            limits["policy"] = policy_called(text_argument(arguments, "policy")).value
+        return await self.teaching.advise(**limits)
 
     async def _solve(self, arguments: Arguments) -> Mapping[str, Any]:
         """Run the solver in a process of its own: it can be killed, and never delays an answer."""
@@ -188,6 +200,13 @@ class Operations:
                 f"{calibration.id} was made for another cell: {'; '.join(differences)}. "
                 "Teach again, or restore the cell file"
             )
+
+
+def _number(arguments: Arguments, name: str) -> float:
+    try:
+        return float(arguments[name])
+    except (TypeError, ValueError) as err:
+        raise ControlError(f"argument {name!r} must be a number, got {arguments[name]!r}") from err
 
 
 def fact_differences(calibrated: CellFacts, configured: CellFacts) -> list[str]:

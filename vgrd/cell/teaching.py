@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import structlog
 
+from vgrd.cell.advisor import Advisor
 from vgrd.cell.measuring import ROBOT_LOST_S, Measuring
 from vgrd.cell.recorder import Recorder
 from vgrd.cell.serving import tcp_difference
@@ -40,12 +41,14 @@ class Teaching:
         recorder: Recorder,
         facts: CellFacts,
         touch: TouchSection,
+        advisor: Advisor | None = None,
         now_name: Callable[[], str] = lambda: time.strftime("%Y%m%d-%H%M%S"),
     ) -> None:
         self.measuring = measuring
         self.recorder = recorder
         self.facts = facts
         self.touch_sigma = touch
+        self.advisor = advisor
         self.now_name = now_name
         self.last_session: Path | None = None
 
@@ -56,12 +59,16 @@ class Teaching:
         name = session or self.now_name()
         facts = replace(self.facts, wrist_from_tcp=self._reading().wrist_from_tcp)
         await self.recorder.start(name, Plan(plan), facts)
+        if self.advisor is not None:
+            await self.advisor.start()
         return {"session": name, "plan": plan, "folder": str(self._session().path)}
 
     async def stop(self) -> dict[str, object]:
         """Close the session."""
         counts = self._counts()
         self.last_session = await self.recorder.stop()
+        if self.advisor is not None:
+            await self.advisor.close()
         return {"session": self.last_session.name, "folder": str(self.last_session), **counts}
 
     async def look(self) -> dict[str, object]:
@@ -96,7 +103,17 @@ class Teaching:
     async def undo(self) -> dict[str, object]:
         """Take back the last sample."""
         sequence, kind = await self.recorder.call(lambda writer: writer.undo())
-        return {"undone": kind.value, "sample": sequence, **self._counts()}
+        return {"undone": kind.value, "sample": sequence, **self._counts(), **await self._advice()}
+
+    async def advise(self, **limits: str | float) -> Mapping[str, object]:
+        """What the session, open or last, is worth and needs; limits: policy, tilt_deg, yaw_deg."""
+        if self.advisor is None:
+            raise ControlError("this cell gives no advice")
+        if self.recorder.writer is not None:
+            return await self.advisor.full(self._session().path, **limits)
+        if self.last_session is None:
+            raise ControlError("no session was recorded yet: vgrd record start --plan joint")
+        return await self.advisor.full(self.last_session, **limits)
 
     def status(self) -> dict[str, object]:
         """Describe the session for `vgrd status`."""
@@ -124,7 +141,15 @@ class Teaching:
         sequence = await self.recorder.call(lambda writer: writer.sample(kind, value))
         seen = value if isinstance(value, Observation) else value.observation
         tags = [name for name in ("tag_a", "tag_b") if getattr(seen, name, None) is not None]
-        return {"sample": sequence, "kind": kind.value, "tags": tags, **self._counts()}
+        return {"sample": sequence, "kind": kind.value, "tags": tags, **self._counts()} | (
+            await self._advice()
+        )
+
+    async def _advice(self) -> dict[str, object]:
+        """What comes of the samples so far, if it can be told without a delay."""
+        if self.advisor is None:
+            return {}
+        return {"advice": await self.advisor.brief(self._session().path)}
 
     async def _observe(self) -> Observation:
         """Pose and picture of one rest; NotSteady when robot or object still move."""
