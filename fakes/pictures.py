@@ -184,7 +184,7 @@ def clean_levels(
     white = np.full((region.height, region.width), np.float32(look.around))
     for each in figures:
         shares = coverage(camera, each.camera_from_plane, each.figure, region, look.blur)
-        white += shares - np.float32(_surround(each.figure))
+        white += shares - np.float32(look.around)
     levels = look.black + (look.white - look.black) * white
     if look.in_front:
         hidden = look.in_front.share(region)
@@ -221,18 +221,13 @@ def camera_of(camera: Optics, region: Region) -> Optics:
 
 
 def _made(figure: Figure, look: Look) -> Figure:
-    """The figure as it is printed, on its paper."""
+    """The figure as it is printed on its paper, or drilled into what is around."""
     if not isinstance(figure, Pattern):
-        return figure
+        return replace(figure, outside=look.around)
     cell = float(np.diff(figure.x_mm).min())
     paper = cell if look.paper_mm is None else look.paper_mm
     printed = figure.scaled(look.scale).with_ink_spread(look.ink_mm)
     return printed.on_paper(paper, look.around)
-
-
-def _surround(figure: Figure) -> float:
-    """White share far from a figure."""
-    return float(figure.white[0, 0]) if isinstance(figure, Pattern) else figure.outside
 
 
 def _outline(camera: Optics, placed: Placed) -> Array:

@@ -11,6 +11,7 @@
         BadReading           not a rotation, not finite, clock went back: drop the sample, count it
       ObservationError
         TagNotSeen           the tag is not in the picture
+        HoleNotSeen          a hole is not in the picture, hidden, or one of several
         NotSteady            the robot moved during the exposure
         TooOld               the observation is older than allowed
       CalibrationError
@@ -85,6 +86,10 @@ class ObservationError(VgrdError):
 
 class TagNotSeen(ObservationError):
     """The tag is not in the picture."""
+
+
+class HoleNotSeen(ObservationError):
+    """A hole is not where it should be in the picture, is partly hidden, or is one of several."""
 
 
 class NotSteady(ObservationError):
