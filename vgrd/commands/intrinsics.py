@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from vgrd.vision.intrinsics_pictures import Board, BoardPictures
 
 _FEW_PICTURES, _TILTED_DEG, _LEAST_TILTED = 10, 15.0, 4
-_HELD_OUT_RATIO, _EMPTY_SHARE = 1.5, 0.25
+_HELD_OUT_RATIO, _EMPTY_SHARE = 1.5, 0.2
 
 
 def register(app: typer.Typer) -> None:
