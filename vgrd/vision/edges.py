@@ -1,0 +1,212 @@
+"""Edge fit: the homography of a raster from sub-pixel edge positions, robust against shadow and blur.
+
+Seven times less exact than the photometric fit, but it needs neither the light nor the point spread to
+be as modelled: it starts that fit from a coarse detection, and stands in for it where it does not fit.
+"""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vgrd.geometry import Array
+from vgrd.vision.compiling import compiled
+from vgrd.vision.homography import apply, moved, normalised, to_pixels
+from vgrd.vision.raster import Raster
+from vgrd.vision.warp import LocalFrame, project
+
+Grey = NDArray[np.uint8]
+
+_WIDEST_PX, _FINE_PX = 7.0, 3.0
+_OF_CELL = 0.42  # of the smallest cell that a profile may reach into
+_STEP_PX = 1.5  # between profiles along an edge
+_CORNER_PX = 2.5  # kept free of profiles at the ends of an edge
+_FEWEST_EDGES = 8
+_EDGE_FLOOR_PX = 0.01  # systematic error of one edge, whatever its scatter
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class EdgeFit:
+    """Corners (4, 2) px, their covariance (8, 8) from the scatter between edges, and how many edges agree."""
+
+    corners_px: Array
+    covariance: Array
+    q_from_target: Array
+    rms_px: float
+    used: float
+
+
+def fit_edges(
+    picture: Grey, raster: Raster, frame: LocalFrame, q_from_target: Array, *, coarse: bool
+) -> EdgeFit | None:
+    """Fit all black-and-white edges; None when too few are there.
+
+    coarse: the start may be off by a third of a cell, else by 2 px.
+    """
+    H, segments = normalised(q_from_target), _segments(raster)
+    corners = apply(H, raster.corners)
+    scale = float(np.abs(corners - corners.mean(0)).max())
+    cell = _cell_px(raster, H)
+    fine = max(min(_FINE_PX, _OF_CELL * cell), 1.5)
+    wide = max(min(_WIDEST_PX, _OF_CELL * cell), fine)
+    fit = None
+    for width in (wide, wide, fine) if coarse else (fine, fine):
+        Fi = np.asarray(np.linalg.inv(frame.F), dtype=np.float64)
+        found = _profiles(
+            picture, frame.lens, frame.r0, Fi, H, segments, width, min(_CORNER_PX, 0.25 * cell)
+        )
+        fit = _step(*found, scale, len(segments))
+        if fit is None:
+            return None
+        H = moved(H, fit.change, scale)
+    if fit is None:
+        return None
+    corners_px, covariance = to_pixels(frame, apply(H, raster.corners), fit.covariance, scale)
+    return EdgeFit(corners_px, covariance, H, fit.rms_px, fit.used)
+
+
+def _cell_px(raster: Raster, H: Array) -> float:
+    """Shortest side of the smallest cell, px."""
+    corners = apply(H, raster.corners)
+    sides = np.linalg.norm(np.roll(corners, -1, 0) - corners, axis=1)
+    extent = np.linalg.norm(raster.corners[1] - raster.corners[0])
+    return float(sides.min() / extent * raster.smallest_cell)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Step:
+    change: Array
+    covariance: Array
+    rms_px: float
+    used: float
+
+
+def _step(
+    q: Array, normal: Array, offset: Array, edge: NDArray[np.intp], scale: float, edges: int
+) -> _Step | None:
+    """One robust step over 8 parameters of the homography and the bloom; its sandwich covariance."""
+    if len(np.unique(edge)) < _FEWEST_EDGES:
+        return None
+    (x, y), (u, v) = (q / scale).T, normal.T * scale
+    along = u * x + v * y
+    J = np.column_stack(
+        [u * x, u * y, u, v * x, v * y, v, -along * x, -along * y, np.ones(len(q))]
+    )
+    change, weight = np.zeros(9), np.ones(len(q))
+    for _ in range(4):
+        r = offset - J @ change
+        spread = max(1.4826 * float(np.median(np.abs(r))), 0.02)
+        weight = 1 / (1 + (r / (3 * spread)) ** 2) ** 2
+        A = (J * weight[:, None]).T @ J
+        try:
+            change = change + np.linalg.solve(A, J.T @ (weight * r))
+        except np.linalg.LinAlgError:
+            return None
+    r = offset - J @ change
+    bread = np.linalg.inv(A)
+    first = np.flatnonzero(
+        np.diff(edge, prepend=-1)
+    )  # an edge errs as a whole: a sandwich of edges
+    score = np.add.reduceat(J * (weight * r)[:, None], first)
+    total = np.add.reduceat(J * weight[:, None], first)
+    meat = score.T @ score + total.T @ total * _EDGE_FLOOR_PX**2
+    covariance = bread @ meat @ bread
+    rms = float(np.sqrt(np.average(r**2, weights=weight)))
+    return _Step(change[:8], covariance[:8, :8], rms, len(np.unique(edge[weight > 0.25])) / edges)
+
+
+def _segments(raster: Raster) -> Array:
+    """Edges (n, 6) between cells: x0, y0, x1, y1 mm, and the direction (2) across, towards white."""
+    cells, x, y = raster.cells, raster.x, raster.y
+    found: list[tuple[float, ...]] = []
+    steps = np.diff(cells, axis=1)
+    for row, column in np.argwhere(steps != 0).tolist():
+        sign = float(np.sign(steps[row, column]))
+        found.append((x[column + 1], y[row], x[column + 1], y[row + 1], sign, 0.0))
+    steps = np.diff(cells, axis=0)
+    for row, column in np.argwhere(steps.T != 0)[:, ::-1].tolist():
+        sign = float(np.sign(steps[row, column]))
+        found.append((x[column], y[row + 1], x[column + 1], y[row + 1], 0.0, sign))
+    return np.array(found)
+
+
+@compiled
+def _level(picture: Grey, x: float, y: float) -> float:
+    i, j = int(x), int(y)
+    a, b = x - i, y - j
+    top = picture[j, i] * (1 - a) + picture[j, i + 1] * a
+    low = picture[j + 1, i] * (1 - a) + picture[j + 1, i + 1] * a
+    return float(top * (1 - b) + low * b)
+
+
+@compiled
+def _profiles(
+    picture: Grey,
+    lens: Array,
+    r0: Array,
+    Fi: Array,
+    H: Array,
+    segments: Array,
+    width: float,
+    free: float,
+) -> tuple[Array, Array, Array, NDArray[np.intp]]:
+    """Measure edges along their normals: points q (n, 2), normals to white (n, 2), offsets (n,), edge (n,)."""
+    height, columns = picture.shape
+    room = 0
+    ends = np.empty((len(segments), 4))
+    for k in range(len(segments)):
+        for m in range(2):
+            X, Y = segments[k, 2 * m], segments[k, 2 * m + 1]
+            w = 1.0 / (H[2, 0] * X + H[2, 1] * Y + H[2, 2])
+            ends[k, 2 * m] = (H[0, 0] * X + H[0, 1] * Y + H[0, 2]) * w
+            ends[k, 2 * m + 1] = (H[1, 0] * X + H[1, 1] * Y + H[1, 2]) * w
+        room += 2 + int(math.hypot(ends[k, 2] - ends[k, 0], ends[k, 3] - ends[k, 1]) / _STEP_PX)
+    q, normal, offset = np.empty((room, 2)), np.empty((room, 2)), np.empty(room)
+    edge = np.empty(room, np.intp)
+    half = int(2 * width)
+    profile = np.empty(2 * half + 1)
+    n = 0
+    for k in range(len(segments)):
+        dx, dy = ends[k, 2] - ends[k, 0], ends[k, 3] - ends[k, 1]
+        length = math.hypot(dx, dy)
+        pieces = int((length - 2 * free) / _STEP_PX)
+        if pieces < 1:
+            continue
+        nx, ny = -dy / length, dx / length
+        X, Y = segments[k, 0] + segments[k, 4] * 1e-3, segments[k, 1] + segments[k, 5] * 1e-3
+        w = 1.0 / (H[2, 0] * X + H[2, 1] * Y + H[2, 2])
+        ax = (H[0, 0] * X + H[0, 1] * Y + H[0, 2]) * w - ends[k, 0]
+        ay = (H[1, 0] * X + H[1, 1] * Y + H[1, 2]) * w - ends[k, 1]
+        if ax * nx + ay * ny < 0:
+            nx, ny = -nx, -ny
+        for m in range(pieces):
+            along = (free + (length - 2 * free) * (m + 0.5) / pieces) / length
+            qx, qy = ends[k, 0] + along * dx, ends[k, 1] + along * dy
+            px, py = project(
+                lens, r0[0] + Fi[0, 0] * qx + Fi[0, 1] * qy, r0[1] + Fi[1, 0] * qx + Fi[1, 1] * qy
+            )
+            ox, oy = qx + nx, qy + ny
+            ux, uy = project(
+                lens, r0[0] + Fi[0, 0] * ox + Fi[0, 1] * oy, r0[1] + Fi[1, 0] * ox + Fi[1, 1] * oy
+            )
+            ux, uy = ux - px, uy - py
+            reach = width + 1.5
+            if px < reach or py < reach or px > columns - 2 - reach or py > height - 2 - reach:
+                continue
+            for i in range(2 * half + 1):
+                s = 0.5 * (i - half)
+                profile[i] = _level(picture, px + s * ux, py + s * uy)
+            low, high = (profile[0] + profile[1]) / 2, (profile[-1] + profile[-2]) / 2
+            if high - low < 8.0:
+                continue
+            area = 0.0
+            for i in range(2 * half + 1):
+                area += min(max((profile[i] - low) / (high - low), -0.5), 1.5)
+            shift = 0.5 * (half + 0.5 - area)
+            if abs(shift) > 0.8 * width:
+                continue
+            q[n, 0], q[n, 1], normal[n, 0], normal[n, 1] = qx, qy, nx, ny
+            offset[n], edge[n] = shift, k
+            n += 1
+    return q[:n], normal[:n], offset[:n], edge[:n]
