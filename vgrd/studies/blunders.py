@@ -1,21 +1,26 @@
 """Blunders: one touch of eight is off by 2 mm; whether it is named, and what it does to the EC.
 
-`undone` is the calibration after the operator took back the touches that the verdict named and
-touched nothing again.
+Two estimates of the same session: `system`, from the closed methods, where `undone` is the
+calibration after the operator took back the touches that the verdict named and touched nothing
+again; `joint`, which leaves out by itself what it names.
 """
 
 import re
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import replace
+from functools import partial
 from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.random import SeedSequence
 
+from vgrd.calibration.joint import JointResult, calibrate_joint
+from vgrd.calibration.joint_expected import expected_by_joint
+from vgrd.calibration.joint_problem import Link
 from vgrd.calibration.system import calibrate_system, expected_coordinate
 from vgrd.errors import CalibrationError
 from vgrd.geometry import Pose
-from vgrd.model import Calibration, Plan, Policy, Recording
+from vgrd.model import Calibration, ExpectedCoordinate, Plan, Policy, Recording
 from vgrd.studies.drawing import COLORS, legend, panels
 from vgrd.studies.sessions import Session
 from vgrd.studies.simulation import COARSE, WORK_ROTATION, Request, Simulation
@@ -40,17 +45,39 @@ def _trial(seed: SeedSequence, parameters: Parameters) -> dict[str, float]:
     bad = int(cell.rng.integers(len(clean.touches)))
     blundered = _with_blunder(clean, bad, cell)
     requests = [cell.request() for _ in range(_REQUESTS)]
-    without = calibrate_system(clean)
-    kept = calibrate_system(blundered)
+    return _of_system(cell, clean, blundered, bad, requests) | _of_joint(
+        cell, clean, blundered, bad, requests
+    )
+
+
+def _of_system(
+    cell: Simulation, clean: Recording, blundered: Recording, bad: int, requests: list[Request]
+) -> dict[str, float]:
+    without, kept = calibrate_system(clean), calibrate_system(blundered)
     left, named = _undone(blundered)
+    undone = calibrate_system(left)
     return {
-        "named": float(bad in named),
-        "blamed": float(len(named - {bad})),
-        "false_alarms": float(len(_named(without))),
-        "refused_verdict": float(not kept.verdict.ok),
-        "clean_mm": _miss(cell, without, requests),
-        "kept_mm": _miss(cell, kept, requests),
-        "undone_mm": _miss(cell, calibrate_system(left), requests),
+        "system, named": float(bad in named),
+        "system, blamed": float(len(named - {bad})),
+        "system, false_alarms": float(len(_named(without))),
+        "system, refused_verdict": float(not kept.verdict.ok),
+        "system, clean_mm": _miss(cell, partial(_system_answer, without), requests),
+        "system, kept_mm": _miss(cell, partial(_system_answer, kept), requests),
+        "system, undone_mm": _miss(cell, partial(_system_answer, undone), requests),
+    }
+
+
+def _of_joint(
+    cell: Simulation, clean: Recording, blundered: Recording, bad: int, requests: list[Request]
+) -> dict[str, float]:
+    without, kept = calibrate_joint(clean), calibrate_joint(blundered)
+    named = _left_out(kept)
+    return {
+        "joint, named": float(bad in named),
+        "joint, blamed": float(len(named - {bad})),
+        "joint, false_alarms": float(len(_left_out(without))),
+        "joint, clean_mm": _miss(cell, partial(_joint_answer, without), requests),
+        "joint, kept_mm": _miss(cell, partial(_joint_answer, kept), requests),
     }
 
 
@@ -82,47 +109,61 @@ def _named(calibration: Calibration) -> set[int]:
     return {int(match[1]) - 1 for text in words if (match := _NUMBER.match(text))}
 
 
-def _miss(cell: Simulation, calibration: Calibration, requests: list[Request]) -> float:
+def _left_out(result: JointResult) -> set[int]:
+    """Indices of the touches that the joint estimate names."""
+    names = [s.name for s in result.samples if s.kind == Link.TOUCHES and not s.used]
+    return {int(match[1]) - 1 for name in names if (match := _NUMBER.match(name))}
+
+
+def _system_answer(calibration: Calibration, request: Request) -> ExpectedCoordinate:
+    tag = request.seen.tag_b
+    if tag is None:
+        raise CalibrationError("tag B is not in the picture")
+    return expected_coordinate(calibration, request.target, tag, Policy.FIXED, WORK_ROTATION)
+
+
+def _joint_answer(result: JointResult, request: Request) -> ExpectedCoordinate:
+    return expected_by_joint(result, request.target, request.seen, Policy.FIXED, WORK_ROTATION)
+
+
+def _miss(
+    cell: Simulation, answer: Callable[[Request], ExpectedCoordinate], requests: list[Request]
+) -> float:
     """Mean length of the miss, mm."""
-    lengths = []
-    for request in requests:
-        tag = request.seen.tag_b
-        if tag is None:
-            raise CalibrationError("tag B is not in the picture")
-        expected = expected_coordinate(
-            calibration, request.target, tag, Policy.FIXED, WORK_ROTATION
-        )
-        lengths.append(np.linalg.norm(cell.miss(request, expected.base_from_wrist)))
-    return float(np.mean(lengths))
+    misses = [cell.miss(request, answer(request).base_from_wrist) for request in requests]
+    return float(np.mean(np.linalg.norm(misses, axis=1)))
 
 
 def _figures(trials: Trials) -> list[Figure]:
     figures = []
     for name in _SESSIONS:
-        clean = trials.mean("clean_mm", session=name)
-        named = 100 * trials.mean("named", session=name)
-        undone = trials.mean("undone_mm", session=name) / clean
-        figures += [
-            Figure(f"{name}: blunder named", named, "%", at_least=95),
-            Figure(f"{name}: EC error, undone / clean", undone, "", at_most=1.3),
-            Figure(
-                f"{name}: EC error, kept / clean", trials.mean("kept_mm", session=name) / clean
-            ),
-            Figure(f"{name}: EC error, clean", clean, "mm"),
-            Figure(
-                f"{name}: calibration rejected",
-                100 * trials.mean("refused_verdict", session=name),
-                "%",
-            ),
-            Figure(
-                f"{name}: good touches blamed per session", trials.mean("blamed", session=name)
-            ),
-            Figure(
-                f"{name}: touches blamed per clean session",
-                trials.mean("false_alarms", session=name),
-            ),
-        ]
+        for estimate in ("system", "joint"):
+            figures += _of_estimate(trials, name, estimate)
+        rejected = 100 * trials.mean("system, refused_verdict", session=name)
+        figures.append(Figure(f"system, {name}: calibration rejected", rejected, "%"))
     return figures
+
+
+def _of_estimate(trials: Trials, name: str, estimate: str) -> list[Figure]:
+    def mean(column: str) -> float:
+        return trials.mean(f"{estimate}, {column}", session=name)
+
+    about, clean, kept = f"{estimate}, {name}", mean("clean_mm"), mean("kept_mm")
+    figures = [Figure(f"{about}: blunder named", 100 * mean("named"), "%", at_least=95)]
+    if estimate == "joint":
+        figures.append(Figure(f"{about}: EC error, kept / clean", kept / clean, at_most=1.3))
+    else:
+        undone = mean("undone_mm") / clean
+        figures += [
+            Figure(f"{about}: EC error, undone / clean", undone, at_most=1.3),
+            Figure(f"{about}: EC error, kept / clean", kept / clean),
+        ]
+    return [
+        *figures,
+        Figure(f"{about}: EC error, clean", clean, "mm"),
+        Figure(f"{about}: good touches blamed per session", mean("blamed")),
+        Figure(f"{about}: touches blamed per clean session", mean("false_alarms")),
+    ]
 
 
 def _draw(trials: Trials) -> "Drawing":
@@ -131,15 +172,20 @@ def _draw(trials: Trials) -> "Drawing":
         f"One of 8 touches off by {_BLUNDER_MM:g} mm, {runs} sessions each",
         *[("miss of the expected coordinate, mm", "share of sessions")] * len(_SESSIONS),
     )
-    kinds = {"clean": "no blunder", "undone": "named touches undone", "kept": "blunder kept"}
+    kinds = {
+        "joint, clean_mm": "joint, no blunder",
+        "joint, kept_mm": "joint, blunder kept",
+        "system, undone_mm": "system, named touches undone",
+        "system, kept_mm": "system, blunder kept",
+    }
     for axes, name in zip(all_axes, _SESSIONS, strict=True):
-        for color, (kind, words) in zip(COLORS, kinds.items(), strict=False):
-            values = np.sort(trials.values(f"{kind}_mm", session=name))
+        for color, (column, words) in zip(COLORS, kinds.items(), strict=False):
+            values = np.sort(trials.values(column, session=name))
             axes.plot(
                 values, np.arange(1, len(values) + 1) / len(values), color=color, label=words
             )
-        share = 100 * trials.mean("named", session=name)
-        axes.set(title=f"{name}: named in {share:.1f} %", xlim=(0, 1), ylim=(0, 1))
+        share = 100 * trials.mean("joint, named", session=name)
+        axes.set(title=f"{name}: joint names {share:.1f} %", xlim=(0, 1), ylim=(0, 1))
     legend(all_axes[0], "lower right")
     return drawing
 
