@@ -1,5 +1,7 @@
 """The command that finds tags in pictures and says how good they are."""
 
+from collections import Counter
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -47,9 +49,9 @@ def detect(
     if camera is not None:
         _camera_of(camera, (1, 1))  # a fault of the file is told once, not for every picture
     rows, failures = [], []
-    for image in images:
+    for image, drawn in zip(images, _drawn_files(images, draw), strict=True):
         try:
-            rows.append(_one(image, list(dict.fromkeys(families)), size_mm, camera, draw))
+            rows.append(_one(image, list(dict.fromkeys(families)), size_mm, camera, drawn))
         except InputError as error:
             failures.append(str(error))
             rows.append({"file": str(image), "tags": [], "findings": [_failure(image, error)]})
@@ -63,7 +65,7 @@ def _one(
     families: list[str],
     size_mm: float | None,
     camera_file: Path | None,
-    folder: Path | None,
+    drawn: Path | None,
 ) -> dict[str, object]:
     from vgrd.vision.inspecting import inspect_picture
     from vgrd.vision.pictures import read_picture
@@ -77,8 +79,8 @@ def _one(
             f"{camera.size_px[0]} x {camera.size_px[1]}: give the camera file of this picture"
         )
     report = inspect_picture(picture, families, size_mm, camera)
-    if folder is not None:
-        _draw(image, picture, report, folder)
+    if drawn is not None:
+        _draw(drawn, picture, report)
     return {"file": str(image), "width": width, "height": height} | report.to_json()
 
 
@@ -88,14 +90,25 @@ def _camera_of(path: Path, size_px: tuple[int, int]) -> "CameraModel":
     return read_camera(path, size_px)
 
 
-def _draw(image: Path, picture: "Picture", report: "PictureReport", folder: Path) -> None:
-    from vgrd.vision.drawing import draw_tags, write_picture
-
+def _drawn_files(images: Sequence[Path], folder: Path | None) -> Sequence[Path | None]:
+    """Where each picture is drawn; pictures of one name from several folders are numbered."""
+    if folder is None:
+        return [None] * len(images)
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise InputError(f"--draw {folder}: cannot be made: {error.strerror}") from error
-    write_picture(folder / f"{image.stem}.png", draw_tags(picture.pixels, report.marks()))
+    stems = Counter(image.stem for image in images)
+    return [
+        folder / (f"{image.stem}-{i + 1}.png" if stems[image.stem] > 1 else f"{image.stem}.png")
+        for i, image in enumerate(images)
+    ]
+
+
+def _draw(path: Path, picture: "Picture", report: "PictureReport") -> None:
+    from vgrd.vision.drawing import draw_tags, write_picture
+
+    write_picture(path, draw_tags(picture.pixels, report.marks()))
 
 
 def _failure(image: Path, error: InputError) -> dict[str, str]:
@@ -106,25 +119,36 @@ def _show(result: Result) -> None:
     for image in result["images"]:
         size = f" ({image['width']} x {image['height']} px)" if "width" in image else ""
         rows = [_row(tag) for tag in image["tags"]]
-        columns = ("dictionary", "id", "px", "tilt deg", "x, y, z mm", "quality")
+        columns = ("dictionary", "id", "px", "sigma px", "tilt deg", "x, y, z mm", "quality")
         if rows:
             console.print(table(f"{image['file']}{size}", columns, rows))
         else:
             console.print(f"{image['file']}{size}", highlight=False, markup=False)
-        for finding in image["findings"]:
-            console.print(f"  {finding['message']}", highlight=False, markup=False)
+        for remark in (*_remarks(image["tags"]), *(f["message"] for f in image["findings"])):
+            console.print(f"  {remark}", highlight=False, markup=False)
 
 
 def _row(tag: Result) -> list[object]:
     quality = tag["quality"]
-    remarks = "; ".join(finding["message"] for finding in quality["findings"]) or "good"
     tilt = quality.get("tilt_deg")
     pose = tag.get("camera_from_tag")
     return [
         tag["dictionary"],
         tag["id"],
         round(quality["side_px"]),
+        f"{quality['corner_sigma_px']:.2g}",
         None if tilt is None else f"{tilt:.1f}",
         None if pose is None else [row[3] for row in pose[:3]],
-        remarks,
+        ", ".join(finding["code"] for finding in quality["findings"]) or "good",
     ]
+
+
+def _remarks(tags: list[Result]) -> Iterator[str]:
+    """What to do about each kind of finding, told once, for the first tag that has it."""
+    told = Counter(f["code"] for tag in tags for f in tag["quality"]["findings"])
+    for tag in tags:
+        for finding in tag["quality"]["findings"]:
+            others = told.pop(finding["code"], 0) - 1
+            if others >= 0:
+                also = f" (and {others} more)" if others else ""
+                yield f"{finding['code']}: {finding['message']}{also}"

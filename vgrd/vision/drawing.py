@@ -61,7 +61,7 @@ def draw_tags(picture: Pixels, marks: Sequence[TagMark]) -> Colour:
             for tip, axis in zip(mark.axes_px[1:], _AXES, strict=True):
                 line = _fixed(np.array([mark.axes_px[0], tip]))
                 cv2.polylines(out, [line], False, axis, thickness + 1, cv2.LINE_AA, _SHIFT)
-        low = mark.corners_px.min(0) - np.array([0, 0.08 * side])
+        low = mark.corners_px.min(0) - np.array([0, 0.15 * side + 4])
         _label(out, mark.label, low, max(0.22 * side, 9.0), colour)
     return out
 

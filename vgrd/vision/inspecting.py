@@ -8,62 +8,76 @@ import numpy as np
 
 from vgrd.geometry import Array, Pose
 from vgrd.geometry.camera import CameraModel
-from vgrd.geometry.point_pose import pose_from_points
 from vgrd.model import Finding
 from vgrd.vision.codes import marker_cells, square_corners
 from vgrd.vision.drawing import TagMark, axes_px
-from vgrd.vision.finding import FoundTag, find_tags
+from vgrd.vision.finding import FoundTag, Grey, find_tags
 from vgrd.vision.pictures import Picture, as_8_bit
+from vgrd.vision.planar import PlanarPose, planar_poses
+from vgrd.vision.raster import tag_raster
+from vgrd.vision.refining import Method, Refined, refine
+from vgrd.vision.warp import lens_vector
 
-_SIGMA_PX = 0.1
+_UNREFINED_SIGMA_PX = 0.3
 _LEAST_CELL_PX = 5.0
 _LEAST_CONTRAST = 40.0
 _LEAST_TILT_DEG = 10.0
+_MOST_BLUR_PX = 2.0
+_CLIPPED, _CLIPPED_SHARE = 254, 0.2
+_BRANCH_MARGIN = 25.0  # chi-square by which the second pose must be worse
+_MOST_MISFIT_PX = 0.5
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class TagReport:
     """A tag in a picture.
 
-    corners_px (4, 2) and corner_covariance (8, 8) px^2, order x0 y0 x1 y1 ...; camera_from_tag and
-    its covariance (6, 6), left tangent, mm and rad, where size and camera are known.
+    corners_px (4, 2) and corner_covariance (8, 8) px^2, order x0 y0 x1 y1 ...; refined: the fit they come
+    from, None where only the detection's are there; poses: both solutions, the better first, where
+    size and camera are known.
     """
 
     found: FoundTag
     corners_px: Array
     corner_covariance: Array
+    refined: Refined | None
+    poses: tuple[PlanarPose, ...]
     findings: tuple[Finding, ...]
-    size_mm: float | None = None
-    camera_from_tag: Pose | None = None
-    covariance: Array | None = None
 
     @property
-    def tilt_deg(self) -> float | None:
-        """Angle between the tag's normal and the line of sight to it."""
-        if self.camera_from_tag is None:
-            return None
-        return tilt_deg(self.camera_from_tag)
+    def camera_from_tag(self) -> Pose | None:
+        """The better pose, mm."""
+        return self.poses[0].pose if self.poses else None
 
     def to_json(self) -> dict[str, object]:
         """As `vgrd detect --json` writes it."""
-        quality: dict[str, object] = {
-            "side_px": self.found.side_px,
-            "contrast": self.found.contrast,
-        }
-        if self.tilt_deg is not None:
-            quality["tilt_deg"] = self.tilt_deg
-        quality["findings"] = _as_json(self.findings)
         out: dict[str, object] = {
             "dictionary": self.found.family,
             "id": self.found.id,
             "corners_px": self.corners_px.tolist(),
             "corner_covariance_px2": self.corner_covariance.tolist(),
-            "quality": quality,
+            "quality": self._quality(),
         }
-        if self.camera_from_tag is not None and self.covariance is not None:
-            out["camera_from_tag"] = self.camera_from_tag.matrix().tolist()
-            out["covariance"] = self.covariance.tolist()
+        if self.poses:
+            out["camera_from_tag"] = self.poses[0].pose.matrix().tolist()
+            best = self.poses[0]
+            out["covariance"] = (best.covariance * _inflation(best)).tolist()
         return out
+
+    def _quality(self) -> dict[str, object]:
+        sigma = float(np.sqrt(np.diag(self.corner_covariance).max()))
+        out: dict[str, object] = {
+            "side_px": self.found.side_px,
+            "corner_sigma_px": sigma,
+            "contrast": self.found.contrast,
+            "method": "detection" if self.refined is None else str(self.refined.method),
+        }
+        fit = None if self.refined is None else self.refined.fit
+        if fit is not None:
+            out |= {"chi2": fit.chi2, "blur_px": _blur_px(fit.blur), "bloom_px": fit.bloom_px}
+        if self.poses:
+            out["tilt_deg"] = tilt_deg(self.poses[0].pose)
+        return out | {"findings": _as_json(self.findings)}
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -73,6 +87,7 @@ class PictureReport:
     tags: tuple[TagReport, ...]
     findings: tuple[Finding, ...]
     camera: CameraModel | None
+    size_mm: float | None
 
     def to_json(self) -> dict[str, object]:
         """As `vgrd detect --json` writes it."""
@@ -84,26 +99,27 @@ class PictureReport:
     def marks(self) -> list[TagMark]:
         """The tags as they are drawn."""
         return [
-            TagMark(
-                str(tag.found.id),
-                tag.corners_px,
-                axes_px(self.camera, tag.camera_from_tag, tag.size_mm / 2)
-                if self.camera and tag.camera_from_tag and tag.size_mm
-                else None,
-                doubtful=bool(tag.findings),
-            )
+            TagMark(str(tag.found.id), tag.corners_px, self._axes(tag), bool(tag.findings))
             for tag in self.tags
         ]
+
+    def _axes(self, tag: TagReport) -> Array | None:
+        pose = tag.camera_from_tag
+        if self.camera is None or self.size_mm is None or pose is None:
+            return None
+        return axes_px(self.camera, pose, self.size_mm / 2)
 
 
 def inspect_picture(
     picture: Picture, families: Sequence[str], size_mm: float | None, camera: CameraModel | None
 ) -> PictureReport:
-    """Find and measure all tags of the families."""
+    """Find and measure all tags of the families; poses where size_mm and camera are given."""
     grey = as_8_bit(picture.pixels)
     found = find_tags(grey, families)
     counts = Counter((tag.family, tag.id) for tag in found)
-    tags = tuple(_measured(tag, size_mm, camera, counts[tag.family, tag.id]) for tag in found)
+    tags = tuple(
+        _measured(grey, tag, size_mm, camera, counts[tag.family, tag.id]) for tag in found
+    )
     findings = []
     if not tags:
         findings.append(Finding("no_tag", f"no tag found; looked for {', '.join(families)}"))
@@ -111,7 +127,7 @@ def inspect_picture(
         findings.append(
             Finding("turned", "the file asks viewers to turn it; pixels here are as stored")
         )
-    return PictureReport(tags, tuple(findings), camera)
+    return PictureReport(tags, tuple(findings), camera, size_mm)
 
 
 def tilt_deg(camera_from_tag: Pose) -> float:
@@ -122,36 +138,105 @@ def tilt_deg(camera_from_tag: Pose) -> float:
 
 
 def _measured(
-    tag: FoundTag, size_mm: float | None, camera: CameraModel | None, count: int
+    grey: Grey, tag: FoundTag, size_mm: float | None, camera: CameraModel | None, count: int
 ) -> TagReport:
-    pose = covariance = None
+    raster = tag_raster(tag.family, tag.id, size_mm or 1.0)
+    refined = refine(grey, raster, tag.corners_px, lens_vector(camera))
+    corners, covariance = tag.corners_px, _UNREFINED_SIGMA_PX**2 * np.eye(8)
+    if refined is not None:
+        corners, covariance = refined.corners_px, refined.covariance
+    poses: tuple[PlanarPose, ...] = ()
+    misfit_px = 0.0
     if size_mm is not None and camera is not None:
-        fit = pose_from_points(square_corners(size_mm), tag.corners_px, camera, sigma_px=_SIGMA_PX)
-        pose, covariance = fit.camera_from_target, fit.covariance
-    findings = tuple(_findings(tag, pose, count))
-    corner_covariance = _SIGMA_PX**2 * np.eye(8)
-    return TagReport(tag, tag.corners_px, corner_covariance, findings, size_mm, pose, covariance)
+        square = square_corners(size_mm)
+        poses = tuple(planar_poses(camera, square, corners, covariance))
+        if poses:
+            off = camera.project(poses[0].pose @ square) - corners
+            misfit_px = float(np.sqrt(np.mean(off**2)))
+    findings = tuple(
+        Finding(code, f"tag {tag.id}: {message}")
+        for code, message in [
+            *_place_remarks(tag, count),
+            *_light_remarks(grey, tag, refined),
+            *_pose_remarks(tag, poses, misfit_px),
+        ]
+    )
+    return TagReport(tag, corners, covariance, refined, poses, findings)
 
 
-def _findings(tag: FoundTag, pose: Pose | None, count: int) -> list[Finding]:
-    """Remarks in the operator's terms."""
-    name, side = f"tag {tag.id}: {tag.side_px:.0f} px", tag.side_px
+def _place_remarks(tag: FoundTag, count: int) -> list[tuple[str, str]]:
     out = []
     if count > 1:
-        out.append(
-            Finding("twice", f"{name}: {count} of this id in the picture; print another id", True)
-        )
-    if side / len(marker_cells(tag.family, tag.id)) < _LEAST_CELL_PX:
-        out.append(Finding("small", f"{name}: too small; use a larger tag or come nearer"))
+        out.append(("twice", f"{count} of this id in the picture: print one with another id"))
+    if tag.mirrored:
+        out.append(("mirrored", "seen as in a mirror: printed wrongly, or the picture is flipped"))
+    if _is_small(tag):
+        out.append(("small", f"{tag.side_px:.0f} px: too small, use a larger tag or come nearer"))
+    return out
+
+
+def _light_remarks(grey: Grey, tag: FoundTag, refined: Refined | None) -> list[tuple[str, str]]:
+    """Remarks on focus and light."""
+    out = []
     if tag.contrast < _LEAST_CONTRAST:
-        out.append(Finding("contrast", f"{name}: only {tag.contrast:.0f} grey levels; more light"))
-    if pose is not None and tilt_deg(pose) < _LEAST_TILT_DEG:
+        out.append(("contrast", f"only {tag.contrast:.0f} grey levels: give it more light"))
+    if _clipped_share(grey, tag.corners_px) > _CLIPPED_SHARE:
+        out.append(("overexposed", "white is as bright as it can get: expose less"))
+    if refined is None:
+        return [
+            *out,
+            ("unmeasured", "corners are rough: is it half hidden, bent or out of focus?"),
+        ]
+    fit = refined.fit
+    if fit is not None and _blur_px(fit.blur) > _MOST_BLUR_PX:
+        blur = f"blurred by {_blur_px(fit.blur):.1f} px"
+        out.append(("blurred", f"{blur}: focus, or stand still"))
+    if refined.method is Method.EDGES and not _is_small(tag):
         out.append(
-            Finding(
-                "frontal", f"{name}, tilt {tilt_deg(pose):.0f} degrees: too frontal, tilt it by 10"
-            )
+            ("uneven", "shadow, glare or motion blur across it: its edges were measured instead")
         )
     return out
+
+
+def _pose_remarks(
+    tag: FoundTag, poses: Sequence[PlanarPose], misfit_px: float
+) -> list[tuple[str, str]]:
+    if not poses:
+        return []
+    out = []
+    best, tilt = poses[0], tilt_deg(poses[0].pose)
+    if misfit_px > _MOST_MISFIT_PX:
+        off = f"its corners are off a square by {misfit_px:.2f} px"
+        out.append(("misfit", f"{off}: is the camera file right, the tag flat?"))
+    if len(poses) > 1 and poses[1].cost - best.cost < _BRANCH_MARGIN * _inflation(best):
+        remedy = "tilt it by 10" if tilt < _LEAST_TILT_DEG else "use a larger tag or come nearer"
+        out.append(("ambiguous", f"two poses fit (tilt {tilt:.0f} degrees): {remedy}"))
+    elif tilt < _LEAST_TILT_DEG:
+        side = f"{tag.side_px:.0f} px, tilt {tilt:.0f} degrees"
+        out.append(("frontal", f"{side}: too frontal, tilt it by 10"))
+    return out
+
+
+def _inflation(pose: PlanarPose) -> float:
+    """By how much the corners scatter more than their covariance says: 2 degrees of freedom."""
+    return max(pose.cost / 2, 1.0)
+
+
+def _clipped_share(grey: Grey, corners_px: Array) -> float:
+    """Share of the tag's pixels at the upper end of the range."""
+    low = np.maximum(np.floor(corners_px.min(0)).astype(int), 0)
+    high = np.ceil(corners_px.max(0)).astype(int) + 1
+    region = grey[low[1] : high[1], low[0] : high[0]]
+    return float(np.mean(region >= _CLIPPED)) if region.size else 0.0
+
+
+def _is_small(tag: FoundTag) -> bool:
+    return tag.side_px / len(marker_cells(tag.family, tag.id)) < _LEAST_CELL_PX
+
+
+def _blur_px(blur: Array) -> float:
+    """The larger standard deviation of the point spread."""
+    return float(np.sqrt(np.linalg.eigvalsh(blur)[-1]))
 
 
 def _as_json(findings: Sequence[Finding]) -> list[dict[str, str]]:
