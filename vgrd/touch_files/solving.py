@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from scipy.special import gammaincc
 
-from vgrd.calibration.checks.misreading import misreading
+from vgrd.calibration.checks.misreading import VariedWrists, misreading
 from vgrd.calibration.robust import RobustFit, TouchFit, fit_without_outliers, noise_scale
 from vgrd.calibration.rotation_relaxation import Certificate
 from vgrd.calibration.tcp import FixedPointResult, calibrate_fixed_point
@@ -198,7 +198,8 @@ def _contradiction(file: TouchFile, solved: _Solved, *, noisy: bool) -> list[Fin
     if file.kind is TouchKind.UNIVERSAL and (noisy or left_out):
         points = file.points_in_object
         everything = calibrate_universal(UniversalProblem(points, file.touches))
-        found = misreading(file.names, points, file.touches, noise_scale(everything))
+        wrists = VariedWrists(file.touches)
+        found = misreading(file.names, points, wrists, noise_scale(everything))
         if found is not None:
             return [found]
     if not noisy:

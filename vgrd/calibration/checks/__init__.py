@@ -1,1 +1,15 @@
 """Checks of a recording by its own data: what is missing, what was meant otherwise, what moved."""
+
+from vgrd.calibration.checks.acceptance import accept
+from vgrd.calibration.checks.conventions import cannot_tell
+from vgrd.calibration.checks.examining import examine
+from vgrd.calibration.checks.missing_motion import MissingMotion, missing_motion, missing_motions
+
+__all__ = [
+    "MissingMotion",
+    "accept",
+    "cannot_tell",
+    "examine",
+    "missing_motion",
+    "missing_motions",
+]

@@ -1,11 +1,13 @@
-"""Which mistake in a file of CAD points would explain touches that contradict each other."""
+"""Which mistake in a list of CAD points would explain touches that contradict each other."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from itertools import combinations
+from typing import Protocol
 
 import numpy as np
 
+from vgrd.calibration.cad_fit import fit_cad, kabsch
 from vgrd.calibration.robust import noise_scale
 from vgrd.calibration.rotation_relaxation import relax
 from vgrd.calibration.touches import TouchSet
@@ -30,8 +32,60 @@ class _Reading:
     points: Array
 
 
+class Wrists(Protocol):
+    """How touches are held against CAD points (m, 3)."""
+
+    def closed_form(self, points: Array) -> float:
+        """Cost near the minimum, quickly."""
+
+    def scatter(self, points: Array) -> float:
+        """How many times as much as promised the touches scatter."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class VariedWrists:
+    """By the universal method."""
+
+    touches: TouchSet
+
+    def closed_form(self, points: Array) -> float:
+        """Cost near the minimum: the relaxed rotation, with many touches the linear one."""
+        K = reduced_cost(points, self.touches)
+        S = linear_rotation(K).T if len(points) > _FEW else relax(K.T @ K).rotation
+        return float(np.sum((K[:, :9] @ S.ravel() + K[:, 9]) ** 2))
+
+    def scatter(self, points: Array) -> float:
+        """Infinite where the points determine nothing."""
+        try:
+            return noise_scale(calibrate_universal(UniversalProblem(points, self.touches)))
+        except CalibrationError:
+            return float("inf")
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ConstantWrist:
+    """By a rigid fit of the flange's positions."""
+
+    touches: TouchSet
+
+    def closed_form(self, points: Array) -> float:
+        """Sum of squares of the unweighted fit."""
+        at = self.touches.translations
+        return float(np.sum((kabsch(points, at) @ points - at) ** 2))
+
+    def scatter(self, points: Array) -> float:
+        """Infinite where the points determine nothing."""
+        freedom = self.touches.equations() - 6
+        try:
+            off = fit_cad(points, self.touches).residuals_mm
+        except CalibrationError:
+            return float("inf")
+        whitened = np.einsum("mij,mj->mi", self.touches.base_whiteners(), off)
+        return float(np.sqrt(np.sum(whitened**2) / freedom)) if freedom > 0 else 1.0
+
+
 def misreading(
-    names: Sequence[str], points_in_object: Array, touches: TouchSet, scale: float
+    names: Sequence[str], points_in_object: Array, wrists: Wrists, scale: float
 ) -> Finding | None:
     """The one mistake with which all m touches agree, None where none or several explain them.
 
@@ -39,29 +93,15 @@ def misreading(
     fit as well as before: turning the plane over is a rotation, nothing in the touches shows it.
     """
     readings = sorted(
-        _readings(names, points_in_object), key=lambda one: _closed_form(one.points, touches)
+        _readings(names, points_in_object), key=lambda one: wrists.closed_form(one.points)
     )
-    tried = [(_scatter(one.points, touches), one.finding) for one in readings[:_PROMISING]]
+    tried = [(wrists.scatter(one.points), one.finding) for one in readings[:_PROMISING]]
     tried.sort(key=lambda one: one[0])
     if not tried or not tried[0][0] < min(_FITS, _CLEARLY_BETTER * scale):
         return None
     if len(tried) > 1 and tried[0][0] > _RIVAL * tried[1][0]:
         return None
     return tried[0][1]
-
-
-def _closed_form(points: Array, touches: TouchSet) -> float:
-    """Cost near the minimum: the relaxed rotation, with many touches the linear one."""
-    K = reduced_cost(points, touches)
-    S = linear_rotation(K).T if len(points) > _FEW else relax(K.T @ K).rotation
-    return float(np.sum((K[:, :9] @ S.ravel() + K[:, 9]) ** 2))
-
-
-def _scatter(points: Array, touches: TouchSet) -> float:
-    try:
-        return noise_scale(calibrate_universal(UniversalProblem(points, touches)))
-    except CalibrationError:
-        return float("inf")
 
 
 def _readings(names: Sequence[str], points: Array) -> Iterator[_Reading]:

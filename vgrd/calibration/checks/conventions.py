@@ -1,0 +1,205 @@
+"""Which convention was mistaken: rotation format, degrees, unit of length, inverted poses, mount.
+
+The recorded poses are read in every other way; the reading under which robot and pictures agree to
+what the noise allows is named. What no reading can show is told by `cannot_tell`.
+"""
+
+from collections.abc import Mapping, Sequence
+from types import MappingProxyType
+
+import numpy as np
+
+from vgrd.calibration.checks.agreement import Agreement, Poses, agreement, noise_of
+from vgrd.calibration.checks.readings import (
+    Fitted,
+    Reading,
+    best_of,
+    degrees_as_radians,
+    other_readings,
+)
+from vgrd.calibration.hand_eye import PoseSample
+from vgrd.calibration.hand_eye_samples import hand_eye_samples
+from vgrd.geometry.formats import RotationFormat
+from vgrd.model import CellFacts, Finding, Mount, Recording
+
+_MIN_SAMPLES = 4
+_SIGMAS = 6.0
+_LEAST_DEG = 0.5
+_LEAST_MM = 2.0
+_CONTRADICTORY_DEG = 3.0
+_CONTRADICTORY_MM = 25.0
+_REACH_MM = 500.0
+_UNIT_RATIO = 1.3
+_UNITS: Mapping[float, str] = MappingProxyType(
+    {
+        1000.0: "metres that were read as millimetres",
+        0.001: "millimetres that were read as metres",
+        25.4: "inches that were read as millimetres",
+    }
+)
+_MOVES_ALONG = 0.3
+_TURNED_DEG = 2.0
+_SHIFTED_MM = 20.0
+
+
+def misread_poses(
+    recording: Recording, *, read_as: RotationFormat | None = None
+) -> Finding | None:
+    """The mistake in the robot's poses with which they fit the pictures of tag A; None without one.
+
+    read_as: the format in which the driver reads them, None where that is not known. Fewer than 4
+    distinct poses, or none that turned, tell nothing.
+    """
+    samples = hand_eye_samples(recording)
+    if len(samples) < _MIN_SAMPLES:
+        return None
+    wrists = Poses.of([sample.base_from_wrist for sample in samples])
+    cameras = Poses.of([sample.camera_from_target for sample in samples])
+    moves = wrists if recording.facts.mount is Mount.EYE_TO_HAND else wrists.inverted()
+    deg, mm = _limits(samples, cameras, recording.facts.robot_sigma_mm)
+    own = agreement(moves, cameras)
+    if own.within(deg, mm):
+        return _unit_finding(own, moves, cameras, mm)
+    found = explain(moves, cameras, deg=deg, mm=mm, read_as=read_as)
+    if found:
+        return _finding(found, own, recording)
+    if own.within(_CONTRADICTORY_DEG, _CONTRADICTORY_MM):
+        return None
+    return Finding(
+        "poses_contradict",
+        f"robot poses and pictures of tag A contradict each other, typically {own.deg:.1f} deg and "
+        f"{own.mm:.1f} mm off, whatever rotation format, unit or mount is supposed: check that "
+        "poses and pictures belong together and that tag A and camera are tight",
+        fatal=True,
+    )
+
+
+def explain(
+    moves: Poses,
+    cameras: Poses,
+    *,
+    deg: float,
+    mm: float,
+    read_as: RotationFormat | None = None,
+) -> list[Fitted]:
+    """Readings of moves (n) under which they agree with the pictures, the likeliest first.
+
+    The search for degrees that were read as radians is made when nothing else agrees.
+    """
+
+    def fit(poses: Poses) -> Agreement:
+        return agreement(poses, cameras)
+
+    for readings in (
+        other_readings(moves, cameras, deg=deg, read_as=read_as),
+        degrees_as_radians(moves, cameras, mm=mm),
+    ):
+        found = best_of(list(readings), fit, deg=deg, mm=mm)
+        if found:
+            return found
+    return []
+
+
+def cannot_tell(facts: CellFacts) -> tuple[Finding, ...]:
+    """What no recording can show, so that nobody reads its silence as a proof.
+
+    A TCP or user frame that stays active shifts all flange poses alike: hand-eye, TCP and object
+    take it up and every residual is the same to the last digit.
+    """
+    if facts.wrist_from_tcp is None:
+        return (
+            Finding(
+                "flange_not_proven",
+                "whether the robot reports its flange or an active TCP cannot be told from the "
+                "samples, and this robot does not tell it: set TCP and user frame on the pendant "
+                "to zero, or compare with the pendant's flange pose",
+            ),
+        )
+    return ()
+
+
+def _limits(samples: Sequence[PoseSample], cameras: Poses, sigma_mm: float) -> tuple[float, float]:
+    """Medians, degrees and mm, that noise does not explain."""
+    covariances = np.array([sample.covariance for sample in samples])
+    noise = noise_of(cameras, covariances, sigma_mm, sigma_mm / _REACH_MM)
+    return (
+        max(_LEAST_DEG, _SIGMAS * float(np.degrees(noise.rad))),
+        max(_LEAST_MM, _SIGMAS * noise.mm),
+    )
+
+
+def mistaken_unit(fit: Agreement) -> str | None:
+    """In words what the robot's lengths are, where one unit of them is far from the stated one."""
+    for millimetres, words in _UNITS.items():
+        if 1 / _UNIT_RATIO < fit.millimetres / millimetres < _UNIT_RATIO:
+            return words
+    return None
+
+
+def _unit_finding(own: Agreement, moves: Poses, cameras: Poses, mm: float) -> Finding | None:
+    """A wrong unit is a scale of about 1000 that the pictures insist on."""
+    words = mistaken_unit(own)
+    if words is None or agreement(moves, cameras, unit_known=True).within(np.inf, mm):
+        return None
+    return Finding(
+        "unit_misread",
+        f"by the size of tag A one unit of the robot's positions measures {own.millimetres:.4g} mm "
+        f"instead of 1: they are {words}; correct the unit of the robot's poses",
+        fatal=True,
+    )
+
+
+def _finding(found: Sequence[Fitted], own: Agreement, recording: Recording) -> Finding:
+    """Name the likeliest reading and those that fit as well."""
+    best = found[0]
+    simplest = [one for one in found if one.reading.faults == best.reading.faults]
+    words = list(dict.fromkeys(_words(one.reading, recording) for one in simplest))
+    unit = mistaken_unit(best.fit)
+    also = f" and lengths are {unit}" if unit else ""
+    message = (
+        f"as recorded, robot poses and pictures of tag A are typically {own.deg:.1f} deg and "
+        f"{own.mm:.1f} mm off; they agree to {best.fit.deg:.2f} deg and {best.fit.mm:.2f} mm when "
+        f"{' or '.join(words)}{also}: correct that and record again"
+    )
+    return Finding(_code(best.reading, recording), message, fatal=True)
+
+
+def _code(reading: Reading, recording: Recording) -> str:
+    if reading.meant is not None:
+        return "rotation_misread"
+    moves = _camera_moves(recording)
+    if moves is None:
+        return "poses_inverted_or_mount"
+    return "mount_wrong" if moves else "poses_inverted"
+
+
+def _words(reading: Reading, recording: Recording) -> str:
+    parts = []
+    if reading.meant is not None:
+        parts.append(f"numbers read as {reading.read_as} are taken for {reading.meant}")
+    if reading.inverted:
+        moves = _camera_moves(recording)
+        mounts = [mount for mount in Mount if mount is not recording.facts.mount]
+        other = f"the camera's mount is {mounts[0]}"
+        poses = "poses are inverted (base seen from the flange)"
+        parts.append(f"{poses} or {other}" if moves is None else other if moves else poses)
+    return " and ".join(parts)
+
+
+def _camera_moves(recording: Recording) -> bool | None:
+    """Whether the mount is another one than stated, by tag B on the object that stands still.
+
+    A camera that stands still sees it stand still. None where too little was seen of it.
+    """
+    touched = [touch.observation for touch in recording.touches if touch.observation]
+    seen = [(one.base_from_wrist, one.tag_b.camera_from_tag) for one in touched if one.tag_b]
+    if len(seen) < 2:
+        return None
+    wrists, tags = (Poses.of([pair[k] for pair in seen]) for k in (0, 1))
+    went = float(np.ptp(wrists.translations, axis=0).max())
+    shift = float(np.ptp(tags.translations, axis=0).max())
+    turned = np.max([seen[0][0].distance(wrist)[1] for wrist, _ in seen])
+    if went < _SHIFTED_MM and np.degrees(turned) < _TURNED_DEG:
+        return None
+    moved = shift > max(_LEAST_MM, _MOVES_ALONG * went * (went >= _SHIFTED_MM))
+    return bool(moved) == (recording.facts.mount is Mount.EYE_TO_HAND)

@@ -1,0 +1,59 @@
+"""All checks of one recording, before it is solved or half-way through it."""
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from vgrd.calibration.checks.conventions import misread_poses
+from vgrd.calibration.checks.misread_points import misread_points
+from vgrd.calibration.checks.missing_motion import missing_motions
+from vgrd.calibration.checks.repeats import moved_object, repeated_poses
+from vgrd.calibration.checks.size_and_time import tag_size, time_offset
+from vgrd.calibration.hand_eye_samples import hand_eye_samples
+from vgrd.calibration.motion import Axes, turned_axes
+from vgrd.geometry.formats import RotationFormat
+from vgrd.model import Finding, Policy, Recording
+
+
+def examine(
+    recording: Recording,
+    policy: Policy = Policy.FIXED,
+    *,
+    read_as: RotationFormat | None = None,
+) -> list[Finding]:
+    """What the recording tells against itself; empty for a clean and complete one.
+
+    read_as: the format in which the driver reads orientations, None where that is not known. Works
+    on half-recorded sessions, whose missing motions are findings too (`missing_motions`). Raises
+    InputError where a touched target is not in CAD or a covariance is no covariance.
+    """
+    return list(_findings(recording, policy, read_as))
+
+
+def _findings(
+    recording: Recording, policy: Policy, read_as: RotationFormat | None
+) -> Iterator[Finding]:
+    repeated = list(repeated_poses(recording))
+    yield from repeated
+    late = time_offset(recording)
+    mistake = late or misread_poses(recording, read_as=read_as)
+    moved = moved_object(recording)
+    if mistake is not None:
+        yield mistake
+        if mistake.fatal:
+            return
+    if moved is not None:
+        yield moved
+    yield from (
+        Finding(one.code, one.sentence, fatal=one.essential)
+        for one in missing_motions(recording, policy)
+    )
+    samples = hand_eye_samples(recording)
+    turned = turned_axes([s.base_from_wrist.rotation for s in samples] or [np.eye(3)])[0]
+    if turned is Axes.MANY:
+        size = tag_size(samples, recording)
+        if size is not None:
+            yield size
+    points = None if moved is not None else misread_points(recording)
+    if points is not None:
+        yield points

@@ -1,0 +1,87 @@
+"""Poses that were recorded twice or not read again, and an object that moved between touches."""
+
+from collections.abc import Iterator, Sequence
+
+import numpy as np
+
+from vgrd.calibration.hand_eye_samples import first_of_same, sightings_of_tag_a
+from vgrd.calibration.reference import find_reference
+from vgrd.errors import TooFewObservations
+from vgrd.geometry import Array, Pose
+from vgrd.model import Finding, Recording
+
+_SIGMAS_SQUARED = 60.0
+_MOVED_MM = 0.5
+_MOVED_RAD = 5e-3
+
+
+def repeated_poses(recording: Recording) -> Iterator[Finding]:
+    """Samples that hold one robot pose: recorded twice, or the robot moved and was not read again."""
+    seen = sightings_of_tag_a(recording)
+    first = first_of_same([sample.base_from_wrist for sample in seen])
+    stale: list[tuple[str, str]] = []
+    twice: list[tuple[str, str]] = []
+    for i, k in enumerate(first):
+        if i == k:
+            continue
+        moved = _differ(
+            seen[i].camera_from_target,
+            seen[k].camera_from_target,
+            seen[i].covariance + seen[k].covariance,
+        )
+        (stale if moved else twice).append((seen[k].name, seen[i].name))
+    if stale:
+        yield Finding(
+            "pose_not_read_again",
+            f"tag A moved between {_pairs(stale)}, but the robot's pose is the same to the last "
+            "digit: it was not read again; check the connection to the robot and undo them",
+            fatal=True,
+        )
+    if twice:
+        yield Finding(
+            "pose_repeated",
+            f"one robot pose was recorded twice: {_pairs(twice)}; it counts once, move the robot "
+            "between samples",
+        )
+    yield from _repeated_touches(recording)
+
+
+def _repeated_touches(recording: Recording) -> Iterator[Finding]:
+    touches = [
+        t for t in recording.touches if t.observation is None or t.observation.tag_a is None
+    ]
+    first = first_of_same([touch.base_from_wrist for touch in touches])
+    same = [(touches[k].target, touches[i].target) for i, k in enumerate(first) if i != k]
+    if same:
+        yield Finding(
+            "pose_repeated",
+            f"one robot pose was recorded for two touches: {_pairs(same)}; undo one of them",
+        )
+
+
+def moved_object(recording: Recording) -> Finding | None:
+    """Touches while which tag B stood elsewhere; None where it stood still or was not seen."""
+    try:
+        moved = find_reference(recording.touches).moved
+    except TooFewObservations:
+        return None
+    if not moved:
+        return None
+    names = ", ".join(str(i + 1) for i in moved)
+    return Finding(
+        "object_moved",
+        f"the object stood elsewhere in touch {names}: hold it still while touching, undo those "
+        "touches and touch again",
+        fatal=True,
+    )
+
+
+def _differ(pose: Pose, other: Pose, covariance: Array) -> bool:
+    mm, rad = pose.distance(other)
+    xi = (pose @ other.inverse()).log()
+    squared = float(xi @ np.linalg.solve(covariance, xi))
+    return squared > _SIGMAS_SQUARED and (mm > _MOVED_MM or rad > _MOVED_RAD)
+
+
+def _pairs(pairs: Sequence[tuple[str, str]]) -> str:
+    return ", ".join(f"{a} and {b}" for a, b in pairs)
