@@ -182,6 +182,8 @@ def test_overlays_show_the_outline_and_the_axes(vgrd, tmp_path, camera):
         assert drawn.shape == (600, 800, 3)
         coloured = np.ptp(drawn, axis=2) > 60
         assert 500 < coloured.sum() < 40_000
+    residuals = cv2.imread(str(tmp_path / "drawn" / "tag-1-0-tag7.png"))
+    assert residuals.shape[1] > 2 * residuals.shape[0]
 
 
 def test_wrong_options_are_told_before_any_picture_is_read(vgrd, tmp_path):

@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from vgrd.vision.pictures import Picture
 
 _DEFAULT_DICTIONARY = "36h11"
+_RESIDUAL_SIGMAS = 5.0  # that are shown in full colour
 
 
 def register(app: typer.Typer) -> None:
@@ -106,9 +107,16 @@ def _drawn_files(images: Sequence[Path], folder: Path | None) -> Sequence[Path |
 
 
 def _draw(path: Path, picture: "Picture", report: "PictureReport") -> None:
-    from vgrd.vision.drawing import draw_tags, write_picture
+    from vgrd.vision.drawing import draw_residuals, draw_tags, write_picture
 
     write_picture(path, draw_tags(picture.pixels, report.marks()))
+    for number, tag in enumerate(report.tags):
+        found = tag.residual_map(picture.pixels.shape)
+        if found is not None:
+            region, residuals = found
+            drawn = draw_residuals(picture.pixels[region], residuals, _RESIDUAL_SIGMAS, "sigma")
+            name = f"{path.stem}-{number}-tag{tag.found.id}.png"
+            write_picture(path.with_name(name), drawn)
 
 
 def _failure(image: Path, error: InputError) -> dict[str, str]:

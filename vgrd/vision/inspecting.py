@@ -64,6 +64,23 @@ class TagReport:
             out["covariance"] = (best.covariance * _inflation(best)).tolist()
         return out
 
+    def residual_map(self, shape: tuple[int, int]) -> tuple[tuple[slice, slice], Array] | None:
+        """Part (rows, columns) of a picture of this shape (h, w), and there model minus picture in sigmas.
+
+        NaN where no pixel was compared; None where no model was fitted.
+        """
+        fit = None if self.refined is None else self.refined.fit
+        if fit is None:
+            return None
+        x, y = np.rint(fit.frame.pixels_of(fit.q)).astype(int).T
+        region = (
+            slice(max(y.min(), 0), min(y.max() + 1, shape[0])),
+            slice(max(x.min(), 0), min(x.max() + 1, shape[1])),
+        )
+        out = np.full(shape, np.nan)
+        out[y, x] = fit.residuals
+        return region, out[region]
+
     def _quality(self) -> dict[str, object]:
         sigma = float(np.sqrt(np.diag(self.corner_covariance).max()))
         out: dict[str, object] = {

@@ -62,6 +62,7 @@ class PhotometricFit:
     noise: Noise
     outside: float
     residuals: Array
+    q: Array
     cells: Cells
     q_from_target: Array
     frame: LocalFrame
@@ -246,6 +247,7 @@ class _Iteration:
             noise=self.noise,
             outside=self.outside,
             residuals=self.residual,
+            q=self.q,
             cells=self.cell,
             q_from_target=self.H,
             frame=self.frame,
