@@ -66,7 +66,8 @@ class TagObservation:
 
     camera_from_tag: pose, mm; covariance: (6, 6) of a left tangent perturbation (v, w) of that pose;
     corners_px: (4, 2) in the order (-,-), (+,-), (+,+), (-,+) of the tag's x right, y down, OpenCV pixel
-    convention (centre of the first pixel is 0, 0); rms_px: reprojection error of the corners.
+    convention (centre of the first pixel is 0, 0); rms_px: reprojection error of the corners; chi2: per pixel,
+    how far the picture is from the model of the print, 1 when the noise explains it.
     """
 
     tag: TagSpec
@@ -74,6 +75,7 @@ class TagObservation:
     covariance: Array
     corners_px: Array
     rms_px: float
+    chi2: float = 1.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)

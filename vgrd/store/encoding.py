@@ -22,6 +22,9 @@ T = TypeVar("T")
 Json = Any  # what the json module takes and gives
 Hint = Any  # a class or a form of the typing module
 
+_ADDED_LATER = frozenset(
+    {"chi2"}
+)  # fields with a default that files of older versions do not have
 _INFINITIES = {"inf": math.inf, "-inf": -math.inf}
 
 
@@ -158,11 +161,11 @@ def _decode_dataclass(kind: type, data: object, where: str) -> object:
     _require(data, dict, where)
     entries = cast(dict[str, object], data)
     hints = _hints(kind)
-    if missing := sorted(hints.keys() - entries.keys()):
+    if missing := sorted(hints.keys() - entries.keys() - _ADDED_LATER):
         raise Corrupt(f"{where}: key {missing[0]!r} is missing; restore the file from a backup")
     if unknown := sorted(entries.keys() - hints.keys()):
         raise Corrupt(f"{where}: unknown key {unknown[0]!r}; known are {', '.join(hints)}")
-    values = {key: _decode(hint, entries[key], f"{where}: {key}") for key, hint in hints.items()}
+    values = {key: _decode(hints[key], item, f"{where}: {key}") for key, item in entries.items()}
     return _checked(kind, where, **values)
 
 

@@ -3,8 +3,8 @@
 Corners are good to a fraction of a pixel; `vgrd.vision.photometric` makes them exact.
 """
 
-from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Sequence, Set
+from dataclasses import dataclass, replace
 from functools import cache
 
 import cv2
@@ -19,6 +19,8 @@ from vgrd.vision.codes import APRILTAG_FAMILIES, dictionary_of, family_named, ma
 Grey = NDArray[np.uint8]
 
 _COARSE_WIDTH_PX = 1300  # wider pictures are halved until they are not wider
+_FINEST_WIDTH_PX = 2600  # of the pictures that a fast search looks at
+_LEAST_REGION_PX = 16
 _CELL_PX = 6  # of the straightened tag that is read
 _LEAST_CONTRAST = 12.0  # grey levels between ink and paper
 _LEAST_SIDE_PX = 6.0
@@ -71,6 +73,42 @@ def find_tags(
                 if tag is not None and tag.hamming <= max_hamming:
                     _keep(found, tag)
     return sorted(found, key=lambda tag: (tag.family, tag.id, tag.corners_px[0].tolist()))
+
+
+def search_tags(grey: Grey, wanted: Set[tuple[str, int]]) -> list[FoundTag]:
+    """Look for some tags (family, id) fast: in a small picture, then in finer ones until all are there.
+
+    Damaged ones are listed too, and whatever appears twice.
+    """
+    found: list[FoundTag] = []
+    for scale, level in reversed(_pyramid(grey)):
+        if level.shape[1] > _FINEST_WIDTH_PX:
+            break
+        for family in sorted({family for family, _ in wanted}):
+            for tag_id, corners in _candidates(level, family, thorough=False):
+                if (family, tag_id) not in wanted:
+                    continue
+                tag = read_tag(grey, family, tag_id, scale * (corners + 0.5) - 0.5)
+                if tag is not None:
+                    _keep(found, tag)
+        if wanted <= {(tag.family, tag.id) for tag in found}:
+            break
+    return found
+
+
+def tags_within(
+    grey: Grey, wanted: Set[tuple[str, int]], corners_px: Array, margin: float
+) -> list[FoundTag]:
+    """Look for tags around a place (4, 2) px: within `margin` of its extent, at full resolution."""
+    low, high = corners_px.min(0), corners_px.max(0)
+    reach = margin * float((high - low).max()) + 8
+    x0, y0 = np.maximum(np.floor(low - reach), 0).astype(int).tolist()
+    x1, y1 = np.minimum(np.ceil(high + reach), grey.shape[::-1]).astype(int).tolist()
+    if x1 - x0 < _LEAST_REGION_PX or y1 - y0 < _LEAST_REGION_PX:
+        return []
+    origin = np.array([x0, y0], dtype=np.float64)
+    found = search_tags(np.ascontiguousarray(grey[y0:y1, x0:x1]), wanted)
+    return [replace(tag, corners_px=tag.corners_px + origin) for tag in found]
 
 
 def read_tag(grey: Grey, family: str, tag_id: int, corners_px: Array) -> FoundTag | None:
@@ -136,7 +174,7 @@ def _candidates(level: Grey, family: str, *, thorough: bool) -> Iterable[tuple[i
 
 
 @cache
-def _aruco(family: str, thorough: bool) -> cv2.aruco.ArucoDetector:  # noqa: FBT001
+def _aruco(family: str, thorough: bool) -> cv2.aruco.ArucoDetector:
     parameters = cv2.aruco.DetectorParameters()
     parameters.cornerRefinementMethod = cv2.aruco.CORNER_REFINE_SUBPIX
     if thorough:
