@@ -67,7 +67,7 @@ def draw_tags(picture: Pixels, marks: Sequence[TagMark]) -> Colour:
 
 
 def draw_residuals(picture: Pixels, residuals: Array, limit: float, unit: str) -> Colour:
-    """Map of model minus picture, blue to red at -limit to limit, beside what was seen.
+    """Map of picture minus model, blue to red at -limit to limit, beside what was seen.
 
     residuals: (h, w) like the picture, NaN where nothing was compared; unit: of the numbers.
     """

@@ -14,8 +14,9 @@ from vgrd.vision.drawing import TagMark, axes_px
 from vgrd.vision.finding import FoundTag, Grey, find_tags
 from vgrd.vision.pictures import Picture, as_8_bit
 from vgrd.vision.planar import PlanarPose, planar_poses
+from vgrd.vision.quality import disturbance
 from vgrd.vision.raster import tag_raster
-from vgrd.vision.refining import Method, Refined, refine
+from vgrd.vision.refining import Refined, refine
 from vgrd.vision.warp import lens_vector
 
 _UNREFINED_SIGMA_PX = 0.3
@@ -65,7 +66,7 @@ class TagReport:
         return out
 
     def residual_map(self, shape: tuple[int, int]) -> tuple[tuple[slice, slice], Array] | None:
-        """Part (rows, columns) of a picture of this shape (h, w), and there model minus picture in sigmas.
+        """Part (rows, columns) of a picture of this shape (h, w), and there picture minus model in sigmas.
 
         NaN where no pixel was compared; None where no model was fitted.
         """
@@ -184,7 +185,7 @@ def _measured(
 def _place_remarks(tag: FoundTag, count: int) -> list[tuple[str, str]]:
     out = []
     if count > 1:
-        out.append(("twice", f"{count} of this id in the picture: print one with another id"))
+        out.append(("repeated", f"in the picture {count} times: cover or remove the others"))
     if tag.mirrored:
         out.append(("mirrored", "seen as in a mirror: printed wrongly, or the picture is flipped"))
     if _is_small(tag):
@@ -208,10 +209,9 @@ def _light_remarks(grey: Grey, tag: FoundTag, refined: Refined | None) -> list[t
     if fit is not None and _blur_px(fit.blur) > _MOST_BLUR_PX:
         blur = f"blurred by {_blur_px(fit.blur):.1f} px"
         out.append(("blurred", f"{blur}: focus, or stand still"))
-    if refined.method is Method.EDGES and not _is_small(tag):
-        out.append(
-            ("uneven", "shadow, glare or motion blur across it: its edges were measured instead")
-        )
+    trouble = disturbance(refined)
+    if trouble is not None and not _is_small(tag):
+        out.append(trouble)
     return out
 
 
