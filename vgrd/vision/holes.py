@@ -16,8 +16,9 @@ from vgrd.errors import HoleNotSeen, InputError
 from vgrd.geometry import Array, Pose
 from vgrd.geometry.camera import CameraModel
 from vgrd.model import frozen_array
-from vgrd.vision.holes_rim import Circle, Grey, Rim, RimView
+from vgrd.vision.holes_rim import Rim, measure_rim
 from vgrd.vision.holes_seed import circles_near, rims_around
+from vgrd.vision.holes_view import Circle, Grey, PlaneView
 
 RIM_HEIGHT_SIGMA_MM = 0.02
 RADIUS_TOLERANCE = 0.15
@@ -94,7 +95,7 @@ def find_hole(
     reach = (8 if center_guess_in_plane is None else 1) * radius_mm
     reach = search_mm or reach
     raised = _raised(camera_from_plane, rim_height_mm)
-    view = RimView(grey, camera, raised)
+    view = PlaneView(grey, camera, raised)
     if not view.fits(Circle(guess, radius_mm), 2.0) and center_guess_in_plane is not None:
         raise HoleNotSeen("the hole is at the edge of the picture or outside: move the camera")
     rim = _only_one(view, Circle(guess, radius_mm), reach)
@@ -136,12 +137,12 @@ def sight_holes(
     return seen, missing
 
 
-def _only_one(view: RimView, expected: Circle, reach_mm: float) -> Rim:
+def _only_one(view: PlaneView, expected: Circle, reach_mm: float) -> Rim:
     """The one rim within reach; HoleNotSeen tells why there is none, or that there are several."""
     found: list[Rim] = []
     reasons = []
     for start in circles_near(view, expected, reach_mm, RADIUS_TOLERANCE):
-        rim = view.measure(start)
+        rim = measure_rim(view, start)
         reason = _reason_against(rim, expected, reach_mm)
         if rim is None or reason:
             reasons.append(reason)
@@ -178,7 +179,7 @@ def _reason_against(rim: Rim | None, expected: Circle, reach_mm: float) -> str:
     return ""
 
 
-def _second_rim(view: RimView, rim: Rim, radius_mm: float) -> tuple[str, ...]:
+def _second_rim(view: PlaneView, rim: Rim, radius_mm: float) -> tuple[str, ...]:
     """Findings about other rims around the same centre; HoleNotSeen when it is open which one counts."""
     others = [radius for radius, share in rims_around(view, rim.circle) if share > _OTHER_RIM]
     for radius in others:
@@ -193,7 +194,7 @@ def _second_rim(view: RimView, rim: Rim, radius_mm: float) -> tuple[str, ...]:
 
 
 def _observation(
-    view: RimView,
+    view: PlaneView,
     camera: CameraModel,
     camera_from_plane: Pose,
     rim: Rim,

@@ -4,7 +4,7 @@ import cv2
 import numpy as np
 
 from vgrd.geometry import Array
-from vgrd.vision.holes_rim import Circle, RimView
+from vgrd.vision.holes_view import Circle, PlaneView, ring, turn_angles
 
 _RADIUS_PX = (10.0, 40.0)  # of the hole in the rectified view
 _LARGEST_PX = 1600
@@ -18,7 +18,7 @@ _SAME_RIM_PX = 2.5
 
 
 def circles_near(
-    view: RimView, expected: Circle, reach_mm: float, tolerance: float
+    view: PlaneView, expected: Circle, reach_mm: float, tolerance: float
 ) -> list[Circle]:
     """Circles of about the expected radius whose centre is within reach, best first."""
     scale = _scale(view, expected, reach_mm)
@@ -47,11 +47,10 @@ def circles_near(
     return [c for c in circles if np.linalg.norm(c.centre - expected.centre) <= 1.1 * reach_mm]
 
 
-def rims_around(view: RimView, circle: Circle) -> list[tuple[float, float]]:
+def rims_around(view: PlaneView, circle: Circle) -> list[tuple[float, float]]:
     """Other rims with the same centre: radius in mm, contrast as a share of the circle's own."""
-    angles = np.linspace(0, 2 * np.pi, _RING_ANGLES, endpoint=False)
-    ring = np.column_stack([np.cos(angles), np.sin(angles)])
-    places = circle.centre + (circle.radius * _RINGS)[:, None, None] * ring
+    directions = ring(turn_angles(_RING_ANGLES))
+    places = circle.centre + (circle.radius * _RINGS)[:, None, None] * directions
     step_mm = circle.radius * float(_RINGS[1] - _RINGS[0])
     levels = view.levels_at(places.reshape(-1, 2), step_mm).reshape(len(_RINGS), -1)
     px_per_ring = step_mm * view.px_per_mm(circle.centre)
@@ -70,7 +69,7 @@ def rims_around(view: RimView, circle: Circle) -> list[tuple[float, float]]:
     return rims
 
 
-def _scale(view: RimView, expected: Circle, reach_mm: float) -> float:
+def _scale(view: PlaneView, expected: Circle, reach_mm: float) -> float:
     """Pixels per mm of the rectified view."""
     seen = view.px_per_mm(expected.centre) * expected.radius
     wanted = float(np.clip(seen, *_RADIUS_PX)) / expected.radius
