@@ -12,11 +12,14 @@ from vgrd.errors import InputError, TagNotSeen
 from vgrd.geometry import Array
 from vgrd.vision.boards import Charuco, Chessboard, CircleGrid, Grey, detect_board
 from vgrd.vision.drawing import BLUE, GOOD, RED, Colour, circle_at
-from vgrd.vision.finding import find_tags
+from vgrd.vision.finding import FoundTag, find_tags
 from vgrd.vision.intrinsics import IntrinsicsResult
 from vgrd.vision.intrinsics_fit import View
 from vgrd.vision.pictures import SUFFIXES, as_8_bit, read_picture
+from vgrd.vision.raster import tag_raster
+from vgrd.vision.refining import refine
 from vgrd.vision.targets import TagGrid
+from vgrd.vision.warp import lens_vector
 
 Board = Charuco | Chessboard | CircleGrid | TagGrid
 COVERAGE_CELLS = (6, 4)  # columns, rows
@@ -102,12 +105,21 @@ def _tags_view(name: str, grey: Grey, board: TagGrid) -> View:
     known = board.corners()
     tags = [tag for tag in find_tags(grey, [board.dictionary]) if tag.id in known]
     counts = Counter(tag.id for tag in tags)
-    once = [tag for tag in tags if counts[tag.id] == 1]
-    if not once:
-        raise TagNotSeen(f"none of the board's {len(known)} tags is in the picture")
-    first = np.array([4 * (tag.id - board.first_id) for tag in once])
+    corners = {tag.id: _exact_corners(grey, tag, board) for tag in tags if counts[tag.id] == 1}
+    measured = {tag_id: found for tag_id, found in corners.items() if found is not None}
+    if not measured:
+        raise TagNotSeen(f"none of the board's {len(known)} tags can be measured in the picture")
+    first = np.array([4 * (tag_id - board.first_id) for tag_id in measured])
     ids = (first[:, None] + np.arange(4)).ravel()
-    return View(name, ids, np.concatenate([tag.corners_px for tag in once]))
+    return View(name, ids, np.concatenate(list(measured.values())))
+
+
+def _exact_corners(grey: Grey, tag: FoundTag, board: TagGrid) -> Array | None:
+    """Corners (4, 2) as all pixels of the tag tell them; a tag is small enough to see no distortion."""
+    refined = refine(
+        grey, tag_raster(tag.family, tag.id, board.size_mm), tag.corners_px, lens_vector(None)
+    )
+    return None if refined is None else refined.corners_px
 
 
 def coverage(views: tuple[View, ...], size_px: tuple[int, int]) -> Array:
