@@ -40,6 +40,7 @@ __all__ = [
     "Turntable",
     "calibrate_joint",
     "information_inverse",
+    "result_at",
     "whiten_arm",
 ]
 
