@@ -108,6 +108,8 @@ class _Problem:
             trial = self._step(state, pictures, damping)
             trial_cost = self._cost(trial)
             if not trial_cost <= cost:
+                if trial_cost - cost <= _SETTLED * (1 + cost):
+                    return state  # as low as rounding allows
                 damping *= 10
                 if damping > _MOST_DAMPING:
                     break
