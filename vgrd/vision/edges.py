@@ -23,6 +23,8 @@ _OF_CELL = 0.42  # of the smallest cell that a profile may reach into
 _STEP_PX = 1.5  # between profiles along an edge
 _CORNER_PX = 2.5  # kept free of profiles at the ends of an edge
 _FEWEST_EDGES = 8
+_REWEIGHTINGS = 4
+_STILL_PX = 0.3  # a start that is as good as this needs no second step
 _EDGE_FLOOR_PX = 0.01  # systematic error of one edge, whatever its scatter
 
 
@@ -50,20 +52,21 @@ def fit_edges(
     cell = _cell_px(raster, H)
     fine = max(min(_FINE_PX, _OF_CELL * cell), 1.5)
     wide = max(min(_WIDEST_PX, _OF_CELL * cell), fine)
-    fit = None
+    Fi = np.asarray(np.linalg.inv(frame.F), dtype=np.float64)
+    free = min(_CORNER_PX, 0.25 * cell)
     for width in (wide, wide, fine) if coarse else (fine, fine):
-        Fi = np.asarray(np.linalg.inv(frame.F), dtype=np.float64)
-        found = _profiles(
-            picture, frame.lens, frame.r0, Fi, H, segments, width, min(_CORNER_PX, 0.25 * cell)
-        )
-        fit = _step(*found, scale, len(segments))
-        if fit is None:
+        found = _profiles(picture, frame.lens, frame.r0, Fi, H, segments, width, free)
+        if len(np.unique(found[3])) < _FEWEST_EDGES:
             return None
-        H = moved(H, fit.change, scale)
-    if fit is None:
-        return None
-    corners_px, covariance = to_pixels(frame, apply(H, raster.corners), fit.covariance, scale)
-    return EdgeFit(corners_px, covariance, H, fit.rms_px, fit.used)
+        try:
+            change, covariance, rms, agreeing = _step(*found, scale)
+        except np.linalg.LinAlgError:
+            return None
+        H = moved(H, change[:8], scale)
+        if coarse and np.abs(change[:8]).max() * scale < _STILL_PX:
+            break
+    corners_px, covariance = to_pixels(frame, apply(H, raster.corners), covariance[:8, :8], scale)
+    return EdgeFit(corners_px, covariance, H, rms, agreeing / len(segments))
 
 
 def _cell_px(raster: Raster, H: Array) -> float:
@@ -74,46 +77,44 @@ def _cell_px(raster: Raster, H: Array) -> float:
     return float(sides.min() / extent * raster.smallest_cell)
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class _Step:
-    change: Array
-    covariance: Array
-    rms_px: float
-    used: float
-
-
+@compiled
 def _step(
-    q: Array, normal: Array, offset: Array, edge: NDArray[np.intp], scale: float, edges: int
-) -> _Step | None:
-    """One robust step over 8 parameters of the homography and the bloom; its sandwich covariance."""
-    if len(np.unique(edge)) < _FEWEST_EDGES:
-        return None
-    (x, y), (u, v) = (q / scale).T, normal.T * scale
-    along = u * x + v * y
-    J = np.column_stack(
-        [u * x, u * y, u, v * x, v * y, v, -along * x, -along * y, np.ones(len(q))]
-    )
-    change, weight = np.zeros(9), np.ones(len(q))
-    for _ in range(4):
-        r = offset - J @ change
+    q: Array, normal: Array, offset: Array, edge: NDArray[np.intp], scale: float
+) -> tuple[Array, Array, float, float]:
+    """One robust step over 8 parameters of the homography and the bloom.
+
+    Returns the step (9,), its sandwich covariance (an edge errs as a whole), the weighted rms of
+    the offsets, px, and how many edges agree.
+    """
+    n = len(offset)
+    J, r, weight = np.empty((n, 9)), offset.copy(), np.ones(n)
+    for i in range(n):
+        x, y = q[i, 0] / scale, q[i, 1] / scale
+        u, v = normal[i, 0] * scale, normal[i, 1] * scale
+        along = u * x + v * y
+        J[i] = np.array([u * x, u * y, u, v * x, v * y, v, -along * x, -along * y, 1.0])
+    change, A = np.zeros(9), np.zeros((9, 9))
+    for _ in range(_REWEIGHTINGS):
         spread = max(1.4826 * float(np.median(np.abs(r))), 0.02)
         weight = 1 / (1 + (r / (3 * spread)) ** 2) ** 2
-        A = (J * weight[:, None]).T @ J
-        try:
-            change = change + np.linalg.solve(A, J.T @ (weight * r))
-        except np.linalg.LinAlgError:
-            return None
-    r = offset - J @ change
+        JW = J * weight.reshape(-1, 1)
+        A = JW.T @ J
+        change = change + np.linalg.solve(A, JW.T @ r)
+        r = offset - J @ change
+    meat, score, total = np.zeros((9, 9)), np.zeros(9), np.zeros(9)
+    agreeing, squares, heaviest = 0, 0.0, 0.0
+    for i in range(n):
+        score += J[i] * weight[i] * r[i]
+        total += J[i] * weight[i]
+        squares += weight[i] * r[i] * r[i]
+        heaviest = max(heaviest, weight[i])
+        if i == n - 1 or edge[i + 1] != edge[i]:
+            meat += np.outer(score, score) + np.outer(total, total) * _EDGE_FLOOR_PX**2
+            agreeing += heaviest > 0.25
+            score, total, heaviest = np.zeros(9), np.zeros(9), 0.0
     bread = np.linalg.inv(A)
-    first = np.flatnonzero(
-        np.diff(edge, prepend=-1)
-    )  # an edge errs as a whole: a sandwich of edges
-    score = np.add.reduceat(J * (weight * r)[:, None], first)
-    total = np.add.reduceat(J * weight[:, None], first)
-    meat = score.T @ score + total.T @ total * _EDGE_FLOOR_PX**2
-    covariance = bread @ meat @ bread
-    rms = float(np.sqrt(np.average(r**2, weights=weight)))
-    return _Step(change[:8], covariance[:8, :8], rms, len(np.unique(edge[weight > 0.25])) / edges)
+    rms = math.sqrt(squares / np.sum(weight))
+    return change, bread @ meat @ bread, rms, float(agreeing)
 
 
 def _segments(raster: Raster) -> Array:

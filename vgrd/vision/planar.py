@@ -5,14 +5,17 @@ covariance is the pose that fits the pixels best. Eight numbers for six unknowns
 pose is chi-square with two degrees of freedom.
 """
 
+import math
 from dataclasses import dataclass
 
 import cv2
 import numpy as np
 
-from vgrd.geometry import Array, Pose, hat
+from vgrd.geometry import Array, Pose, nearest_rotation
 from vgrd.geometry.camera import CameraModel
 from vgrd.geometry.covariance import whitener
+from vgrd.vision.compiling import compiled
+from vgrd.vision.warp import lens_vector, project, slopes
 
 _STEPS = 12
 _STILL = 1e-6  # chi-square
@@ -55,36 +58,77 @@ def _same(one: PlanarPose, other: PlanarPose) -> bool:
 
 
 def _refined(
-    camera: CameraModel, corners: Array, corners_px: Array, W: Array, pose: Pose
+    camera: CameraModel, corners: Array, corners_px: Array, W: Array, start: Pose
 ) -> PlanarPose | None:
     """Damped Gauss-Newton; None when it ends behind the camera."""
-    damping, (r, J) = 0.0, _linearized(camera, corners, corners_px, W, pose)
+    R, t, cost, J = _descend(
+        lens_vector(camera),
+        corners,
+        corners_px,
+        W,
+        start.rotation.copy(),
+        start.translation.copy(),
+    )
+    if not (np.isfinite(cost) and t[2] > 0):
+        return None
+    spread = np.linalg.inv(np.linalg.qr(J).R)
+    return PlanarPose(Pose(nearest_rotation(R), t), cost, spread @ spread.T)
+
+
+@compiled
+def _linearized(
+    lens: Array, corners: Array, corners_px: Array, W: Array, R: Array, t: Array
+) -> tuple[Array, Array]:
+    """Whitened residuals (8,) and the derivative (8, 6) of the corners by a left perturbation."""
+    r, J = np.empty(8), np.empty((8, 6))
+    for i in range(4):
+        x, y, z = R @ corners[i] + t
+        u, v = project(lens, x / z, y / z)
+        a, b, c, d = slopes(lens, x / z, y / z)
+        r[2 * i], r[2 * i + 1] = corners_px[i, 0] - u, corners_px[i, 1] - v
+        for row, (p, q) in enumerate(((a, b), (c, d))):
+            gx, gy = p / z, q / z
+            gz = -(gx * x + gy * y) / z
+            k = 2 * i + row
+            J[k, 0], J[k, 1], J[k, 2] = gx, gy, gz
+            J[k, 3], J[k, 4], J[k, 5] = gz * y - gy * z, gx * z - gz * x, gy * x - gx * y
+    return W @ r, W @ J
+
+
+@compiled
+def _turned(w: Array) -> Array:
+    """Rotation (3, 3) by a vector."""
+    angle = math.sqrt(w[0] * w[0] + w[1] * w[1] + w[2] * w[2])
+    K = np.array([[0.0, -w[2], w[1]], [w[2], 0.0, -w[0]], [-w[1], w[0], 0.0]])
+    sine, versine = 1.0, 0.5
+    if angle > 1e-8:
+        sine, versine = math.sin(angle) / angle, 2 * (math.sin(angle / 2) / angle) ** 2
+    return np.asarray(np.eye(3) + K * sine + K @ K * versine)
+
+
+@compiled
+def _descend(
+    lens: Array, corners: Array, corners_px: Array, W: Array, R: Array, t: Array
+) -> tuple[Array, Array, float, Array]:
+    """Rotation, translation, cost and the whitened derivative at the minimum; infinite cost if lost."""
+    damping = 0.0
+    r, J = _linearized(lens, corners, corners_px, W, R, t)
     cost = float(r @ r)
     for _ in range(_STEPS):
-        scale = 1 / np.linalg.norm(J, axis=0)
-        A = (J * scale).T @ (J * scale)
-        step = scale * np.linalg.solve(A + damping * np.eye(6), scale * (J.T @ r))
-        trial = Pose.exp(step) @ pose
-        r_new, J_new = _linearized(camera, corners, corners_px, W, trial)
-        trial_cost = float(r_new @ r_new)
-        if not np.isfinite(trial_cost):
-            return None
-        if trial_cost <= cost:
-            gain = cost - trial_cost
-            pose, r, J, cost, damping = trial, r_new, J_new, trial_cost, damping / 10
+        scale = 1 / np.sqrt(np.sum(J * J, axis=0))
+        scaled = J * scale
+        A = scaled.T @ scaled + (damping + 1e-15) * np.eye(6)
+        step = scale * np.linalg.solve(A, scaled.T @ r)
+        turn = _turned(step[3:])
+        R_new, t_new = turn @ R, turn @ t + step[:3]
+        r_new, J_new = _linearized(lens, corners, corners_px, W, R_new, t_new)
+        trial = float(r_new @ r_new)
+        if trial <= cost:
+            gain = cost - trial
+            R, t, r, J, cost = R_new, t_new, r_new, J_new, trial
+            damping /= 10
             if gain < _STILL * (1 + cost):
                 break
         else:
             damping = max(10 * damping, 1e-9)
-    spread = np.linalg.inv(np.linalg.qr(J).R)
-    return PlanarPose(pose, cost, spread @ spread.T)
-
-
-def _linearized(
-    camera: CameraModel, corners: Array, corners_px: Array, W: Array, pose: Pose
-) -> tuple[Array, Array]:
-    """Whitened residuals (8,) and the derivative (8, 6) of the corners by a left perturbation."""
-    points = pose.apply(corners)
-    pixels, by_point = camera.linearize(points)
-    J = np.concatenate([by_point, -by_point @ hat(points)], axis=2).reshape(8, 6)
-    return W @ (corners_px - pixels).ravel(), W @ J
+    return R, t, cost, J
