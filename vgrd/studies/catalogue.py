@@ -9,7 +9,9 @@ from vgrd.studies import (
     blunders,
     certificate,
     coached,
+    conventions,
     coverage,
+    degenerate,
     experiment_a,
     fig4,
     fig5,
@@ -33,6 +35,8 @@ STUDIES: Mapping[str, Study] = MappingProxyType(
             coverage,
             blunders,
             coached,
+            conventions,
+            degenerate,
         )
     }
 )

@@ -1,7 +1,8 @@
 """Do robot poses and pictures of a target belong to one hand-eye pose? Closed form, outliers tolerated.
 
 `camera_from_target_i = X^-1 M_i Y` as in `vgrd.calibration.hand_eye`; rotations by Park and Martin
-1994, then translations with the unit of the robot's lengths as a further unknown.
+1994, then translations with the unit of the robot's lengths as a further unknown. Where the wrist
+turned about one axis or none, the translations have a say in the rotation too.
 """
 
 from collections.abc import Sequence
@@ -15,6 +16,8 @@ _NEAR_HALF_TURN_RAD = 3.0
 _NEIGHBOURS = 4
 _ROUNDS = 4
 _LEAST_RAD = 1e-4
+_ONE_AXIS_RAD = np.radians(1.0)
+_FAINT = 1e-2
 _LEAST_MM = 1e-3
 _NO_MOTION_MM = 1e-9
 
@@ -68,14 +71,14 @@ class Agreement:
 
 def agreement(moves: Poses, cameras: Poses, *, unit_known: bool = False) -> Agreement:
     """Fit of all samples; at least three are needed for it to mean anything."""
-    R_X, R_Y, deg = _rotations(moves.rotations, cameras.rotations)
+    R_X, R_Y, deg = _rotations(moves, cameras)
     t_X, t_Y, unit, mm = _translations(moves, cameras, R_X, unit_known=unit_known)
     return Agreement(deg, mm, unit, Pose(R_X, t_X), Pose(R_Y, t_Y))
 
 
-def _rotations(M: Array, C: Array) -> tuple[Array, Array, float]:
+def _rotations(moves: Poses, cameras: Poses) -> tuple[Array, Array, float]:
     """R_X, R_Y and the median misfit, degrees, of `M R_Y = R_X C`."""
-    n = len(M)
+    M, C, n = moves.rotations, cameras.rotations, len(moves)
     steps = range(1, min(_NEIGHBOURS, n - 1) + 1)
     first = np.concatenate([np.arange(n) for _ in steps])
     second = np.concatenate([np.roll(np.arange(n), -k) for k in steps])
@@ -84,8 +87,14 @@ def _rotations(M: Array, C: Array) -> tuple[Array, Array, float]:
     weights = (np.linalg.norm(alpha, axis=1) < _NEAR_HALF_TURN_RAD).astype(float)
     weights *= np.linalg.norm(beta, axis=1) < _NEAR_HALF_TURN_RAD
     stable = weights
+    spread = np.linalg.svd(beta * stable[:, None], compute_uv=False) / np.sqrt(len(beta))
+    by_places = np.zeros((3, 3))
+    if spread[1] < _ONE_AXIS_RAD:
+        share = _FAINT if spread[0] > _ONE_AXIS_RAD else 1 / _FAINT
+        turn = from_positions(moves.translations, cameras)[0]
+        by_places = share * (spread[0] + _LEAST_RAD) ** 2 * turn
     for _ in range(_ROUNDS):
-        R_X = nearest((alpha * weights[:, None]).T @ beta)
+        R_X = nearest((alpha * weights[:, None]).T @ beta / len(beta) + by_places)
         off = np.linalg.norm(alpha - beta @ R_X.T, axis=1)
         typical = max(float(np.median(off)), _LEAST_RAD)
         weights = stable / (1 + (off / typical) ** 2)

@@ -133,8 +133,10 @@ def _readings(names: Sequence[str], points: Array) -> Iterator[_Reading]:
 
 
 def _other_orders(points: Array) -> Iterator[_Reading]:
-    """The list of targets backwards or begun elsewhere."""
-    m = len(points)
+    """The list of targets, each named once, backwards or begun elsewhere."""
+    _, first, which = np.unique(points, axis=0, return_index=True, return_inverse=True)
+    place = np.argsort(np.argsort(first))[which.ravel()]
+    listed, m = points[np.sort(first)], len(first)
     for backwards in (False, True):
         for shift in range(m):
             order = np.roll(np.arange(m)[:: -1 if backwards else 1], -shift)
@@ -148,5 +150,5 @@ def _other_orders(points: Array) -> Iterator[_Reading]:
                     "correct the file",
                     fatal=True,
                 ),
-                points[order],
+                listed[order][place],
             )
