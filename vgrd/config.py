@@ -132,6 +132,10 @@ class TargetSection(Section):
         default=None,
         description="wrist orientation for the work, object as taught; none: as touched",
     )
+    hole_diameter_mm: Annotated[float, Field(gt=0, le=1000)] | None = Field(
+        default=None,
+        description="of the hole that the point is the centre of, at its rim: pictures then measure it",
+    )
 
 
 class ObjectSection(Section):

@@ -106,13 +106,15 @@ class Target:
     """A point of the object that the tool is to reach.
 
     point_in_object: (3,) CAD, mm. base_from_work: orientation (3, 3) in which the wrist works while the object
-    stands as it was taught; None: as it was touched.
+    stands as it was taught; None: as it was touched. hole_diameter_mm: of the hole of which the point is the
+    centre, at its rim; None: no hole that a picture could show.
     """
 
     id: int
     name: str
     point_in_object: Array
     base_from_work: Array | None = None
+    hole_diameter_mm: float | None = None
 
 
 @dataclass(frozen=True, slots=True, eq=False)
