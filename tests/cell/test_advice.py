@@ -95,6 +95,13 @@ def test_a_bad_touch_is_a_finding():
     assert any("touch 3" in finding.message for finding in findings)
 
 
+def test_spins_count_only_once_they_tell_the_axis(rehearsed):
+    early = advise_session(first(rehearsed, 4, 1, 9))
+    assert [finding.code for finding in early.findings] == ["spins_not_used_yet"]
+    assert len(early.predicted_mm) == 6
+    assert advise_session(rehearsed).findings == ()
+
+
 class Bench:
     """What a teaching session needs of the cell; what is seen is set by hand."""
 
@@ -158,7 +165,7 @@ def test_every_reply_carries_advice_and_the_whole_of_it_can_be_asked_for(bench, 
         with pytest.raises(ControlError, match="no session was recorded yet"):
             await bench.teaching.advise()
         await bench.teaching.start("joint", "one")
-        replies = await bench.teach(first(rehearsed, 3, 2, 9))
+        replies = await bench.teach(rehearsed)
         replies.append(await bench.teaching.undo())
         told = await bench.teaching.advise(policy="follow", tilt_deg=10.0)
         await bench.advisor._process.communicate(b"")
@@ -167,7 +174,7 @@ def test_every_reply_carries_advice_and_the_whole_of_it_can_be_asked_for(bench, 
         return replies, told, again
 
     replies, told, again = asyncio.run(taught())
-    assert len(replies) == 15
+    assert len(replies) == 17
     assert all("pending" in r["advice"] or "next" in r["advice"] for r in replies)
     assert told["policy"] == "follow"
     assert len(told["predicted_u95_mm"]) == 6
