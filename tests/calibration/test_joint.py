@@ -6,7 +6,8 @@ import pytest
 from fakes.simulation import FINE, WORK_ROTATION, ArmErrors, Simulation, Vision
 from vgrd.calibration.baselines import expected_by_method
 from vgrd.calibration.joint import ArmModel, Sighting, Turntable, calibrate_joint
-from vgrd.calibration.joint_expected import expected_by_joint, predict
+from vgrd.calibration.joint_basis import basis_of
+from vgrd.calibration.joint_expected import expected_by_joint, predict, work_orientation
 from vgrd.calibration.joint_gather import gather
 from vgrd.calibration.joint_problem import Link
 from vgrd.calibration.joint_rows import arm_jacobian, linearize
@@ -189,13 +190,14 @@ def test_derivatives_of_the_coordinate_are_true(kind, policy):
     sim = perfect(kind)
     result = calibrate_joint(sim.record(wrists=mixed(sim)), arm=EXACT)
     request = sim.request()
+    work = work_orientation(result.recording, request.target, policy, None)
 
     def flange(step):
         moved = replace(result, state=result.state.retract(step, result.layout))
-        made = predict(moved, request.target, request.seen.tag_b, policy)
+        made = predict(basis_of(moved), request.target, request.seen.tag_b, policy, work)
         return made.base_from_wrist.translation
 
-    J = predict(result, request.target, request.seen.tag_b, policy).by_unknowns
+    J = predict(basis_of(result), request.target, request.seen.tag_b, policy, work).by_unknowns
     if kind is not FreeSimulation:
         J = J[:, :15]
     for i in range(min(J.shape[1], 15)):
@@ -279,12 +281,14 @@ def test_an_object_off_its_turntable_is_served_from_the_picture_alone():
     sim = perfect()
     result = calibrate_joint(sim.record(wrists=mixed(sim)), arm=EXACT)
     request = sim.request()
-    on = predict(result, request.target, request.seen.tag_b, Policy.FIXED)
+    basis = basis_of(result)
+    work = work_orientation(result.recording, request.target, Policy.FIXED, None)
+    on = predict(basis, request.target, request.seen.tag_b, Policy.FIXED, work)
     lifted = Pose.from_rotvec((0.0, 0.0, 0.0), (0.0, 0.0, 5.0))
     off = sim.base_from_camera.inverse() @ lifted @ sim.base_from_camera
     tag = request.seen.tag_b
     moved = replace(tag, camera_from_tag=off @ tag.camera_from_tag)
-    made = predict(result, request.target, moved, Policy.FIXED)
+    made = predict(basis, request.target, moved, Policy.FIXED, work)
     assert on.fits_model
     assert not made.fits_model
     shift = made.base_from_wrist.translation - on.base_from_wrist.translation

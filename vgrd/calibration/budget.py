@@ -14,7 +14,8 @@ from scipy.linalg import solve_triangular
 
 from vgrd.calibration.foresight import Foresight, Job
 from vgrd.calibration.joint import JointResult, whiten_arm
-from vgrd.calibration.joint_expected import Prediction, predict
+from vgrd.calibration.joint_basis import basis_of
+from vgrd.calibration.joint_expected import Prediction, predict, work_orientation
 from vgrd.calibration.joint_optics import TAG_A, TAG_B, Optics, Refinement
 from vgrd.calibration.joint_problem import Link, Tags
 from vgrd.errors import InputError
@@ -135,14 +136,17 @@ def error_budget(
     if not names:
         raise InputError("an error budget needs at least one target")
     chain = _Chain(result, now, systematic or Systematic())
+    basis = basis_of(result)
+    works = [work_orientation(result.recording, n, policy, base_from_work) for n in names]
     per_target = [
-        chain.parts(predict(result, name, now, policy, base_from_work)) for name in names
+        chain.parts(predict(basis, name, now, policy, work))
+        for name, work in zip(names, works, strict=True)
     ]
     links = tuple(link for link in Source if link in per_target[0])
     traces = np.array([[np.trace(parts[link]) for link in links] for parts in per_target])
     radii = np.array([radius95(np.sum(list(parts.values()), axis=0)) for parts in per_target])
-    works = () if base_from_work is None else (base_from_work,)
-    job = Job(policy, works, angles_rad=(0.0,), targets=names)
+    asked = () if base_from_work is None else (base_from_work,)
+    job = Job(policy, asked, angles_rad=(0.0,), targets=names)
     left = Foresight(result, job).undetermined()
     irrelevant = tuple(one.what for one in left if not one.matters)
     return Budget(names, links, traces / traces.sum(axis=1, keepdims=True), radii, irrelevant)

@@ -98,7 +98,7 @@ class ForeseenRows:
         known, axis = result.data.touches, result.recording.facts.tool.axis_in_wrist
         lateral, axial = np.median(known.lateral_sigma_mm), np.median(known.axial_sigma_mm)
         names = [one.target for one in candidates if isinstance(one, Touching)]
-        cad = [target_of(result.recording, name).point_in_object for name in names]
+        cad = [target_of(result.recording.facts, name).point_in_object for name in names]
         return replace(
             data,
             touches=touch_set(

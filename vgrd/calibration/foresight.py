@@ -12,7 +12,8 @@ from scipy.special import gammaincinv
 
 from vgrd.calibration.foreseen_rows import ForeseenRows, picture_of
 from vgrd.calibration.joint import JointResult, information_inverse
-from vgrd.calibration.joint_expected import predict
+from vgrd.calibration.joint_basis import basis_of
+from vgrd.calibration.joint_expected import predict, work_orientation
 from vgrd.calibration.joint_problem import Link
 from vgrd.calibration.joint_state import Layout
 from vgrd.calibration.reach import Candidate, Looking
@@ -130,13 +131,14 @@ class Foresight:
 
     def _ask(self, job: Job) -> tuple[Array, Array]:
         """Derivatives (j, 3, n) by the unknowns and the rest of the covariance (j, 3, 3)."""
-        result = self._result
+        result, basis = self._result, basis_of(self._result)
         by, rests = [], []
         works: Sequence[Array | None] = job.works or (None,)
         for angle in job.angles_rad:
             tag = picture_of(result, angle)
             for name, work in product(_targets(result, job), works):
-                made = predict(result, name, tag, job.policy, work, refuse=False)
+                R_work = work_orientation(result.recording, name, job.policy, work)
+                made = predict(basis, name, tag, job.policy, R_work, refuse=False)
                 rest = made.by_picture @ tag.covariance @ made.by_picture.T
                 rest = rest + made.by_arm @ made.arm_covariance @ made.by_arm.T
                 by.append(made.by_unknowns)

@@ -12,13 +12,12 @@ from types import MappingProxyType
 import numpy as np
 from scipy.special import gammaincinv
 
-from vgrd.calibration.joint_arm import ArmModel
 from vgrd.calibration.joint_fit import (
     Optimum,
     fit_at,
     information_inverse,
     settle,
-    units,
+    unknown_in_words,
     whiten_arm,
 )
 from vgrd.calibration.joint_gather import gather
@@ -27,6 +26,7 @@ from vgrd.calibration.joint_problem import JointData, Sighting, Turntable
 from vgrd.calibration.joint_robust import JointSample, screen
 from vgrd.calibration.joint_rows import predicted_tag_a
 from vgrd.calibration.joint_state import JointState, Layout, guess, layout_of
+from vgrd.estimate import ArmModel
 from vgrd.geometry import Array, log_rotation
 from vgrd.geometry.least_squares import Report
 from vgrd.model import Recording, TagObservation
@@ -95,14 +95,7 @@ class JointResult:
 
     def unknown_in_words(self) -> str:
         """Which unknowns the data leave undetermined."""
-        names = {
-            "base_from_camera": self.layout.CAMERA,
-            "wrist_from_tag_a": self.layout.TAG_A,
-            "the TCP": self.layout.TCP,
-            "base_from_object": self.layout.OBJECT,
-        }
-        size = np.linalg.norm(self.undetermined / units(self.layout)[:, None], axis=1)
-        return ", ".join(name for name, part in names.items() if (size[part] > 0.05).any())
+        return unknown_in_words(self.layout, self.undetermined)
 
 
 def calibrate_joint(

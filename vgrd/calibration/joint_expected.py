@@ -5,7 +5,9 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.special import gammaincinv
 
-from vgrd.calibration.joint import JointResult, whiten_arm
+from vgrd.calibration.joint import JointResult
+from vgrd.calibration.joint_basis import Basis, basis_of
+from vgrd.calibration.joint_fit import unknown_in_words
 from vgrd.calibration.joint_problem import Tags, target_of
 from vgrd.calibration.joint_rows import Moves, by_left, moved_tag, moves
 from vgrd.calibration.joint_state import planar_part
@@ -59,21 +61,28 @@ def expected_by_joint(
     the turn, unless the object left its turntable or plane. Raises InputError, TagNotSeen, or
     NotObservable where the answer depends on what the recording left undetermined.
     """
-    tag = _tag_b(observation_now)
-    made = predict(result, target, tag, policy, base_from_work)
-    unknown = made.by_unknowns @ result.undetermined
+    R_work = work_orientation(result.recording, target, policy, base_from_work)
+    return expected_from(basis_of(result), target, tag_b_of(observation_now), policy, R_work)
+
+
+def expected_from(
+    basis: Basis, target: str, tag: TagObservation, policy: Policy, R_work: Array
+) -> ExpectedCoordinate:
+    """As `expected_by_joint`, from what the runtime keeps; R_work (3, 3): of the wrist at the touch."""
+    made = predict(basis, target, tag, policy, R_work)
+    unknown = made.by_unknowns @ basis.undetermined
     covariance = (
-        made.by_unknowns @ result.covariance @ made.by_unknowns.T
+        made.by_unknowns @ basis.covariance @ made.by_unknowns.T
         + unknown @ unknown.T
         + made.by_picture @ tag.covariance @ made.by_picture.T
         + made.by_arm @ made.arm_covariance @ made.by_arm.T
     )
     turned = (
-        made.turn_by_unknowns @ result.covariance @ made.turn_by_unknowns.T
+        made.turn_by_unknowns @ basis.covariance @ made.turn_by_unknowns.T
         + made.turn_by_picture @ tag.covariance @ made.turn_by_picture.T
     )
     return ExpectedCoordinate(
-        target=target_of(result.recording, target),
+        target=target_of(basis.facts, target),
         base_from_wrist=made.base_from_wrist,
         position_covariance=frozen_array(covariance, 3, 3),
         u95_mm=radius95(covariance),
@@ -82,32 +91,32 @@ def expected_by_joint(
 
 
 def predict(
-    result: JointResult,
+    basis: Basis,
     target: str,
     tag: TagObservation,
     policy: Policy,
-    base_from_work: Array | None = None,
+    R_work: Array,
     *,
     refuse: bool = True,
 ) -> Prediction:
     """Expected coordinate with the derivatives that its uncertainty consists of.
 
+    R_work: (3, 3) of the wrist, the object as taught (follow) or at the touch (fixed, requested).
     refuse: raise NotObservable where it depends on something undetermined.
     """
-    R_work = work_orientation(result.recording, target, policy, base_from_work)
-    seen = _on_model(result, tag)
+    seen = _on_model(basis, tag)
     fits = seen is not None
-    seen = seen or _anywhere(result, tag)
-    flange, R, by, turn = _flange(result, target, seen, policy, R_work)
-    tip = R @ _tip(result)
+    seen = seen or _anywhere(basis, tag)
+    flange, R, by, turn = _flange(basis, target, seen, policy, R_work)
+    tip = R @ _tip(basis)
     by_arm = -np.hstack([_EYE, -hat(tip)])
-    correction, by_field, arm_covariance = _field(result, flange)
-    n = result.layout.size
+    correction, by_field, arm_covariance = basis.arm.deviation(flange)
+    n = basis.layout.size
     by[:, :n] += by_arm @ by_field
     flange = flange + by_arm @ correction - by @ (seen.gain @ seen.residual)
     by_unknowns = by[:, :n] - by @ seen.gain @ seen.by_unknowns
     if refuse:
-        _require_determined(result, by_unknowns)
+        _require_determined(basis, by_unknowns)
     return Prediction(
         base_from_wrist=Pose(R, flange),
         by_unknowns=by_unknowns,
@@ -140,30 +149,30 @@ def _tags_of(tag: TagObservation) -> Tags:
     return Tags(C.rotation[None], C.translation[None], whitener(tag.covariance)[None])
 
 
-def _on_model(result: JointResult, tag: TagObservation) -> _Seen | None:
+def _on_model(basis: Basis, tag: TagObservation) -> _Seen | None:
     """The picture as one spin more; None where it cannot be one."""
-    state, layout = result.state, result.layout
-    if not layout.spins:
+    state, layout = basis.state, basis.layout
+    if not layout.axis:
         return None
     tags = _tags_of(tag)
     motion = tag.camera_from_tag @ state.camera_from_tag_b.inverse()
-    planar = planar_part(state.camera_from_axis, motion, result.data.motion)[None]
+    planar = planar_part(state.camera_from_axis, motion, basis.facts.object.motion)[None]
     at = moves(state, planar, layout)
     r, J, by_move = (part[0] for part in moved_tag(state, tags, at, layout))
-    S = np.eye(6) + J @ result.covariance @ J.T
+    S = np.eye(6) + J @ basis.covariance @ J.T
     S_inv = np.linalg.inv(S)
     of_move = np.linalg.solve(by_move.T @ S_inv @ by_move, by_move.T @ S_inv)
     left = np.eye(6) - by_move @ of_move
     misfit = float((left @ r) @ S_inv @ (left @ r))
     if misfit > 2 * gammaincinv((6 - len(layout.moves)) / 2, _FITS_MODEL):
         return None
-    gain = np.vstack([result.covariance @ J.T @ S_inv @ left, of_move])
+    gain = np.vstack([basis.covariance @ J.T @ S_inv @ left, of_move])
     return _Seen(at, r, J, gain, tags.whiteners[0])
 
 
-def _anywhere(result: JointResult, tag: TagObservation) -> _Seen:
+def _anywhere(basis: Basis, tag: TagObservation) -> _Seen:
     """The object where the picture alone says."""
-    state, layout = result.state, result.layout
+    state, layout = basis.state, basis.layout
     tags = _tags_of(tag)
     M = tag.camera_from_tag @ state.camera_from_tag_b.inverse()
     by_axis = np.zeros((1, 6, len(layout.axis)))
@@ -174,12 +183,12 @@ def _anywhere(result: JointResult, tag: TagObservation) -> _Seen:
 
 
 def _flange(
-    result: JointResult, target: str, seen: _Seen, policy: Policy, R_work: Array
+    basis: Basis, target: str, seen: _Seen, policy: Policy, R_work: Array
 ) -> tuple[Array, Array, Array, Array]:
     """Flange (3,), wrist (3, 3), derivatives (3, n + k) of both by unknowns and motion."""
-    state, layout, at = result.state, result.layout, seen.at
+    state, layout, at = basis.state, basis.layout, seen.at
     X, N = state.base_from_camera, Pose(at.rotations[0], at.translations[0])
-    p = np.asarray(target_of(result.recording, target).point_in_object)
+    p = np.asarray(target_of(basis.facts, target).point_in_object)
     taught = state.base_from_object @ p
     in_camera = N @ (X.inverse() @ taught)
     point = X @ in_camera
@@ -196,46 +205,31 @@ def _flange(
         R = turn @ R_work
         turned += X.rotation @ motion[3:]
         turned[:, layout.CAMERA.start + 3 : layout.CAMERA.stop] = _EYE - turn
-    tip = R @ _tip(result)
+    tip = R @ _tip(basis)
     by += hat(tip) @ turned
     by[:, layout.TCP] = -R
     return point - tip, R, by, turned
 
 
-def _tip(result: JointResult) -> Array:
-    return np.asarray(result.state.tcp_in_wrist + result.recording.facts.tool.work_from_touch_mm)
+def _tip(basis: Basis) -> Array:
+    return np.asarray(basis.state.tcp_in_wrist + basis.facts.tool.work_from_touch_mm)
 
 
-def _field(result: JointResult, flange: Array) -> tuple[Array, Array, Array]:
-    """Deviation (6,) of the arm at a flange position, as its errors while teaching predict.
-
-    With its derivative (6, n) by the unknowns and its covariance (6, 6) (universal kriging).
-    """
-    arm = result.data.arm
-    squares = arm.scales() ** 2
-    here = (arm.sigma_mm**2 + arm.field_mm**2) * np.diag(squares)
-    if arm.field_mm == 0:
-        return np.zeros(6), np.zeros((6, result.layout.size)), here
-    near = arm.field(flange[None], result.data.flange_at)
-    shared = np.kron(near, np.diag(squares)) @ result.arm_by.T
-    gain = whiten_arm(result.arm_factor, shared.T).T
-    k = gain.shape[1]
-    return -gain @ result.whitened[:k], -gain @ result.jacobian[:k], here - gain @ gain.T
-
-
-def _require_determined(result: JointResult, by_unknowns: Array) -> None:
-    moved = np.linalg.norm(by_unknowns @ result.undetermined, axis=0)
+def _require_determined(basis: Basis, by_unknowns: Array) -> None:
+    moved = np.linalg.norm(by_unknowns @ basis.undetermined, axis=0)
     if moved.size and float(moved.max()) > _REFUSED_MM:
         raise NotObservable(
-            f"the expected coordinate depends on {result.unknown_in_words()}, which the recording "
+            "the expected coordinate depends on "
+            f"{unknown_in_words(basis.layout, basis.undetermined)}, which the recording "
             "leaves undetermined: touch with the wrist tilted by 20 degrees or more about two "
             "axes, look with tag A in view, or keep the wrist as it was touched",
-            rank=result.layout.size - moved.size,
-            unknowns=result.layout.size,
+            rank=basis.layout.size - moved.size,
+            unknowns=basis.layout.size,
         )
 
 
-def _tag_b(seen: Observation | TagObservation) -> TagObservation:
+def tag_b_of(seen: Observation | TagObservation) -> TagObservation:
+    """Tag B of a picture; raises TagNotSeen."""
     tag = seen.tag_b if isinstance(seen, Observation) else seen
     if tag is None:
         raise TagNotSeen("tag B is not in the picture")
@@ -250,7 +244,7 @@ def work_orientation(
         return np.asarray(base_from_work, dtype=np.float64)
     if policy is Policy.REQUESTED:
         raise InputError("policy 'requested' needs the orientation of the wrist: base_from_work")
-    configured = target_of(recording, name).base_from_work
+    configured = target_of(recording.facts, name).base_from_work
     if configured is not None:
         return np.asarray(configured)
     every = np.array([touch.base_from_wrist.rotation for touch in recording.touches])

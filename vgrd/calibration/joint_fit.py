@@ -107,6 +107,18 @@ def units(layout: Layout) -> Array:
     return np.where(layout.is_length(), _UNDETERMINED_MM, _UNDETERMINED_RAD)
 
 
+def unknown_in_words(layout: Layout, undetermined: Array) -> str:
+    """Which unknowns the directions (n, z) that the data leave undetermined touch."""
+    names = {
+        "base_from_camera": layout.CAMERA,
+        "wrist_from_tag_a": layout.TAG_A,
+        "the TCP": layout.TCP,
+        "base_from_object": layout.OBJECT,
+    }
+    size = np.linalg.norm(undetermined / units(layout)[:, None], axis=1)
+    return ", ".join(name for name, part in names.items() if (size[part] > 0.05).any())
+
+
 def _held(
     state: JointState, data: JointData, layout: Layout, factor: Array
 ) -> tuple[Array, Array]:

@@ -4,7 +4,6 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from vgrd.calibration.joint_arm import ArmModel
 from vgrd.calibration.joint_optics import Optics, Refinement
 from vgrd.calibration.joint_problem import (
     Holes,
@@ -18,6 +17,7 @@ from vgrd.calibration.joint_problem import (
 )
 from vgrd.calibration.touches import TouchSet, touch_set
 from vgrd.errors import InputError, TooFewObservations
+from vgrd.estimate import ArmModel
 from vgrd.geometry import Array, Pose
 from vgrd.geometry.covariance import whitener
 from vgrd.model import Motion, Mount, Observation, Recording, TagObservation, Touch
@@ -61,7 +61,7 @@ def gather(
         motion=motion,
         looks=_looks(seen, of_a),
         touches=_touch_set(recording, [touch for _, touch in touches]),
-        cad=np.array([target_of(recording, t.target).point_in_object for _, t in touches]),
+        cad=np.array([target_of(recording.facts, t.target).point_in_object for _, t in touches]),
         touch_stands=np.arange(m),
         points=_touch_set(recording, [touch for _, touch in points]),
         point_stands=np.arange(m, m + k),
@@ -174,7 +174,7 @@ def _holes(recording: Recording, sightings: Sequence[Sighting], turned: Sequence
     facts = recording.facts
     cad, spins = [], []
     for sighting in sightings:
-        cad.append(target_of(recording, sighting.target).point_in_object)
+        cad.append(target_of(recording.facts, sighting.target).point_in_object)
         name = "" if sighting.spin is None else f"spin {sighting.spin + 1}"
         if name and name not in turned:
             raise InputError(f"hole {sighting.target!r}: tag B is not in {name}")

@@ -8,13 +8,13 @@ from types import MappingProxyType
 import numpy as np
 from numpy.typing import NDArray
 
-from vgrd.calibration.joint_arm import ArmModel
 from vgrd.calibration.joint_optics import TAG_A, TAG_B, Optics
 from vgrd.calibration.touches import TouchSet
 from vgrd.errors import InputError
+from vgrd.estimate import ArmModel
 from vgrd.geometry import Array, Pose
 from vgrd.geometry.camera import CameraModel
-from vgrd.model import Motion, Recording, Target
+from vgrd.model import CellFacts, Motion, Target
 
 __all__ = [
     "ArmModel",
@@ -276,9 +276,9 @@ class JointData:
         )
 
 
-def target_of(recording: Recording, name: str) -> Target:
+def target_of(facts: CellFacts, name: str) -> Target:
     """Target of that name; InputError with the known names."""
-    targets = recording.facts.object.targets
+    targets = facts.object.targets
     if name not in targets:
         raise InputError(f"target {name!r} is not in CAD; there are: {', '.join(sorted(targets))}")
     return targets[name]

@@ -145,13 +145,16 @@ def flange_of(result: JointResult, candidate: Candidate) -> Pose | None:
     if isinstance(candidate, Looking):
         return candidate.base_from_wrist
     R, state = candidate.base_from_wrist, result.state
-    point = state.base_from_object @ target_of(result.recording, candidate.target).point_in_object
+    point = (
+        state.base_from_object
+        @ target_of(result.recording.facts, candidate.target).point_in_object
+    )
     return Pose(R, point - R @ state.tcp_in_wrist)
 
 
 def usual_wrist(recording: Recording, target: str | None = None) -> Array:
     """How the wrist stands (3, 3): as configured for the target, else as it did in most touches."""
-    configured = None if target is None else target_of(recording, target).base_from_work
+    configured = None if target is None else target_of(recording.facts, target).base_from_work
     if configured is not None:
         return np.asarray(configured)
     every = np.array([touch.base_from_wrist.rotation for touch in recording.touches])

@@ -4,7 +4,7 @@ from typing import Annotated
 
 import typer
 
-from vgrd.commands.asking import ConfigOption, SocketOption, ask
+from vgrd.commands.asking import SAMPLE_TIMEOUT_S, ConfigOption, SocketOption, ask
 from vgrd.printing import JsonOption, print_result, show_fields
 
 _PLAIN = {

@@ -25,6 +25,7 @@ from vgrd.calibration.coaching import (
 )
 from vgrd.calibration.foresight import Foresight
 from vgrd.calibration.joint import ArmModel, JointResult, calibrate_joint
+from vgrd.calibration.joint_basis import basis_of
 from vgrd.calibration.joint_expected import expected_by_joint, predict
 from vgrd.errors import TagNotSeen
 from vgrd.geometry import Array, exp_rotation
@@ -149,12 +150,12 @@ def _square_floor(
     known[:, result.layout.TCP] = 1e3 * np.eye(3)
     N = result.undetermined
     P = Foresight.with_rows(result.covariance + N @ N.T, known)
-    squares = []
+    basis, squares = basis_of(result), []
     for request, work in zip(requests, works, strict=True):
         tag = request.seen.tag_b
         if tag is None:
             raise TagNotSeen("tag B is not in the picture")
-        made = predict(result, request.target, tag, Policy.REQUESTED, work)
+        made = predict(basis, request.target, tag, Policy.REQUESTED, work)
         seen = made.by_picture @ tag.covariance @ made.by_picture.T
         squares.append(np.trace(made.by_unknowns @ P @ made.by_unknowns.T + seen))
     return float(np.mean(squares))

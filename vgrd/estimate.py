@@ -1,10 +1,10 @@
-"""What the joint estimate takes the arm's errors to be."""
+"""What the joint estimate leaves for the runtime, as frozen values that the store keeps."""
 
 from dataclasses import dataclass
 
 import numpy as np
 
-from vgrd.geometry import Array
+from vgrd.geometry import Array, Pose
 
 _REPEATABILITY = 0.3
 _UNIFORM_VARIANCE = 1 / 12
@@ -69,3 +69,53 @@ class ArmModel:
         if not (self.quantum_mm or self.quantum_rad):
             return np.asarray(own)
         return np.hstack([own, np.kron(np.eye(s), np.diag(self.rounding()))])
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ArmKnowledge:
+    """What teaching told of the arm's deviations (mm, rad), to predict them elsewhere (kriging).
+
+    flange_at: (s, 3) where it stood. Per stand and axis: score (6 s,) of the residuals, by_unknowns
+    (6 s, n) its derivative by the estimate, information (6 s, 6 s). s is 0 for an arm without field.
+    """
+
+    model: ArmModel
+    flange_at: Array
+    score: Array
+    by_unknowns: Array
+    information: Array
+
+    def deviation(self, flange: Array) -> tuple[Array, Array, Array]:
+        """Most likely deviation (6,) at a flange position (3,), derivative (6, n), covariance (6, 6)."""
+        squares = self.model.scales() ** 2
+        here = np.diag(self.model.variances())
+        near = self.model.field(flange[None], self.flange_at)
+        shared = np.kron(near, np.diag(squares))
+        return (
+            -shared @ self.score,
+            -shared @ self.by_unknowns,
+            here - shared @ self.information @ shared.T,
+        )
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class JointEstimate:
+    """The joint estimate without what only the session needs (turns of the spins, the fixed point).
+
+    tcp_in_wrist: (3,), any value that fits where it is undetermined. axis, moves: which body-frame
+    moves of camera_from_axis (z: axis of turning) and of the object on it are free. covariance (n, n)
+    of a step in (base_from_camera, wrist_from_tag_a, TCP, base_from_object, camera_from_tag_b, axis);
+    undetermined (n, z): 500 mm or 1 rad along what the session left open.
+    """
+
+    base_from_camera: Pose
+    wrist_from_tag_a: Pose
+    tcp_in_wrist: Array
+    base_from_object: Pose
+    camera_from_tag_b: Pose
+    camera_from_axis: Pose
+    axis: tuple[int, ...]
+    moves: tuple[int, ...]
+    covariance: Array
+    undetermined: Array
+    arm: ArmKnowledge
