@@ -30,6 +30,7 @@ from vgrd.geometry import Array, Pose
 from vgrd.model import TagSpec, Target, frozen_array
 
 TARGET_RADIUS_MM = 60.0
+HOLE_DIAMETER_MM = 4.0
 DISC_RADIUS_MM = 75.0
 FLANGE_RADIUS_MM = 31.5
 TOOL_RADIUS_MM = 6.0
@@ -71,6 +72,7 @@ def _targets() -> dict[str, Target]:
             i,
             f"P{i}",
             frozen_array((TARGET_RADIUS_MM * np.cos(a), TARGET_RADIUS_MM * np.sin(a), 0.0), 3),
+            hole_diameter_mm=HOLE_DIAMETER_MM,
         )
         for i, a in enumerate(angles, start=1)
     }
@@ -89,8 +91,8 @@ class Layout:
 
     base_from_table: the turntable at angle 0, z along its axis. tcp_in_wrist: (3,) the true tip of
     the tool. wrist_from_pendant_tcp: what the operator left active on the pendant, not the true
-    TCP. fixed_point_in_base: (3,) the spike's tip. workspace_mm: (2, 3) lower and upper corner of
-    where the flange goes.
+    TCP. fixed_point_in_base: (3,) the spike's tip. ink_mm: how far black edges of the tags spread.
+    workspace_mm: (2, 3) lower and upper corner of where the flange goes.
     """
 
     base_from_camera: Pose = field(default_factory=_base_from_camera)
@@ -122,6 +124,8 @@ class Layout:
     workspace_mm: Array = field(
         default_factory=lambda: frozen_array(((300, -200, 140), (600, 240, 420)), 2, 3)
     )
+
+    ink_mm: float = 0.0
 
     def base_from_object(self, angle_rad: float) -> Pose:
         """Place the CAD frame in the base, turntable at `angle_rad`."""

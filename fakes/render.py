@@ -1,7 +1,7 @@
 """The fake camera's pictures: only what changes is drawn, over a cached background.
 
-Tags are drawn exactly (`fakes.raster`), with fresh noise and 8 bits. Everything else (arm, tool,
-holes, a covering hand: `fakes.scenery`) is there to look right and to hide what it stands in front
+Tags and holes are drawn exactly (`fakes.raster`), with fresh noise and 8 bits. Everything else (arm,
+tool, a covering hand: `fakes.scenery`) is there to look right and to hide what it stands in front
 of.
 """
 
@@ -9,6 +9,7 @@ import cv2
 import numpy as np
 
 from fakes.blur import Blur
+from fakes.holes import HoleDrawer
 from fakes.layout import Layout
 from fakes.patterns import tag_pattern
 from fakes.raster import coverage
@@ -40,6 +41,7 @@ class Renderer:
         self.layout = layout
         self._camera_from_base = layout.base_from_camera.inverse()
         self._scenery = Scenery(layout)
+        self._holes = HoleDrawer(layout)
 
     def visible(self, name: TagName, snapshot: WorldSnapshot) -> Sight:
         """Judge how the camera sees tag "a" or "b"."""
@@ -52,7 +54,7 @@ class Renderer:
         if not snapshot.lights:
             return scenery.darkness()
         picture = scenery.background()
-        scenery.draw_holes(picture, snapshot.table_angle_rad)
+        self._holes.draw(picture, snapshot.table_angle_rad, rng)
         parts = bodies(self.layout, snapshot.base_from_wrist)
         tag_a = snapshot.base_from_tag("a", self.layout)
         points = tag_a.apply(plate_points(self.layout.tag_a.size_mm, n=7))
@@ -82,7 +84,8 @@ class Renderer:
         if region is None:
             return
         blur = Blur(optics.blur_px(float(camera_from_tag.translation[2])))
-        white = coverage(optics, camera_from_tag, tag_pattern(tag), region, blur)
+        printed = tag_pattern(tag).with_ink_spread(self.layout.ink_mm)
+        white = coverage(optics, camera_from_tag, printed, region, blur)
         plate = _polygon_share(outline, region, blur.sigma_px)
         paper = light(optics.size_px, region)
         clean = paper * (np.float32(BLACK) + np.float32(WHITE - BLACK) * white)

@@ -1,6 +1,7 @@
 """What surrounds the tags in the fake camera's pictures: bench, turntable, arm, a hand.
 
-Scenery is to look right and to hide what it stands in front of; nothing is measured on it.
+Scenery is to look right and to hide what it stands in front of; nothing is measured on it (but the
+holes: `fakes.holes`).
 """
 
 from collections.abc import Sequence
@@ -14,14 +15,13 @@ from fakes.visibility import Body
 from vgrd.geometry import Array, Pose
 
 _SHADES = {"forearm": 78, "wrist": 58, "bracket": 36, "tool": 92, "tip": 70}
-_HOLE_RADIUS_MM = 2.0
 _SPIKE_FOOT_RADIUS_MM = 7.0
 _SHIFT = 6  # fractional bits of cv2's drawing coordinates
 _NOISE_TILE = 2**20
 
 
 class Scenery:
-    """Draws everything but the tags of one camera's pictures."""
+    """Draws everything but the tags and holes of one camera's pictures."""
 
     def __init__(self, layout: Layout) -> None:
         self._layout = layout
@@ -39,14 +39,6 @@ class Scenery:
     def darkness(self) -> Picture:
         """Draw the cell without light."""
         return np.asarray(cv2.convertScaleAbs(self._background, alpha=0.015, beta=2))
-
-    def draw_holes(self, picture: Picture, angle_rad: float) -> None:
-        """Draw the targets on the disc: dark holes with a bright chamfer."""
-        base_from_object = self._layout.base_from_object(angle_rad)
-        for target in self._layout.targets.values():
-            for radius, shade in ((1.35, 214), (1.0, 26)):
-                ring = _circle(target.point_in_object, radius * _HOLE_RADIUS_MM)
-                self._fill(picture, base_from_object.apply(ring), shade)
 
     def draw_bodies(
         self, picture: Picture, parts: Sequence[Body], rng: np.random.Generator

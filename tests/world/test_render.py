@@ -11,6 +11,10 @@ from fakes.raster import coverage
 from fakes.render import Renderer
 from fakes.sensor import BLACK, Region
 from fakes.world import World, WorldSnapshot
+from vgrd.errors import HoleNotSeen
+from vgrd.geometry import Pose
+from vgrd.geometry.camera import CameraModel
+from vgrd.vision.holes import find_hole
 
 LAYOUT = Layout()
 
@@ -98,3 +102,33 @@ def test_drawing_needs_little_memory(renderer):
     peak_mib = tracemalloc.get_traced_memory()[1] / 2**20
     tracemalloc.stop()
     assert peak_mib < 120
+
+
+def test_the_holes_of_the_object_can_be_measured_to_a_thousandth_of_a_millimetre(renderer):
+    angle = 0.4
+    parked = frozen_snapshot(retracted_pose())
+    picture = renderer.render(WorldSnapshot(parked.flange, angle, exposure=3))
+    camera = CameraModel(LAYOUT.optics.matrix, LAYOUT.optics.distortion, LAYOUT.optics.size_px)
+    camera_from_object = LAYOUT.base_from_camera.inverse() @ LAYOUT.base_from_object(angle)
+    errors = []
+    for target in LAYOUT.targets.values():
+        rim = camera_from_object @ Pose(np.eye(3), target.point_in_object)
+        try:
+            found = find_hole(picture, camera, rim, target.hole_diameter_mm / 2, np.zeros(2))
+        except HoleNotSeen:
+            continue  # behind the arm or under the plate of tag B
+        errors.append(np.linalg.norm(found.center_in_plane))
+    assert len(errors) >= 3
+    assert max(errors) < 1e-3
+
+
+def test_ink_that_spreads_makes_the_fake_cells_tags_darker():
+    pose = retracted_pose()
+    snapshot = frozen_snapshot(pose)
+    centre = LAYOUT.optics.project(camera_from_tag_a(pose).translation[None])[0]
+    x, y = np.round(centre).astype(int)
+    tag = np.s_[y - 100 : y + 100, x - 100 : x + 100]
+    plain, inked = (
+        Renderer(layout).render(snapshot)[tag].mean() for layout in (LAYOUT, Layout(ink_mm=0.1))
+    )
+    assert inked < plain - 1
