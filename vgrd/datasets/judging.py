@@ -5,9 +5,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from vgrd.calibration.checks.agreement import Poses, agreement
+from vgrd.calibration.checks.conventions import mistaken_unit
+from vgrd.calibration.checks.readings import Reading, best_of
 from vgrd.calibration.hand_eye import HandEyeResult
 from vgrd.calibration.hand_eye_fit import move_of
-from vgrd.calibration.hand_eye_start import park_martin
 from vgrd.datasets.fitting import TargetScale, reprojection_px
 from vgrd.datasets.loading import Dataset
 from vgrd.errors import InputError
@@ -127,7 +129,8 @@ def suspects(
 ) -> list[str]:
     """Other readings of the same numbers (rotation format, mount) under which the samples agree."""
     rows = {s.name: v for s, v in zip(dataset.samples, dataset.pose_values, strict=True)}
-    off: dict[tuple[RotationFormat, Mount], float] = {}
+    cameras = Poses.of(camera_from_target)
+    readings: dict[tuple[RotationFormat, Mount], Reading] = {}
     for fmt in RotationFormat:
         if value_count(fmt) != value_count(dataset.rotation):
             continue
@@ -136,37 +139,30 @@ def suspects(
         except InputError:
             continue
         for mount in Mount:
-            off[fmt, mount] = _closed_form_mm(mount, poses, camera_from_target)
-    best = min(off.values())
-    if not best < min(_CONTRADICTORY_MM, _CLEARLY_BETTER * off[dataset.rotation, dataset.mount]):
+            moves = Poses.of([move_of(mount, pose) for pose in poses])
+            meant = None if fmt is dataset.rotation else fmt
+            readings[fmt, mount] = Reading(moves, meant=meant, inverted=mount != dataset.mount)
+    own = agreement(readings.pop((dataset.rotation, dataset.mount)).poses, cameras)
+    found = best_of(
+        list(readings.values()),
+        lambda moves: agreement(moves, cameras),
+        deg=_CONTRADICTORY_DEG,
+        mm=_CONTRADICTORY_MM,
+    )
+    if not found or found[0].fit.mm > _CLEARLY_BETTER * own.mm:
         return []
-    alike = [reading for reading, mm in off.items() if mm < best + _SAME_READING_MM]
+    best = found[0].fit
+    fitting = {id(one.reading) for one in found if one.fit.mm < best.mm + _SAME_READING_MM}
+    alike = [key for key, reading in readings.items() if id(reading) in fitting]
     formats = " or ".join(dict.fromkeys(str(fmt) for fmt, _ in alike))
     mounts = " or ".join(dict.fromkeys(str(mount) for _, mount in alike))
+    unit = mistaken_unit(best)
+    lengths = f", lengths = {unit}" if unit else ""
     return [
-        f"Read as rotation = {formats}, mount = {mounts}, the samples agree to {best:.1f} mm: is "
-        "that meant? (The other mount also fits poses that were written inverted.)"
+        f"Read as rotation = {formats}, mount = {mounts}{lengths}, the samples agree to "
+        f"{best.mm:.1f} mm: is that meant? (The other mount also fits poses that were written "
+        "inverted.)"
     ]
-
-
-def _closed_form_mm(
-    mount: Mount, base_from_wrist: Sequence[Pose], camera_from_target: Sequence[Pose]
-) -> float:
-    """Typical misfit of the closed form, mm."""
-    moves = [move_of(mount, pose) for pose in base_from_wrist]
-    try:
-        X, Y = park_martin(moves, camera_from_target)
-    except (InputError, np.linalg.LinAlgError):
-        return float("inf")
-    camera_from_mount = X.inverse()
-    return float(
-        np.median(
-            [
-                (camera_from_mount @ move @ Y).distance(seen)[0]
-                for move, seen in zip(moves, camera_from_target, strict=True)
-            ]
-        )
-    )
 
 
 def _weakness(evidence: Evidence) -> list[Finding]:
