@@ -35,7 +35,7 @@ def hole(x=0.0, y=0.0, radius=RADIUS, **levels):
 def test_a_hole_is_measured_within_what_it_says_of_itself(tilt):
     rng = np.random.default_rng(5)
     squares, errors = [], []
-    for _ in range(6):
+    for _ in range(4):
         place = rng.uniform(-1, 1, 2)
         pose = tilted(tilt, rng.uniform(0, 6))
         grey, camera = picture(hole(*place), pose=pose, seed=rng)
@@ -48,7 +48,7 @@ def test_a_hole_is_measured_within_what_it_says_of_itself(tilt):
         assert np.linalg.norm(found.center_px - center) < 0.02
         assert found.radius_mm == pytest.approx(RADIUS, abs=6 * found.radius_sigma_mm)
     assert max(errors) < 1e-3
-    assert 0.3 < np.mean(squares) < 6.5  # chi-square of 12: 0.1 % on either side
+    assert 0.2 < np.mean(squares) < 7.0  # chi-square of 8: 0.1 % on either side
 
 
 def test_the_centre_of_the_image_of_a_hole_is_not_the_image_of_its_centre():
@@ -84,7 +84,7 @@ def test_an_unknown_rim_height_and_an_uncertain_plane_widen_the_covariance_as_th
 
 
 def test_a_hole_without_a_guess_is_found_and_a_bright_one_too():
-    grey, camera = picture(hole(4.0, -3.0, inside=0.9), margin_px=300)
+    grey, camera = picture(hole(4.0, -3.0, inside=0.9), margin_px=150)
     found = find_hole(grey, camera, tilted(), RADIUS)
     assert found.center_in_plane == pytest.approx([4.0, -3.0], abs=1e-3)
 
@@ -151,7 +151,7 @@ def test_holes_are_sighted_at_their_cad_places_and_missing_ones_named():
         for name, place in places.items()
     }
     drawn = [hole(*places[name]) for name in ("P1", "P2")]
-    grey, camera = picture(*drawn, pose=camera_from_tag, margin_px=250)
+    grey, camera = picture(*drawn, pose=camera_from_tag, margin_px=120)
     seen, missing = sight_holes(grey, camera, camera_from_tag, object_from_tag, specs)
     assert [each.target for each in seen] == ["P1", "P2"]
     assert list(missing) == ["P3"]

@@ -205,7 +205,7 @@ def _solve_sectors(columns: Array, band: _Band, weights: Array, count: int) -> t
     poor = np.bincount(band.sectors, minlength=count) < _LEAST_PIXELS
     poor |= np.linalg.cond(normal) > 1e8
     normal[poor] = np.eye(3)
-    inverse = np.linalg.inv(normal)
+    inverse = np.asarray(np.linalg.inv(normal), np.float64)
     inverse[poor] = np.nan
     return np.nan_to_num(np.einsum("kij,kj->ki", inverse, right)), inverse
 
@@ -222,13 +222,15 @@ def _rim(band: _Band, edges: _Edges, circle: Circle, blur: float) -> tuple[Rim, 
         scale = max(1.0, 1.4826 * float(np.median(np.abs(left))))
         kept = np.maximum(1 - (left / (_TUKEY * scale)) ** 2, 0.0) ** 2
         half = np.sqrt(kept)[:, None]
-        step = np.linalg.lstsq(J * half, r * half[:, 0], rcond=None)[0]
+        step = np.asarray(np.linalg.lstsq(J * half, r * half[:, 0], rcond=None)[0], np.float64)
     chi2 = float((kept * (r - J @ step) ** 2).sum() / max(kept.sum() - 3, 1))
     weights = np.zeros(len(seen))
     weights[seen] = kept
     found = Rim(
         circle=Circle(circle.centre + step[:2], circle.radius + float(step[2])),
-        covariance=np.linalg.pinv((J * kept[:, None]).T @ J) * max(chi2, 1.0),
+        covariance=np.asarray(
+            np.linalg.pinv((J * kept[:, None]).T @ J) * max(chi2, 1.0), np.float64
+        ),
         offsets_px=edges.offsets - band.slopes @ step,
         sigmas_px=edges.sigmas,
         weights=weights,
@@ -243,10 +245,12 @@ def _rim(band: _Band, edges: _Edges, circle: Circle, blur: float) -> tuple[Rim, 
 def _most_agreed(slopes: Array, offsets: Array) -> Array:
     """Robust start: least absolute deviations by reweighting."""
     weights = np.ones(len(offsets))
-    step = np.zeros(3)
+    step: Array = np.zeros(3)
     for _ in range(15):
         half = np.sqrt(weights)[:, None]
-        step = np.linalg.lstsq(slopes * half, offsets * half[:, 0], rcond=None)[0]
+        step = np.asarray(
+            np.linalg.lstsq(slopes * half, offsets * half[:, 0], rcond=None)[0], np.float64
+        )
         weights = 1 / np.maximum(np.abs(offsets - slopes @ step), 1e-3)
     return step
 

@@ -2,6 +2,7 @@
 
 import cv2
 import numpy as np
+from numpy.typing import NDArray
 
 from vgrd.geometry import Array
 from vgrd.vision.holes_view import Circle, PlaneView, ring, turn_angles
@@ -76,8 +77,9 @@ def _scale(view: PlaneView, expected: Circle, reach_mm: float) -> float:
     return min(wanted, _LARGEST_PX / (2 * (reach_mm + _MARGIN_RADII * expected.radius)))
 
 
-def _normalised(levels: Array) -> cv2.typing.MatLike:
+def _normalised(levels: Array) -> NDArray[np.uint8]:
     """Grey levels stretched to 8 bits."""
     low, high = np.percentile(levels, (2, 98))
     stretched = (levels - low) * (255 / max(high - low, 1.0))
-    return cv2.GaussianBlur(np.clip(stretched, 0, 255).astype(np.uint8), (0, 0), 1.0)
+    grey = np.clip(stretched, 0, 255).astype(np.uint8)
+    return np.asarray(cv2.GaussianBlur(grey, (0, 0), 1.0), np.uint8)
