@@ -49,7 +49,7 @@ class PlaneView:
         return float(np.linalg.norm(self.image_of(place[None])[1][0], 2))
 
     def levels_at(self, places: Array, apart_mm: float) -> Array:
-        """Grey levels (n,) at places (n, 2) that are `apart_mm` apart; 0 outside of the picture."""
+        """Grey levels (n,) at places (n, 2) that are `apart_mm` apart; outside of the picture those of its border."""
         pixels, _ = self.image_of(places)
         pixels = np.nan_to_num(pixels, nan=-1e6)
         low = np.clip(np.floor(pixels.min(0)) - 4, 0, None).astype(int)
@@ -148,8 +148,10 @@ def on_circle(circle: Circle, angles: Array) -> Array:
 
 
 def _sampled(crop: NDArray[np.float32], x: NDArray[np.float32], y: NDArray[np.float32]) -> Array:
-    """Bilinear levels (n,) of a crop at x, y (n,), 0 outside; in rows, as OpenCV limits a map's sides."""
+    """Bilinear levels (n,) of a crop at x, y (n,); in rows, as OpenCV limits a map's sides."""
     row = 4096
     padded = [np.pad(part, (0, -len(part) % row)).reshape(-1, row) for part in (x, y)]
-    levels = cv2.remap(crop, padded[0], padded[1], cv2.INTER_LINEAR)
+    levels = cv2.remap(
+        crop, padded[0], padded[1], cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE
+    )
     return np.asarray(levels, np.float64).ravel()[: len(x)]
