@@ -6,6 +6,7 @@ be as modelled: it starts that fit from a coarse detection, and stands in for it
 
 import math
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -117,6 +118,7 @@ def _step(
     return change, bread @ meat @ bread, rms, float(agreeing)
 
 
+@lru_cache(maxsize=64)
 def _segments(raster: Raster) -> Array:
     """Edges (n, 6) between cells: x0, y0, x1, y1 mm, and the direction (2) across, towards white."""
     cells, x, y = raster.cells, raster.x, raster.y

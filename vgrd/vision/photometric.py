@@ -19,8 +19,8 @@ from vgrd.vision.warp import LocalFrame
 Grey = NDArray[np.uint8]
 
 _SIGMA_PX = 0.8  # blur to start from
-_REACH_SIGMAS = 3.7
-_MARGIN_PX = 0.8  # by which the start may be off
+_REACH_SIGMAS = 3.4
+_MARGIN_PX = 0.5  # by which the start may be off
 _FLAT_STRIDE = 4
 _QUADRATIC_LIGHT_PX = 400.0  # larger targets need a light that bends
 _MAX_STEPS = 14
