@@ -39,7 +39,7 @@ def _trial(seed: SeedSequence, parameters: Parameters) -> dict[str, float]:
     rng = np.random.default_rng(seed.spawn(1)[0])
     kind = parameters["session"] or kinds[rng.integers(len(kinds) - 1)]
     mistake = _MISTAKEN.get(fault, CLEAN)
-    recording = mistake.change(_session(kind, seed, rng), rng)
+    recording = mistake.change(free_session(kind, seed, rng), rng)
     found = examine(recording)
     if fault in UNDECIDABLE:
         found = [*found, *cannot_tell(recording.facts)]
@@ -56,7 +56,7 @@ def _names(finding: Finding, mistake: Mistake) -> bool:
     )
 
 
-def _session(kind: str, seed: SeedSequence, rng: np.random.Generator) -> Recording:
+def free_session(kind: str, seed: SeedSequence, rng: np.random.Generator) -> Recording:
     """5 to 12 looks, 7 or 8 touches, an object of no symmetry, a base that looks anywhere."""
     plan, tilted, one_axis = _KINDS[kind]
     arm = _ARMS[rng.integers(len(_ARMS))]

@@ -130,7 +130,7 @@ def _object_at_rest(cell: Simulation) -> Recording:
     return replace(cell.record(looks=8), spins=spins)
 
 
-_KINDS: Mapping[str, tuple[Session, str]] = MappingProxyType(
+KINDS: Mapping[str, tuple[Session, str]] = MappingProxyType(
     {
         "constant wrist": (_constant_wrist, "wrist_tilt"),
         "one axis, touches": (_one_axis_touches, "wrist_tilt"),
@@ -154,7 +154,7 @@ def _clean(cell: Simulation) -> Recording:
 
 def _trial(seed: SeedSequence, parameters: Parameters) -> dict[str, float]:
     """recognised: the right motion is missing; posed: a pose or target to go to comes with it."""
-    session, code = _KINDS.get(parameters["kind"], (_clean, ""))
+    session, code = KINDS.get(parameters["kind"], (_clean, ""))
     recording = session(Simulation(seed, arm=_ARM))
     missing = missing_motions(recording)
     right = [one for one in missing if one.code == code]
@@ -178,13 +178,13 @@ def _answers_silently(recording: Recording) -> bool:
 
 def _figures(trials: Trials) -> list[Figure]:
     figures = []
-    for name in _KINDS:
+    for name in KINDS:
         share = 100 * trials.mean("recognised", kind=name)
         figures.append(Figure(f"{name}: motion named", share, "%", at_least=100))
         if name not in _WITHOUT_POSE:
             posed = 100 * trials.mean("posed", kind=name)
             figures.append(Figure(f"{name}: pose given", posed, "%", at_least=100))
-    silent = [trials.values("silent", kind=name) for name in _KINDS]
+    silent = [trials.values("silent", kind=name) for name in KINDS]
     clean = trials.values("others", kind="clean")
     return [
         *figures,
@@ -195,7 +195,7 @@ def _figures(trials: Trials) -> list[Figure]:
 
 
 def _draw(trials: Trials) -> "Drawing":
-    shares = {name: 100 * trials.mean("recognised", kind=name) for name in _KINDS}
+    shares = {name: 100 * trials.mean("recognised", kind=name) for name in KINDS}
     runs = len(trials.select(kind="clean"))
     drawing, (axes,) = panels(
         f"Degenerate sessions recognised, {runs} each", ("missing motion named, %", "")
@@ -209,7 +209,7 @@ def _draw(trials: Trials) -> "Drawing":
 STUDY = Study(
     name="degenerate",
     title="Degenerate sessions: the missing motion named",
-    cases=tuple({"kind": kind} for kind in (*_KINDS, "clean")),
+    cases=tuple({"kind": kind} for kind in (*KINDS, "clean")),
     runs=250,
     trial=_trial,
     figures=_figures,

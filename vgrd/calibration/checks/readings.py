@@ -78,10 +78,10 @@ def other_readings(
             continue
         if read_as is not None and read != _same_as(read_as):
             continue
-        sifted = sieve.chosen(_reread(poses.rotations[few], read, meant))
+        sifted = sieve.chosen(reread_candidates(poses.rotations[few], read, meant))
         if not any(sieve.off_deg(R) <= _LOOSE * deg for R in sifted):
             continue
-        for R in turned.chosen(_reread(poses.rotations, read, meant)):
+        for R in turned.chosen(reread_candidates(poses.rotations, read, meant)):
             if turned.off_deg(R) <= deg:
                 again = Poses(R, poses.translations)
                 yield Reading(again, read, meant)
@@ -124,7 +124,7 @@ def _angles(R: Array) -> Array:
     return np.asarray(np.arccos(np.clip(cosine, -1, 1)))
 
 
-def _reread(rotations: Array, read: Format, meant: Format) -> list[Array]:
+def reread_candidates(rotations: Array, read: Format, meant: Format) -> list[Array]:
     """For each rotation the (k, 3, 3) that `meant` makes of the numbers it may have been written as."""
     out = []
     for R in rotations:

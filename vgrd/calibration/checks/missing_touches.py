@@ -1,0 +1,197 @@
+"""Which touches a session still lacks: of the object, and of a fixed point."""
+
+from collections.abc import Iterator, Sequence
+
+import numpy as np
+
+from vgrd.calibration.cad_fit import fit_cad
+from vgrd.calibration.checks.proposals import MissingMotion, direction, tilted
+from vgrd.calibration.expected import SAME_ORIENTATION_RAD
+from vgrd.calibration.motion import Axes, turned_axes
+from vgrd.calibration.tcp import calibrate_fixed_point
+from vgrd.calibration.teaching import arm_touches
+from vgrd.calibration.universal import UniversalProblem, calibrate_universal
+from vgrd.errors import CalibrationError, InputError, NotObservable, TooFewObservations
+from vgrd.geometry import Array, log_rotation
+from vgrd.model import Plan, Policy, Recording, Target, Touch
+
+_LINE = 1e-2
+_FEW = 3
+
+
+def missing_points(recording: Recording) -> Iterator[MissingMotion]:
+    """What the conventional TCP lacks: touches of one fixed point with the wrist turned."""
+    points = recording.points
+    if recording.plan is not Plan.CONVENTIONAL:
+        return
+    if not points:
+        yield MissingMotion(
+            "fixed_point_motion",
+            "no fixed point was touched: touch one point at least three times, the wrist turned "
+            "by 25 degrees and more about two axes",
+            rank=0,
+            unknowns=6,
+        )
+        return
+    try:
+        calibrate_fixed_point(arm_touches(points, recording))
+    except TooFewObservations:
+        rank, unknowns = 3, 6
+    except NotObservable as fault:
+        rank, unknowns = fault.rank, fault.unknowns
+    else:
+        return
+    yield _tilt_again("fixed_point_motion", recording, points, rank, unknowns, essential=True)
+
+
+def missing_touches(recording: Recording, policy: Policy) -> Iterator[MissingMotion]:
+    """What object and TCP lack: targets beside a line, and tilts where plan or policy need the TCP."""
+    touches = recording.touches
+    if recording.plan is Plan.CONVENTIONAL and touches:
+        return
+    count, _ = turned_axes([t.base_from_wrist.rotation for t in touches] or [np.eye(3)])
+    needed = 4 if recording.plan is Plan.UNIVERSAL or count is not Axes.NONE else _FEW
+    points = _points(recording, touches)
+    beside = _beside(recording, points)
+    if len(touches) < needed:
+        yield MissingMotion(
+            "few_touches",
+            f"{len(touches)} touches, at least {needed} are needed: touch {beside.name} next",
+            rank=3 * len(touches),
+            unknowns=6 if needed == _FEW else 9,
+            target=beside.name,
+        )
+        return
+    if _in_line(points):
+        yield MissingMotion(
+            "targets_in_line",
+            "all touched points lie on one line, the object can turn about it: touch "
+            f"{beside.name}, which lies beside it",
+            rank=5 if count is Axes.NONE else 8,
+            unknowns=6 if count is Axes.NONE else 9,
+            target=beside.name,
+        )
+    yield from _tilts(recording, policy, points, count)
+
+
+def _tilts(
+    recording: Recording, policy: Policy, points: Array, count: Axes
+) -> Iterator[MissingMotion]:
+    """Turns of the wrist that the TCP needs, as far as plan and policy need the TCP."""
+    touches = recording.touches
+    universal = recording.plan is Plan.UNIVERSAL
+    needs_tcp = policy is not Policy.FIXED or _other_orientations(recording)
+    if count is Axes.NONE:
+        if universal or needs_tcp:
+            yield _tilt_again(
+                "wrist_tilt", recording, touches, rank=6, unknowns=9, essential=needs_tcp
+            )
+        elif not _in_line(points):
+            yield from _unmeasured(recording, points)
+        return
+    if _in_line(points):
+        return
+    try:
+        calibrate_universal(UniversalProblem(points, arm_touches(touches, recording)))
+    except NotObservable as fault:
+        if universal or count is Axes.MANY:
+            yield _tilt_again(
+                "wrist_tilt", recording, touches, fault.rank, fault.unknowns, essential=False
+            )
+
+
+def _unmeasured(recording: Recording, points: Array) -> Iterator[MissingMotion]:
+    try:
+        fit_cad(points, arm_touches(recording.touches, recording))
+    except NotObservable as fault:
+        yield MissingMotion("targets_in_line", str(fault), fault.rank, fault.unknowns)
+
+
+def _other_orientations(recording: Recording) -> bool:
+    """Whether some target is worked on with the wrist turned against all touches."""
+    R = recording.touches[0].base_from_wrist.rotation
+    works = [target.base_from_work for target in recording.facts.object.targets.values()]
+    return any(
+        work is not None and np.linalg.norm(log_rotation(work @ R.T)) > SAME_ORIENTATION_RAD
+        for work in works
+    )
+
+
+def _tilt_again(
+    code: str,
+    recording: Recording,
+    touches: Sequence[Touch],
+    rank: int,
+    unknowns: int,
+    *,
+    essential: bool,
+) -> MissingMotion:
+    """Repeat a touch with the wrist tilted, the tip kept where it is."""
+    rotations = [touch.base_from_wrist.rotation for touch in touches]
+    count, axis = turned_axes(rotations)
+    tip, known = _tip(recording, touches)
+    again = touches[0]
+    pose, how = tilted(again.base_from_wrist, tip, None if count is Axes.NONE else axis)
+    so_far = (
+        "the wrist kept its orientation in all touches"
+        if count is Axes.NONE
+        else f"the wrist turned only about {direction(axis)} of the base"
+    )
+    care = "" if known else " (the tip is not known yet: approach with care)"
+    return MissingMotion(
+        code,
+        f"TCP: {so_far}, {rank} of {unknowns} unknowns are determined: {how} and touch "
+        f"{again.target} again{care}",
+        rank=rank,
+        unknowns=unknowns,
+        base_from_wrist=pose,
+        target=again.target,
+        essential=essential,
+    )
+
+
+def _tip(recording: Recording, touches: Sequence[Touch]) -> tuple[Array, bool]:
+    """TCP in the wrist (3,) as far as anything tells it, and whether all of it is known."""
+    if len(recording.points) >= _FEW:
+        try:
+            fixed = calibrate_fixed_point(arm_touches(recording.points, recording))
+        except CalibrationError:
+            pass
+        else:
+            return fixed.tcp_in_wrist, True
+    active = recording.facts.wrist_from_tcp
+    if active is not None and np.linalg.norm(active.translation) > 1:
+        return active.translation, True
+    if len({touch.target for touch in touches}) == 1:
+        R = np.array([touch.base_from_wrist.rotation for touch in touches])
+        t = np.array([touch.base_from_wrist.translation for touch in touches])
+        rows = (R - R.mean(axis=0)).reshape(-1, 3)
+        tip = np.linalg.lstsq(rows, -(t - t.mean(axis=0)).ravel(), rcond=_LINE)[0]
+        return np.asarray(tip), False
+    return np.zeros(3), False
+
+
+def _points(recording: Recording, touches: Sequence[Touch]) -> Array:
+    targets = recording.facts.object.targets
+    unknown = sorted({touch.target for touch in touches} - set(targets))
+    if unknown:
+        raise InputError(
+            f"touched target {unknown[0]!r} is not in CAD; there are: {sorted(targets)}"
+        )
+    return np.array([targets[t.target].point_in_object for t in touches]).reshape(-1, 3)
+
+
+def _in_line(points: Array) -> bool:
+    spread = np.linalg.svd(points - points.mean(axis=0), compute_uv=False)
+    return bool(spread[1] <= _LINE * max(spread[0], 1e-9))
+
+
+def _beside(recording: Recording, points: Array) -> Target:
+    """The target farthest from the line, or the point, of those that were touched."""
+    targets = list(recording.facts.object.targets.values())
+    if not len(points):
+        return targets[0]
+    middle = points.mean(axis=0)
+    along = np.linalg.svd(points - middle)[2][0] * (np.ptp(points, axis=0).max() > _LINE)
+    off = [target.point_in_object - middle for target in targets]
+    return targets[int(np.argmax([np.linalg.norm(d - along * (along @ d)) for d in off]))]
