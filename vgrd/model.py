@@ -6,6 +6,7 @@ from enum import StrEnum
 
 import numpy as np
 
+from vgrd.estimate import JointEstimate
 from vgrd.geometry import Array, Pose
 
 
@@ -222,7 +223,8 @@ class TaughtPoint:
 class Calibration:
     """All that the runtime needs, immutable; poses as named, mm.
 
-    method: "universal" or "special". tcp_in_wrist: (3,) touch tip or None (special method, constant wrist);
+    method: "joint", "universal" or "special"; joint: what answers rest on with the first.
+    tcp_in_wrist: (3,) touch tip or None where it is not determined (constant wrist);
     tcp_covariance: (3, 3). base_from_camera: from hand-eye; its covariance (6, 6), left tangent.
     camera_from_tag_b_ref: tag B in the reference picture (0), at which `taught` holds, and
     reference_covariance (6, 6). pivot: a point of the object that stays where it is when the
@@ -250,6 +252,7 @@ class Calibration:
     verdict: Verdict
     pivot_covariance: Array | None = None
     reference_covariance: Array | None = None
+    joint: JointEstimate | None = None
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -300,7 +300,7 @@ def test_requests_that_cannot_be_served_are_refused_with_the_remedy():
     seen = world.observe(SOMEWHERE, 0.5).tag_b
     for arguments, words in (
         (("P9", seen, Policy.FIXED), "'P9' was not taught"),
-        (("P1", seen, Policy.REQUESTED), "not served yet"),
+        (("P1", seen, Policy.REQUESTED), "needs the orientation"),
         (("P1", seen, Policy.FIXED, fixed_wrist() @ exp_rotation((0, 0, 0.1))), "5.73 degrees"),
     ):
         with pytest.raises(InputError, match=words):

@@ -301,13 +301,13 @@ def test_a_request_reads_what_was_written(words):
 
 
 @pytest.mark.parametrize(
-    ("options", "written", "radians"),
-    [(0, 1_000_000, 1.0), (1 << 4, 1_800_000, math.pi), (3 << 4, -900_000, -math.pi / 2)],
+    ("options", "written", "value"),
+    [(0, 1_000_000, 1.0), (1 << 4, 1_800_000, 180.0), (3 << 4, -900_000, -90.0)],
 )
-def test_the_requested_orientation_is_scaled_by_its_format(options, written, radians):
+def test_the_requested_orientation_is_scaled_by_its_format(options, written, value):
     fields = {field.name: 0 for field in REQUEST.fields} | {"OPT": options, "ORI_RX": written}
     request = Request.parse(REQUEST.encode(fields))
-    assert request.orientation_rad[0] == pytest.approx(radians)
+    assert request.request_orientation[0] == pytest.approx(value)
 
 
 def test_an_unknown_rotation_format_is_none():

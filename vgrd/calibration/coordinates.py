@@ -10,6 +10,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from vgrd.calibration.expected import SAME_ORIENTATION_RAD
+from vgrd.calibration.joint_basis import stored_basis
+from vgrd.calibration.joint_expected import expected_from
 from vgrd.errors import InputError
 from vgrd.geometry import Array, Pose, hat, log_rotation
 from vgrd.geometry.covariance import radius95
@@ -47,15 +49,19 @@ def expected_coordinate(
 ) -> ExpectedCoordinate:
     """Flange pose at which the work tip meets the target in the picture given.
 
-    policy fixed: the wrist stays at the taught orientation; follow: it turns with the object.
-    base_from_work: (3, 3), another orientation for the object as it was taught. u95_mm counts
+    policy fixed: the wrist stays at the taught orientation; follow: it turns with the object;
+    requested: it stands as base_from_work says. base_from_work: (3, 3), for the other policies
+    another orientation for the object as it was taught. u95_mm counts
     touches, hand-eye, both pictures, pivot and the arm (see `radius95`). Raises InputError for an
     unknown target and for what the calibration cannot serve, naming the remedy.
     """
     taught = _taught(calibration, target_name)
-    if policy is Policy.REQUESTED:
-        raise InputError("policy 'requested' is not served yet: use 'fixed' or 'follow'")
+    if policy is Policy.REQUESTED and base_from_work is None:
+        raise InputError("policy 'requested' needs the orientation in which the wrist will stand")
     R_work = taught.base_from_work if base_from_work is None else np.asarray(base_from_work)
+    if calibration.joint is not None:
+        basis = stored_basis(calibration.joint, calibration.facts)
+        return expected_from(basis, target_name, camera_from_tag_b, policy, R_work)
     if calibration.tcp_in_wrist is None:
         _require_taught_orientation(taught, R_work)
         moved, by_touches = _special(calibration, taught, camera_from_tag_b, policy)
@@ -72,7 +78,7 @@ def expected_coordinate(
         base_from_wrist=Pose(R_now, flange),
         position_covariance=frozen_array(covariance, 3, 3),
         u95_mm=radius95(covariance),
-        u95_rad=0.0 if policy is Policy.FIXED else radius95(turned),
+        u95_rad=0.0 if policy is not Policy.FOLLOW else radius95(turned),
     )
 
 
@@ -94,7 +100,7 @@ def _require_taught_orientation(taught: TaughtPoint, R_work: Array) -> None:
 
 
 def _wrist(policy: Policy, moved: _Moved, R_work: Array) -> Array:
-    return R_work if policy is Policy.FIXED else moved.rotation @ R_work
+    return moved.rotation @ R_work if policy is Policy.FOLLOW else R_work
 
 
 def _tip_in_wrist(calibration: Calibration) -> Array:
@@ -115,7 +121,7 @@ def _universal(
     """
     tip = taught.flange_in_base + taught.base_from_work @ _tip_in_wrist(calibration)
     by_pivot = np.zeros((3, 3))
-    if policy is Policy.FIXED and calibration.pivot_in_base is not None:
+    if policy is not Policy.FOLLOW and calibration.pivot_in_base is not None:
         moved = _about_pivot(calibration, tip, now)
         by_pivot = _EYE - moved.rotation
     else:

@@ -1,18 +1,19 @@
 """What to tell an operator about a session while it is being recorded."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 
 import numpy as np
 
+from vgrd.calibration.checks import examine
 from vgrd.calibration.coaching import Advice, next_best
 from vgrd.calibration.foresight import Foresight, Job, Undetermined
 from vgrd.calibration.joint import JointResult, calibrate_joint
 from vgrd.calibration.reach import Reach, camera_sees_tag_a, usual_wrist
-from vgrd.calibration.rotation_center import find_rotation_center
-from vgrd.errors import DidNotConverge, NotObservable, TooFewObservations, VgrdError
+from vgrd.calibration.spins import without_useless_spins
+from vgrd.errors import DidNotConverge, VgrdError
 from vgrd.geometry import Array
-from vgrd.model import Finding, Motion, Policy, Recording
+from vgrd.model import Finding, Policy, Recording
 
 _ANGLES_RAD = (0.0, 2.0)
 _TOO_LITTLE = (
@@ -64,25 +65,13 @@ def advise_session(
     take orientations all over the reach.
     """
     try:
-        usable, doubts = _without_useless_spins(recording)
+        usable, doubts = without_useless_spins(recording)
         reach = reach or Reach.of(recording)
         return _advice(calibrate_joint(usable), policy, reach, works, doubts)
     except (DidNotConverge, np.linalg.LinAlgError):
         return SessionAdvice(policy, trouble=_TOO_LITTLE)
     except VgrdError as err:
         return SessionAdvice(policy, trouble=str(err))
-
-
-def _without_useless_spins(recording: Recording) -> tuple[Recording, tuple[Finding, ...]]:
-    """Spins are left out until they tell the axis of turning: the estimate would wander along it."""
-    tags = [spin.tag_b.camera_from_tag for spin in recording.spins if spin.tag_b is not None]
-    if not recording.spins or recording.facts.object.motion is Motion.FREE:
-        return recording, ()
-    try:
-        find_rotation_center(tags)
-    except (NotObservable, TooFewObservations) as err:
-        return replace(recording, spins=()), (Finding("spins_not_used_yet", str(err)),)
-    return recording, ()
 
 
 def _advice(
@@ -102,7 +91,7 @@ def _advice(
     trouble = f"the answers still depend on {', '.join(minded)}" if minded else ""
     predicted = {} if minded else foresight.target_errors_mm(foresight.covariance, job)
     best = next_best(result, job, reach, tag_a_in_view=camera_sees_tag_a(result))[0]
-    findings = (*doubts, *_findings(result))
+    findings = (*doubts, *examine(result.recording, policy), *_findings(result))
     return SessionAdvice(policy, findings, predicted, trouble, best, left)
 
 

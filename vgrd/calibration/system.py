@@ -6,13 +6,24 @@ from dataclasses import dataclass, replace
 from vgrd.calibration.coordinates import expected_coordinate
 from vgrd.calibration.hand_eye import HandEyeProblem, HandEyeResult, calibrate_hand_eye
 from vgrd.calibration.hand_eye_samples import hand_eye_samples
+from vgrd.calibration.joint_system import calibrate_jointly
 from vgrd.calibration.reference import find_reference
 from vgrd.calibration.rotation_center import RotationCenter, find_rotation_center
 from vgrd.calibration.teaching import Taught, teach
 from vgrd.calibration.verdict import Evidence, judge, verify
 from vgrd.errors import InputError, NotObservable, TooFewObservations
 from vgrd.geometry import Array
-from vgrd.model import Calibration, Finding, Mount, Observation, Recording, Verdict, frozen_array
+from vgrd.model import (
+    Calibration,
+    Finding,
+    Mount,
+    Observation,
+    Plan,
+    Policy,
+    Recording,
+    Verdict,
+    frozen_array,
+)
 
 __all__ = ["calibrate_system", "expected_coordinate"]
 
@@ -28,11 +39,14 @@ class _Pivot:
     covariance: Array
 
 
-def calibrate_system(recording: Recording) -> Calibration:
+def calibrate_system(
+    recording: Recording, tolerance_mm: float | None = None, policy: Policy = Policy.FIXED
+) -> Calibration:
     """Solve everything that the recording tells; id is "" and the time 0, for the caller to set.
 
-    All touches serve one estimate: the universal method where the wrists varied, else the special
-    method from CAD-fitted flange positions. Doubts are findings of the verdict. Raises
+    Plan joint: everything in one estimate, see `calibrate_jointly`. The other plans are the paper's
+    methods, step by step: universal where the wrists varied, else special from CAD-fitted flange
+    positions. Doubts are findings of the verdict. Raises
     TooFewObservations, NotObservable (what is missing, in words), InputError or DidNotConverge.
     """
     facts = recording.facts
@@ -41,6 +55,19 @@ def calibrate_system(recording: Recording) -> Calibration:
             "serving needs a camera that stands still (eye-to-hand); an eye-in-hand camera can "
             "be calibrated as a dataset: vgrd solve DATASET"
         )
+    if recording.plan is not Plan.JOINT:
+        calibration = _calibrate_in_steps(recording)
+    else:
+        calibration = calibrate_jointly(recording, tolerance_mm, policy)
+    verified, misses = verify(calibration, recording.verifications)
+    return replace(
+        calibration,
+        residuals={**calibration.residuals, **misses},
+        verdict=Verdict((*calibration.verdict.findings, *verified)),
+    )
+
+
+def _calibrate_in_steps(recording: Recording) -> Calibration:
     taught = teach(recording)
     hand_eye = calibrate_hand_eye(_hand_eye_problem(recording))
     reference = find_reference(recording.touches)
@@ -51,7 +78,7 @@ def calibrate_system(recording: Recording) -> Calibration:
         session=recording.session,
         created_unix_s=0.0,
         method=taught.method,
-        facts=facts,
+        facts=recording.facts,
         base_from_camera=hand_eye.mount_from_camera,
         hand_eye_covariance=frozen_array(hand_eye.covariance[:6, :6], 6, 6),
         wrist_from_tag_a=hand_eye.mount_from_target,
@@ -68,12 +95,8 @@ def calibrate_system(recording: Recording) -> Calibration:
     )
     evidence = Evidence(recording, taught, hand_eye, reference, center, pivot is not None)
     findings, residuals = judge(evidence)
-    verified, misses = verify(calibration, recording.verifications)
-    return replace(
-        calibration,
-        residuals={**residuals, **misses},
-        verdict=Verdict((*doubts, *findings, *verified)),
-    )
+    verdict = Verdict((*doubts, *findings))
+    return replace(calibration, residuals=residuals, verdict=verdict)
 
 
 def _hand_eye_problem(recording: Recording) -> HandEyeProblem:

@@ -10,7 +10,7 @@ from vgrd.calibration.hand_eye import HandEyeResult
 from vgrd.calibration.reference import Reference
 from vgrd.calibration.rotation_center import RotationCenter
 from vgrd.calibration.teaching import Taught
-from vgrd.errors import InputError
+from vgrd.errors import InputError, NotObservable
 from vgrd.geometry.covariance import radius95
 from vgrd.model import Calibration, Finding, Motion, Plan, Policy, Recording, Touch
 
@@ -64,7 +64,7 @@ def verify(
             expected = expected_coordinate(
                 calibration, touch.target, seen.tag_b, Policy.FIXED, touch.base_from_wrist.rotation
             )
-        except InputError as fault:
+        except (InputError, NotObservable) as fault:
             findings.append(Finding("verification_unusable", f"verification {i + 1}: {fault}"))
             continue
         off = touch.base_from_wrist.translation - expected.base_from_wrist.translation

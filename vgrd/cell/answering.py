@@ -7,9 +7,10 @@ import numpy as np
 
 from vgrd.calibration.system import expected_coordinate
 from vgrd.cell.measuring import Sight
+from vgrd.errors import InputError, NotObservable
 from vgrd.geometry import Array, Pose
 from vgrd.geometry.formats import RotationFormat as Format
-from vgrd.geometry.formats import rotation_to
+from vgrd.geometry.formats import rotation_from, rotation_to
 from vgrd.model import Calibration, ExpectedCoordinate, Policy, TagObservation, Target
 from vgrd.registers import Answer, Command, Frame, Request, RotationFormat, Status
 from vgrd.registers import Policy as PolicyCode
@@ -21,8 +22,12 @@ _FORMATS = {
     RotationFormat.KUKA_ABC: Format.KUKA_ABC_DEG,
     RotationFormat.ZYZ: Format.ZYZ_DEG,
 }
-_POLICIES = {PolicyCode.FIXED: Policy.FIXED, PolicyCode.FOLLOW: Policy.FOLLOW}
-OPT_REGISTER, REQ_POSE_REGISTER = 3, 10
+_POLICIES = {
+    PolicyCode.FIXED: Policy.FIXED,
+    PolicyCode.FOLLOW: Policy.FOLLOW,
+    PolicyCode.REQUESTED: Policy.REQUESTED,
+}
+OPT_REGISTER, REQ_POSE_REGISTER, REQ_ORI_REGISTER = 3, 10, 23
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,7 +50,7 @@ def check_request(request: Request, calibration: Calibration) -> Answer | None:
     if target_by_id(calibration, request.point) is None:
         return replace(refusal, status=Status.UNKNOWN_POINT, detail=request.point)
     tcp_unknown = request.wants_tcp and calibration.tcp_in_wrist is None
-    if tcp_unknown or request.rotation_format is None or request.policy == PolicyCode.REQUESTED:
+    if tcp_unknown or request.rotation_format is None:
         return replace(refusal, status=Status.BAD_PARAMETER, detail=OPT_REGISTER)
     for register, number in ((4, request.robot), (5, request.object), (6, request.tool)):
         if number > 1:
@@ -82,8 +87,20 @@ def answer_request(
     if sight.tag_b is None or target is None:
         return replace(answer, status=Status.TAG_B_NOT_FOUND, detail=calibration.facts.tag_b.id)
     policy = _POLICIES.get(request.policy, limits.policy)
-    expected = expected_coordinate(calibration, target.name, sight.tag_b, policy)
+    if policy is not Policy.REQUESTED:
+        expected = expected_coordinate(calibration, target.name, sight.tag_b, policy)
+        return _encode(request, answer, expected, calibration, limits)
+    work = requested_orientation(request)
+    try:
+        expected = expected_coordinate(calibration, target.name, sight.tag_b, policy, work)
+    except (InputError, NotObservable):
+        return replace(answer, status=Status.BAD_PARAMETER, detail=REQ_ORI_REGISTER)
     return _encode(request, answer, expected, calibration, limits)
+
+
+def requested_orientation(request: Request) -> Array:
+    """REQ_ORI as base_from_wrist (3, 3)."""
+    return rotation_from(request.request_orientation, _FORMATS[_format(request)])
 
 
 def target_by_id(calibration: Calibration, number: int) -> Target | None:
@@ -107,6 +124,10 @@ def object_displacement_mm(
     return float(np.linalg.norm(way) + _extent_mm(calibration) * angle_rad)
 
 
+def _format(request: Request) -> RotationFormat:
+    return request.rotation_format or RotationFormat.ROTVEC
+
+
 def _extent_mm(calibration: Calibration) -> float:
     points = np.array([taught.target.point_in_object for taught in calibration.taught.values()])
     return float(np.linalg.norm(points[:, None] - points, axis=-1).max(initial=0.0))
@@ -119,7 +140,7 @@ def _encode(
     calibration: Calibration,
     limits: Limits,
 ) -> Answer:
-    format_code = request.rotation_format or RotationFormat.ROTVEC
+    format_code = _format(request)
     pose = expected.base_from_wrist
     position: Array = pose.translation
     if request.wants_tcp and calibration.tcp_in_wrist is not None:

@@ -24,7 +24,8 @@ from vgrd.errors import (
     NoCurrentCalibration,
     TagNotSeen,
 )
-from vgrd.model import Calibration, CellFacts, Policy
+from vgrd.geometry import Array, exp_rotation
+from vgrd.model import Calibration, CellFacts
 from vgrd.store.calibrations import CalibrationStore, register_id
 from vgrd.store.sessions import SampleKind, list_sessions, session_directory
 
@@ -135,7 +136,9 @@ class Operations:
         if not isinstance(name, str):
             raise InputError("there is no recorded session to solve: vgrd record start")
         folder = session_directory(self.state_dir, name)
+        limits = self.serving.limits
         command = ["-m", "vgrd.cell.solver", str(folder), str(self.state_dir)]
+        command += [str(limits.max_u95_mm), limits.policy.value]
         process = await asyncio.create_subprocess_exec(
             sys.executable, *command, stdout=asyncio.subprocess.PIPE
         )
@@ -163,20 +166,19 @@ class Operations:
 
     async def _ec(self, arguments: Arguments) -> Mapping[str, Any]:
         target = text_argument(arguments, "target")
-        policy = arguments.get("policy") or self.serving.limits.policy.value
-        if policy not in list(Policy):
-            raise InputError(f"policy {policy!r}: choose one of {', '.join(Policy)}")
+        policy = policy_called(arguments.get("policy") or self.serving.limits.policy.value)
+        work = _orientation(arguments)
         calibration, fault = self.serving.calibration, self.serving.fault()
         if calibration is None or fault is not None:
             raise ControlError(f"not serving: {fault[1] if fault else 'no calibration'}")
         sight = await self.measuring.fresh(PICTURE_TIMEOUT_S)
         if sight.tag_b is None:
             raise TagNotSeen("tag B on the object is not in the picture")
-        expected = expected_coordinate(calibration, target, sight.tag_b, Policy(policy))
+        expected = expected_coordinate(calibration, target, sight.tag_b, policy, work)
         pose = expected.base_from_wrist
         return {
             "target": target,
-            "policy": policy,
+            "policy": policy.value,
             "position_mm": pose.translation.tolist(),
             "rotvec_deg": np.degrees(pose.rotvec()).tolist(),
             "u95_mm": expected.u95_mm,
@@ -200,6 +202,20 @@ class Operations:
                 f"{calibration.id} was made for another cell: {'; '.join(differences)}. "
                 "Teach again, or restore the cell file"
             )
+
+
+def _orientation(arguments: Arguments) -> Array | None:
+    """base_from_wrist (3, 3) from argument work_rotvec_deg, "RX RY RZ"; None without it."""
+    text = arguments.get("work_rotvec_deg")
+    if text is None:
+        return None
+    try:
+        x, y, z = (float(word) for word in str(text).split())
+    except ValueError as err:
+        raise InputError(
+            f"work_rotvec_deg {text!r}: three numbers in degrees, as in '180 0 0'"
+        ) from err
+    return exp_rotation(np.radians([x, y, z]))
 
 
 def _number(arguments: Arguments, name: str) -> float:

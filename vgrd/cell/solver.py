@@ -1,6 +1,6 @@
 """Solving a recorded session: the same function for the daemon's child process and for `vgrd solve`.
 
-python -m vgrd.cell.solver SESSION_FOLDER STATE_DIR
+python -m vgrd.cell.solver SESSION_FOLDER STATE_DIR TOLERANCE_MM POLICY
 """
 
 import ctypes
@@ -16,18 +16,27 @@ from vgrd import logs
 from vgrd.calibration.system import calibrate_system
 from vgrd.clock import Clock, SystemClock
 from vgrd.errors import VgrdError
-from vgrd.model import Calibration
+from vgrd.model import Calibration, Policy
 from vgrd.store.calibrations import CalibrationStore
 from vgrd.store.sessions import load_session
 
 
 def solve_session(
-    folder: Path, state_dir: Path | None = None, clock: Clock | None = None
+    folder: Path,
+    state_dir: Path | None = None,
+    clock: Clock | None = None,
+    *,
+    tolerance_mm: float | None = None,
+    policy: Policy = Policy.FIXED,
 ) -> dict[str, object]:
-    """Solve a session folder and store the calibration if `state_dir` is given; JSON-able summary."""
+    """Solve a session folder and store the calibration if `state_dir` is given; JSON-able summary.
+
+    tolerance_mm: 95 % of the misses under the policy must be predicted within it.
+    """
     clock = clock or SystemClock()
     stored = load_session(folder)
-    calibration = replace(calibrate_system(stored.recording), created_unix_s=clock.wall())
+    calibration = calibrate_system(stored.recording, tolerance_mm, policy)
+    calibration = replace(calibration, created_unix_s=clock.wall())
     name = None
     if state_dir is not None and calibration.verdict.ok:
         name = CalibrationStore(state_dir, clock).save(calibration)
@@ -63,11 +72,17 @@ def _die_with_the_cell() -> None:
 
 def main(argv: list[str] | None = None) -> int:
     """Entry point of the solver process: one JSON line on standard output."""
-    folder, state_dir = (argv or sys.argv)[1:]
+    folder, state_dir, tolerance_mm, policy = (argv or sys.argv)[1:]
     _die_with_the_cell()
     logs.configure("solver")
     try:
-        reply = {"ok": True, "result": solve_session(Path(folder), Path(state_dir))}
+        result = solve_session(
+            Path(folder),
+            Path(state_dir),
+            tolerance_mm=float(tolerance_mm),
+            policy=Policy(policy),
+        )
+        reply = {"ok": True, "result": result}
     except VgrdError as err:
         reply = {"ok": False, "error": type(err).__name__, "message": str(err)}
     sys.stdout.write(json.dumps(reply, allow_nan=False) + "\n")

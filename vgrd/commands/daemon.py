@@ -90,14 +90,20 @@ def activate(
 def ec(
     target: Annotated[str, typer.Argument(help="Name of the target.")],
     policy: Annotated[
-        str | None, typer.Option(help="fixed or follow; as configured if left out.")
+        str | None, typer.Option(help="fixed, follow or requested; as configured if left out.")
+    ] = None,
+    work_rotvec_deg: Annotated[
+        str | None,
+        typer.Option(help="Orientation of the wrist at the touch, such as '180 0 0'."),
     ] = None,
     config: ConfigOption = None,
     socket: SocketOption = None,
     json_to: JsonOption = None,
 ) -> None:
     """Compute an expected coordinate from a fresh picture."""
-    result = ask(config, socket, "ec", target=target, policy=policy)
+    result = ask(
+        config, socket, "ec", target=target, policy=policy, work_rotvec_deg=work_rotvec_deg
+    )
     print_result(result, json_to, show_fields(f"expected coordinate of {target}"))
 
 

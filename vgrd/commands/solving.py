@@ -36,6 +36,10 @@ def solve(
         str | None,
         typer.Option(help="Datasets only: a published method, unrefined, such as tsai-lenz."),
     ] = None,
+    tolerance_mm: Annotated[
+        float | None,
+        typer.Option(help="Session folders only: reject what is predicted to miss by more."),
+    ] = None,
     config: ConfigOption = None,
     socket: SocketOption = None,
     json_to: JsonOption = None,
@@ -49,7 +53,9 @@ def solve(
     elif source.is_dir():
         from vgrd.cell.solver import solve_session
 
-        _print_calibration(solve_session(source), json_to, f"{source.name} solved")
+        _print_calibration(
+            solve_session(source, tolerance_mm=tolerance_mm), json_to, f"{source.name} solved"
+        )
     else:
         _solve_dataset(source, method, json_to)
 

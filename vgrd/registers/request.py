@@ -1,6 +1,5 @@
 """What the robot asks for, read from registers 0-31."""
 
-import math
 from dataclasses import dataclass
 from typing import Self
 
@@ -90,14 +89,6 @@ class Request:
         """REQ_POSE's rotation vector."""
         rx, ry, rz = self.request_pose_um_urad[3:]
         return rx * 1e-6, ry * 1e-6, rz * 1e-6
-
-    @property
-    def orientation_rad(self) -> tuple[float, float, float]:
-        """REQ_ORI with Euler angles turned to radians."""
-        if self.rotation_format == RotationFormat.ROTVEC:
-            return self.request_orientation
-        a, b, c = self.request_orientation
-        return math.radians(a), math.radians(b), math.radians(c)
 
 
 NOTHING_ASKED = Request.parse(bytes(64))
