@@ -11,8 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vgrd.geometry import Array
+from vgrd.vision.gathering import Cells, gather
 from vgrd.vision.homography import apply, inverse, moved, normalised, to_pixels
-from vgrd.vision.kernels import BLOOM, LIGHT, SHAPE, Cells, accumulate, gather
+from vgrd.vision.kernels import BLOOM, LIGHT, SHAPE, accumulate
 from vgrd.vision.raster import Raster
 from vgrd.vision.warp import LocalFrame
 
@@ -29,7 +30,7 @@ _SETTLED_PX, _STILL_PX, _FARTHEST_PX = 0.2, 0.01, 6.0  # a step squared is what 
 _LEAST_CONTRAST = 6.0
 _ANISOTROPY_PX2 = 0.5  # believed difference of the variances of the blur along two directions
 _LEAST_VARIANCE = 1 / 12  # rounding to whole grey levels
-_FEW_PIXELS, _DIRTY = 60, 8.0
+_FEW_PIXELS, _DIRTY = 60, 25.0
 _BLUR_RANGE_PX = (0.35, 6.0)
 
 
@@ -126,22 +127,20 @@ class _Iteration:
         self.reach = _reach(self.S) + _MARGIN_PX
         self.chosen_at = apply(self.H, self.raster.corners)
         frame, raster = self.frame, self.raster
-        self.q, self.level, self.cell, self.edges, lost, blocks = gather(
+        self.q, self.level, self.cell, self.edges, lost, flat = gather(
             self.picture,
             frame.lens,
             frame.r0,
             frame.F,
             self.H,
             inverse(self.H),
-            raster.x,
-            raster.y,
-            raster.cells,
+            (raster.x, raster.y, raster.cells),
             self.reach,
             _FLAT_STRIDE,
         )
         self.residual = np.zeros(len(self.level))
         self.outside = lost / max(len(self.level) + lost, 1)
-        self.noise = self.given_noise or _noise(blocks)
+        self.noise = self.given_noise or _noise(flat)
 
     def run(self) -> PhotometricFit | None:
         """Iterate to the minimum: first on a part of the pixels, at last on all."""
@@ -282,16 +281,18 @@ def _inverse(A: Array) -> Array:
     return np.asarray(np.linalg.inv(A * np.outer(scale, scale)) * np.outer(scale, scale))
 
 
-def _noise(blocks: Array) -> Noise:
-    """Noise from flat places (n, 4) of colour, level, variance, pixels; dirty ones are left out."""
+def _noise(flat: Array) -> Noise:
+    """Noise from flat pixels (n, 3): colour, level, second difference; dirty ones are left out."""
     found = []
     for colour in (0.0, 1.0):
-        mine = blocks[blocks[:, 0] == colour]
-        clean = mine[mine[:, 2] <= _DIRTY * np.median(mine[:, 2])] if len(mine) else mine
-        if clean[:, 3].sum() >= _FEW_PIXELS:
-            found.append(np.average(clean[:, 1:3], axis=0, weights=clean[:, 3]).tolist())
+        level, squares = flat[flat[:, 0] == colour, 1], flat[flat[:, 0] == colour, 2] ** 2
+        for _ in range(3):
+            clean = squares <= _DIRTY * max(squares.mean(), 1.0) if len(squares) else squares > 0
+            level, squares = level[clean], squares[clean]
+        if len(squares) >= _FEW_PIXELS:
+            found.append((float(level.mean()), float(squares.mean()) / 6))  # 1 + 4 + 1
     if not found:
         return Noise(0.0, 1.0)
-    (level, variance), (brightest, most) = found[0], found[-1]
-    shot = max((most - variance) / max(brightest - level, 1.0), 0.0) if len(found) > 1 else 0.0
-    return Noise(shot, max(variance - shot * level, _LEAST_VARIANCE))
+    (dark, variance), (bright, most) = found[0], found[-1]
+    shot = max((most - variance) / max(bright - dark, 1.0), 0.0) if len(found) > 1 else 0.0
+    return Noise(shot, max(variance - shot * dark, _LEAST_VARIANCE))
