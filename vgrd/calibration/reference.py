@@ -8,7 +8,7 @@ import numpy as np
 from vgrd.errors import TooFewObservations
 from vgrd.geometry import Array, Pose
 from vgrd.geometry.covariance import mean_pose
-from vgrd.model import Touch, frozen_array
+from vgrd.model import TagObservation, Touch, frozen_array
 
 _MOVED_SQUARED = 40.0
 _MOVED_MM = 0.05
@@ -33,38 +33,54 @@ def find_reference(touches: Sequence[Touch]) -> Reference:
 
     Raises TooFewObservations when no touch saw tag B.
     """
-    seen = [
-        (i, touch.observation.tag_b)
-        for i, touch in enumerate(touches)
-        if touch.observation is not None and touch.observation.tag_b is not None
-    ]
+    seen, moved = _seen(touches), moved_touches(touches)
     if not seen:
         raise TooFewObservations(
             "tag B was not seen in any touch, so there is no reference picture: "
             "touch with tag B in view"
         )
-    poses = [tag.camera_from_tag for _, tag in seen]
-    covariances = [tag.covariance for _, tag in seen]
-    middle = _most_central(poses)
-    moved = [
-        i
-        for (i, _), pose, covariance in zip(seen, poses, covariances, strict=True)
-        if _differs(pose, poses[middle], covariance + covariances[middle])
-    ]
-    still = [k for k, (i, _) in enumerate(seen) if i not in moved]
-    mean, covariance = mean_pose([poses[k] for k in still], [covariances[k] for k in still])
-    scatter = [mean.distance(poses[k])[0] for k in still]
+    still = [tag for i, tag in seen if i not in moved]
+    poses = [tag.camera_from_tag for tag in still]
+    mean, covariance = mean_pose(poses, [tag.covariance for tag in still])
+    scatter = [mean.distance(pose)[0] for pose in poses]
     return Reference(
         mean,
         frozen_array(covariance, 6, 6),
-        tuple(moved),
+        moved,
         float(np.sqrt(np.mean(np.square(scatter)))),
     )
 
 
+def moved_touches(touches: Sequence[Touch]) -> tuple[int, ...]:
+    """Touches that saw tag B elsewhere than most others did."""
+    seen = _seen(touches)
+    if not seen:
+        return ()
+    middle = seen[_most_central([tag.camera_from_tag for _, tag in seen])][1]
+    return tuple(
+        i
+        for i, tag in seen
+        if _differs(
+            tag.camera_from_tag, middle.camera_from_tag, tag.covariance + middle.covariance
+        )
+    )
+
+
+def _seen(touches: Sequence[Touch]) -> list[tuple[int, TagObservation]]:
+    return [
+        (i, touch.observation.tag_b)
+        for i, touch in enumerate(touches)
+        if touch.observation is not None and touch.observation.tag_b is not None
+    ]
+
+
 def _most_central(poses: Sequence[Pose]) -> int:
     """Index of the pose nearest to most others; 100 mm count as 1 rad."""
-    distance = np.array([[np.dot(a.distance(b), (0.01, 1.0)) for b in poses] for a in poses])
+    t = np.array([pose.translation for pose in poses])
+    R = np.array([pose.rotation for pose in poses])
+    mm = np.linalg.norm(t[:, None] - t, axis=2)
+    cosine = (np.einsum("aij,bij->ab", R, R) - 1) / 2
+    distance = 0.01 * mm + np.arccos(np.clip(cosine, -1, 1))
     return int(np.argmin(np.median(distance, axis=1)))
 
 

@@ -5,8 +5,7 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from vgrd.calibration.hand_eye_samples import first_of_same, sightings_of_tag_a
-from vgrd.calibration.reference import find_reference
-from vgrd.errors import TooFewObservations
+from vgrd.calibration.reference import moved_touches
 from vgrd.geometry import Array, Pose
 from vgrd.model import Finding, Recording
 
@@ -61,10 +60,7 @@ def _repeated_touches(recording: Recording) -> Iterator[Finding]:
 
 def moved_object(recording: Recording) -> Finding | None:
     """Touches while which tag B stood elsewhere; None where it stood still or was not seen."""
-    try:
-        moved = find_reference(recording.touches).moved
-    except TooFewObservations:
-        return None
+    moved = moved_touches(recording.touches)
     if not moved:
         return None
     names = ", ".join(str(i + 1) for i in moved)
