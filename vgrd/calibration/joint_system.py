@@ -1,11 +1,11 @@
 """One recording -> one calibration by the joint estimate, with what speaks against it."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 
 import numpy as np
 
-from vgrd.calibration.checks import accept, examine
-from vgrd.calibration.joint import JointResult, calibrate_joint
+from vgrd.calibration.checks import accept
+from vgrd.calibration.joint import JointResult, Sighting, calibrate_joint
 from vgrd.calibration.joint_basis import Basis, basis_of, to_store
 from vgrd.calibration.joint_expected import expected_from, work_orientation
 from vgrd.calibration.joint_problem import Link
@@ -35,24 +35,30 @@ _OUTLIERS: Mapping[str, tuple[str, str]] = {
     Link.POINTS.value: ("point_outlier", "undo it and touch the point again"),
     Link.REFERENCE.value: ("reference_outlier", "hold the object still while touching"),
     Link.SPINS.value: ("spin_outlier", "the object slipped or the picture was bad: spin again"),
+    Link.HOLES.value: ("hole_outlier", "check its CAD point and hole_diameter_mm"),
 }
 
 
 def calibrate_jointly(
-    recording: Recording, tolerance_mm: float | None = None, policy: Policy = Policy.FIXED
+    recording: Recording,
+    tolerance_mm: float | None = None,
+    policy: Policy = Policy.FIXED,
+    sightings: Sequence[Sighting] = (),
 ) -> Calibration:
     """Everything in one maximum-likelihood problem; id is "" and the time 0, for the caller to set.
 
     tolerance_mm: what 95 % of the misses must stay within under the policy, else the calibration is
-    rejected. Raises TooFewObservations, NotObservable (what is missing, in words), InputError or
+    rejected. sightings: holes that the camera saw; those in spins that tell no axis are passed over.
+    Raises TooFewObservations, NotObservable (what is missing, in words), InputError or
     DidNotConverge.
     """
     usable, doubts = without_useless_spins(recording)
-    result = calibrate_joint(usable)
+    kept = [one for one in sightings if one.spin is None or usable.spins]
+    result = calibrate_joint(usable, kept)
     basis = basis_of(result)
     taught = {name: _taught(basis, recording, name) for name in recording.facts.object.targets}
     expected = _foreseen(basis, result, taught, policy)
-    findings = [*doubts, *examine(recording, policy), *_findings(result)]
+    findings = [*doubts, *_findings(result)]
     worst = max(expected, key=lambda one: one.u95_mm)
     if tolerance_mm is not None:
         findings.append(accept(worst.u95_mm, tolerance_mm, covariance=worst.position_covariance))
@@ -172,4 +178,12 @@ def _residuals(result: JointResult, worst_u95_mm: float) -> dict[str, float]:
         "hand_eye_rms_deg": result.residuals["hand_eye_rms_deg"],
         "noise_scale": result.noise_scale,
         "predicted_u95_mm": worst_u95_mm,
+        **_of_holes(result),
     }
+
+
+def _of_holes(result: JointResult) -> dict[str, float]:
+    count = len(result.data.holes.cad)
+    if not count:
+        return {}
+    return {"holes_used": float(count), "holes_rms_px": result.residuals["holes_rms_px"]}

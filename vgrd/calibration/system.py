@@ -3,15 +3,17 @@
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
+from vgrd.calibration.checks import cannot_tell, examine
 from vgrd.calibration.coordinates import expected_coordinate
 from vgrd.calibration.hand_eye import HandEyeProblem, HandEyeResult, calibrate_hand_eye
 from vgrd.calibration.hand_eye_samples import hand_eye_samples
+from vgrd.calibration.joint_problem import Sighting
 from vgrd.calibration.joint_system import calibrate_jointly
 from vgrd.calibration.reference import find_reference
 from vgrd.calibration.rotation_center import RotationCenter, find_rotation_center
 from vgrd.calibration.teaching import Taught, teach
 from vgrd.calibration.verdict import Evidence, judge, verify
-from vgrd.errors import InputError, NotObservable, TooFewObservations
+from vgrd.errors import DidNotConverge, InputError, NotObservable, TooFewObservations
 from vgrd.geometry import Array
 from vgrd.model import (
     Calibration,
@@ -40,11 +42,15 @@ class _Pivot:
 
 
 def calibrate_system(
-    recording: Recording, tolerance_mm: float | None = None, policy: Policy = Policy.FIXED
+    recording: Recording,
+    tolerance_mm: float | None = None,
+    policy: Policy = Policy.FIXED,
+    sightings: Sequence[Sighting] = (),
 ) -> Calibration:
     """Solve everything that the recording tells; id is "" and the time 0, for the caller to set.
 
-    Plan joint: everything in one estimate, see `calibrate_jointly`. The other plans are the paper's
+    Plan joint: everything in one estimate, holes that the camera saw (`sightings`) included, see
+    `calibrate_jointly`. The other plans are the paper's
     methods, step by step: universal where the wrists varied, else special from CAD-fitted flange
     positions. Doubts are findings of the verdict. Raises
     TooFewObservations, NotObservable (what is missing, in words), InputError or DidNotConverge.
@@ -55,15 +61,20 @@ def calibrate_system(
             "serving needs a camera that stands still (eye-to-hand); an eye-in-hand camera can "
             "be calibrated as a dataset: vgrd solve DATASET"
         )
-    if recording.plan is not Plan.JOINT:
-        calibration = _calibrate_in_steps(recording)
-    else:
-        calibration = calibrate_jointly(recording, tolerance_mm, policy)
+    found = examine(recording, policy)
+    try:
+        if recording.plan is not Plan.JOINT:
+            calibration = _calibrate_in_steps(recording)
+        else:
+            calibration = calibrate_jointly(recording, tolerance_mm, policy, sightings)
+    except DidNotConverge as err:
+        why = "; ".join(one.message for one in found if one.fatal)
+        raise DidNotConverge(f"{why} ({err})" if why else str(err)) from err
     verified, misses = verify(calibration, recording.verifications)
     return replace(
         calibration,
         residuals={**calibration.residuals, **misses},
-        verdict=Verdict((*calibration.verdict.findings, *verified)),
+        verdict=Verdict((*found, *cannot_tell(facts), *calibration.verdict.findings, *verified)),
     )
 
 

@@ -42,7 +42,6 @@ def judge(evidence: Evidence) -> tuple[list[Finding], dict[str, float]]:
         *_touches(evidence),
         *_method(evidence),
         *_hand_eye(evidence),
-        *_reference(evidence),
         *_spins(evidence),
     ]
     return findings, _residuals(evidence)
@@ -163,20 +162,6 @@ def _hand_eye(evidence: Evidence) -> list[Finding]:
             )
         )
     return findings
-
-
-def _reference(evidence: Evidence) -> list[Finding]:
-    if not evidence.reference.moved:
-        return []
-    names = ", ".join(str(i + 1) for i in evidence.reference.moved)
-    return [
-        Finding(
-            "object_moved",
-            f"the object stood elsewhere in touch {names}: hold it still while touching, undo "
-            "those touches and touch again",
-            fatal=True,
-        )
-    ]
 
 
 def _spins(evidence: Evidence) -> list[Finding]:
