@@ -3,7 +3,7 @@
 For tests that need many sessions, or a calibration before the daemon starts; nothing sleeps.
 """
 
-from collections.abc import Sequence
+from collections.abc import Collection, Iterator, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -22,6 +22,7 @@ from fakes.sensor import Picture
 from fakes.world import World
 from vgrd.cell.setup import cell_facts
 from vgrd.config import load_config
+from vgrd.devices import CameraImage
 from vgrd.geometry import Array, Pose, exp_rotation
 from vgrd.model import CellFacts, Observation, Plan, Recording, Touch
 from vgrd.vision.tags import TagDetector
@@ -41,10 +42,12 @@ def facts_of(world: World, folder: Path) -> CellFacts:
 class Rehearsal:
     """Teaches in the world's time, which advances by the moves only."""
 
-    def __init__(self, world: World, facts: CellFacts) -> None:
+    def __init__(self, world: World, facts: CellFacts, *, keeps_pictures: bool = False) -> None:
         self.world = world
         self.facts = facts
         self.now_s = 0.0
+        self.kept: list[tuple[Observation, Picture]] = []
+        self._keeps_pictures = keeps_pictures
         self._renderer = Renderer(world.layout)
         self._detector = TagDetector(
             facts.camera_matrix,
@@ -59,10 +62,20 @@ class Rehearsal:
 
     def look(self) -> Observation:
         """What is seen now."""
-        tags = self._detector.detect(self.picture())
+        picture = self.picture()
+        tags = self._detector.detect(picture)
         tag_a = tags.get(self.facts.tag_a.id) if self.facts.tag_a else None
         pose = self.world.reported_flange(self.now_s)
-        return Observation(pose, self.now_s, tag_a, tags.get(self.facts.tag_b.id))
+        seen = Observation(pose, self.now_s, tag_a, tags.get(self.facts.tag_b.id))
+        if self._keeps_pictures:
+            self.kept.append((seen, picture))
+        return seen
+
+    def images(self, stamps: Collection[float]) -> Iterator[CameraImage]:
+        """The kept pictures of these stamps, as `vgrd.store.sessions.iterate_images` gives them."""
+        for i, (seen, picture) in enumerate(self.kept):
+            if seen.stamp_s in stamps:
+                yield CameraImage(picture, seen.stamp_s, i)
 
     def stand(self, flange: Pose, angle_rad: float | None = None) -> None:
         """Move the flange, and turn the table if an angle is given."""

@@ -145,6 +145,10 @@ class ObjectSection(Section):
     center_mm: Vector | None = Field(
         default=None, description="a point of the turntable's axis, CAD"
     )
+    hole_sigma_mm: Positive = Field(
+        default=0.03,
+        description="how well the part's holes are where CAD says, 1 sigma per coordinate",
+    )
     targets: Annotated[list[TargetSection], Field(min_length=1)]
 
     @model_validator(mode="after")

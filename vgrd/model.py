@@ -120,11 +120,15 @@ class Target:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ObjectSpec:
-    """The target object: its CAD points, how it moves, and (turntable) its centre of rotation in CAD, mm."""
+    """The target object: its CAD points, how it moves, and (turntable) its centre of rotation in CAD, mm.
+
+    hole_sigma_mm: of each coordinate of a hole's centre on the real part, against CAD.
+    """
 
     targets: Mapping[str, Target]
     motion: Motion = Motion.TURNTABLE
     center_in_object: Array | None = None
+    hole_sigma_mm: float = 0.03
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -22,7 +22,7 @@ from vgrd.calibration.joint_fit import (
 )
 from vgrd.calibration.joint_gather import gather
 from vgrd.calibration.joint_optics import TAG_A, TAG_B, RefinedOptics, Refinement
-from vgrd.calibration.joint_problem import JointData, Sighting, Turntable
+from vgrd.calibration.joint_problem import JointData, Link, Sighting, Turntable
 from vgrd.calibration.joint_robust import JointSample, screen
 from vgrd.calibration.joint_rows import predicted_tag_a
 from vgrd.calibration.joint_state import JointState, Layout, guess, layout_of
@@ -177,6 +177,9 @@ def _residuals(data: JointData, optimum: Optimum) -> dict[str, float]:
     R, t = predicted_tag_a(state, data)
     seen = data.looks.tags
     turns = log_rotation(R @ np.swapaxes(seen.rotations, 1, 2)).reshape(-1, 3)
+    if len(data.holes.cad):
+        whitened = optimum.whitened[data.rows_of(Link.HOLES)].reshape(-1, 2)
+        out["holes_rms_px"] = _rms(np.linalg.norm(whitened, axis=1) * data.holes.sigma_px)
     out["hand_eye_rms_mm"] = _rms(np.linalg.norm(t - seen.translations, axis=1))
     out["hand_eye_rms_deg"] = float(np.degrees(_rms(np.linalg.norm(turns, axis=1))))
     return out

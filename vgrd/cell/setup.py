@@ -74,7 +74,7 @@ def _object(config: CellConfig) -> ObjectSpec:
         for target in section.targets
     }
     center = None if section.center_mm is None else frozen_array(section.center_mm, 3)
-    return ObjectSpec(targets, Motion(section.motion), center)
+    return ObjectSpec(targets, Motion(section.motion), center, section.hole_sigma_mm)
 
 
 def process_table(config: CellConfig, config_path: Path) -> dict[str, object]:

@@ -8,17 +8,22 @@ import json
 import signal
 import sys
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
+import structlog
 
 from vgrd import logs
 from vgrd.calibration.system import calibrate_system
+from vgrd.cell.hole_sightings import HolesSeen, Report, holes_of, see_holes
 from vgrd.clock import Clock, SystemClock
-from vgrd.errors import VgrdError
-from vgrd.model import Calibration, Policy
+from vgrd.errors import StoreError, VgrdError
+from vgrd.model import Calibration, Plan, Policy, Recording
 from vgrd.store.calibrations import CalibrationStore
-from vgrd.store.sessions import load_session
+from vgrd.store.sessions import iterate_images, iterate_observations, load_session
+
+log = structlog.get_logger()
 
 
 def solve_session(
@@ -28,19 +33,42 @@ def solve_session(
     *,
     tolerance_mm: float | None = None,
     policy: Policy = Policy.FIXED,
+    report: Report | None = None,
 ) -> dict[str, object]:
     """Solve a session folder and store the calibration if `state_dir` is given; JSON-able summary.
 
-    tolerance_mm: 95 % of the misses under the policy must be predicted within it.
+    tolerance_mm: 95 % of the misses under the policy must be predicted within it. Plan joint: holes
+    of the object in the stored pictures are evidence too; report: called with (done, total) of these.
     """
     clock = clock or SystemClock()
     stored = load_session(folder)
-    calibration = calibrate_system(stored.recording, tolerance_mm, policy)
+    holes, warnings = _holes_in(folder, stored.recording, report)
+    calibration = calibrate_system(stored.recording, tolerance_mm, policy, holes.sightings)
     calibration = replace(calibration, created_unix_s=clock.wall())
     name = None
     if state_dir is not None and calibration.verdict.ok:
         name = CalibrationStore(state_dir, clock).save(calibration)
-    return {"calibration": name, **summary(calibration), "warnings": list(stored.warnings)}
+    return {
+        "calibration": name,
+        **summary(calibration),
+        "holes": {"seen": len(holes.sightings), "unseen": dict(holes.unseen)},
+        "warnings": [*stored.warnings, *warnings],
+    }
+
+
+def _holes_in(
+    folder: Path, recording: Recording, report: Report | None
+) -> tuple[HolesSeen, list[str]]:
+    """Holes in the pictures of a session, where its plan uses them; warnings say what was not read."""
+    if recording.plan is not Plan.JOINT or not holes_of(recording):
+        return HolesSeen(), []
+    try:
+        seen = list(iterate_observations(folder))
+        if not seen:
+            return HolesSeen(), ["solved without the holes: the session has no pictures"]
+        return see_holes(recording, seen, partial(iterate_images, folder), report), []
+    except StoreError as err:
+        return HolesSeen(), [f"solved without the holes in the pictures: {err}"]
 
 
 def summary(calibration: Calibration) -> dict[str, object]:
@@ -65,6 +93,10 @@ def summary(calibration: Calibration) -> dict[str, object]:
     }
 
 
+def _log_progress(done: int, total: int) -> None:
+    log.info("looking_for_holes", picture=done, of=total)
+
+
 def _die_with_the_cell() -> None:
     """PDEATHSIG: no solver outlives the process that asked for it."""
     ctypes.CDLL(None).prctl(1, signal.SIGKILL)
@@ -81,6 +113,7 @@ def main(argv: list[str] | None = None) -> int:
             Path(state_dir),
             tolerance_mm=float(tolerance_mm),
             policy=Policy(policy),
+            report=_log_progress,
         )
         reply = {"ok": True, "result": result}
     except VgrdError as err:

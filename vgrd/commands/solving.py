@@ -53,9 +53,9 @@ def solve(
     elif source.is_dir():
         from vgrd.cell.solver import solve_session
 
-        _print_calibration(
-            solve_session(source, tolerance_mm=tolerance_mm), json_to, f"{source.name} solved"
-        )
+        with progress("looking for holes") as report:
+            result = solve_session(source, tolerance_mm=tolerance_mm, report=report)
+        _print_calibration(result, json_to, f"{source.name} solved")
     else:
         _solve_dataset(source, method, json_to)
 
@@ -84,7 +84,8 @@ def _solve_dataset(source: Path, method: str | None, json_to: str | None) -> Non
                 ],
             )
         )
-        rows = [(key, result[key]) for key in ("leave_one_out", "target_scale", "verdict")]
+        keys = ("undetermined", "leave_one_out", "target_scale", "verdict")
+        rows = [(key, result[key]) for key in keys if key in result]
         console.print(table("hand-eye", ("what", "value"), list(flat(dict(rows)))))
 
     print_result(solution.to_json(), json_to, show)

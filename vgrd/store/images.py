@@ -41,13 +41,24 @@ def encode_image(image: CameraImage) -> EncodedImage:
     return EncodedImage(image.stamp_s, image.frame, header + stream)
 
 
+def stamp_of(data: bytes) -> float:
+    """Time of a stored picture on the cell clock, s, without decoding it; raises Corrupt."""
+    return _header(data)[1]
+
+
 def decode_image(data: bytes) -> CameraImage:
     """Picture that `encode_image` stored, bit for bit; raises Corrupt."""
-    if len(data) < _HEADER.size or data[:4] != _MAGIC:
-        raise Corrupt("not a stored picture: its header is wrong")
-    _, frame, stamp_s = _HEADER.unpack_from(data)
+    frame, stamp_s = _header(data)
     try:
         pixels = imagecodecs.jpegxl_decode(data[_HEADER.size :], numthreads=1)
     except imagecodecs.JpegxlError as error:
         raise Corrupt(f"picture {frame} cannot be decoded: {error}") from error
     return CameraImage(cast(Pixels, pixels), stamp_s, frame)
+
+
+def _header(data: bytes) -> tuple[int, float]:
+    """Frame number and stamp."""
+    if len(data) < _HEADER.size or data[:4] != _MAGIC:
+        raise Corrupt("not a stored picture: its header is wrong")
+    _, frame, stamp_s = _HEADER.unpack_from(data)
+    return frame, stamp_s

@@ -13,7 +13,7 @@ import re
 import shutil
 import threading
 from collections import Counter
-from collections.abc import Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping
 from contextlib import suppress
 from dataclasses import dataclass
 from enum import StrEnum
@@ -28,7 +28,7 @@ from vgrd.errors import Corrupt, InputError, StoreError
 from vgrd.model import CellFacts, Observation, Plan, Recording, Touch
 from vgrd.store.encoding import Json, canonical, decode, encode, parse
 from vgrd.store.files import guarded, read_document, write_document
-from vgrd.store.images import EncodedImage, decode_image, encode_image
+from vgrd.store.images import EncodedImage, decode_image, encode_image, stamp_of
 from vgrd.store.journal import Journal, read_journal
 from vgrd.store.recovery import StoredMessage, read_messages, recover
 from vgrd.store.segments import SegmentWriter
@@ -260,10 +260,13 @@ def iterate_observations(directory: Path) -> Iterator[Observation]:
         yield decode(Observation, parse(message.data, str(path)), str(path))
 
 
-def iterate_images(directory: Path) -> Iterator[CameraImage]:
-    """Yield the recorded pictures as written; damaged ones are left out."""
+def iterate_images(
+    directory: Path, stamps: Collection[float] | None = None
+) -> Iterator[CameraImage]:
+    """Yield the recorded pictures as written, all or those of some stamps; damaged ones are left out."""
     for _, message in _messages(directory, Topic.IMAGE):
-        yield decode_image(message.data)
+        if stamps is None or stamp_of(message.data) in stamps:
+            yield decode_image(message.data)
 
 
 def _messages(directory: Path, topic: Topic) -> Iterator[tuple[Path, StoredMessage]]:

@@ -1,0 +1,254 @@
+"""Holes of the object in the pictures of a session, as observations for the joint estimate.
+
+A picture counts where the object stands as in a sample: while it was touched, or in a spin. The hole
+in which the tool stands is never looked for.
+"""
+
+from collections import Counter
+from collections.abc import Callable, Collection, Iterable, Mapping
+from dataclasses import dataclass, field
+from itertools import chain, zip_longest
+
+import numpy as np
+
+from vgrd.calibration.joint import JointResult, Sighting, calibrate_joint, result_at
+from vgrd.calibration.joint_gather import gather
+from vgrd.calibration.joint_rows import by_left
+from vgrd.calibration.joint_state import JointState, Layout, guess
+from vgrd.calibration.spins import without_useless_spins
+from vgrd.devices import CameraImage
+from vgrd.errors import DidNotConverge
+from vgrd.geometry import Array, Pose
+from vgrd.geometry.camera import CameraModel
+from vgrd.model import Motion, Observation, Recording, TagObservation
+from vgrd.vision.holes import HoleSighting, HoleSpec, sight_holes
+
+SAME_PLACE_PX = 0.5
+SEARCHES = 48
+_HEIGHT_SIGMA_MM = 3.0  # of the holes over tag B, where nothing else tells it
+_TOOL_WITHIN = 2.0  # diameters of the hole
+_NOT_SHOWN = "no picture shows its place without the tool"
+
+Images = Callable[[Collection[float]], Iterable[CameraImage]]
+
+Report = Callable[[int, int], None]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class HolesSeen:
+    """sightings for the joint estimate; unseen: by target, why no picture showed its hole."""
+
+    sightings: tuple[Sighting, ...] = ()
+    unseen: Mapping[str, str] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Shot:
+    """A picture of tag B; spin: index of the spin that the object stands as in, None: as touched."""
+
+    seen: Observation
+    tag_b: TagObservation
+    spin: int | None
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _View:
+    """Where object and tool are in a picture; spin as in `_Shot`."""
+
+    stamp_s: float
+    camera_from_tag_b: Pose
+    camera_from_object: Pose
+    tip_in_object: Array
+    spin: int | None
+
+
+def holes_of(recording: Recording) -> dict[str, HoleSpec]:
+    """The targets that are holes, by name."""
+    return {
+        name: HoleSpec(target.point_in_object, target.hole_diameter_mm / 2)
+        for name, target in recording.facts.object.targets.items()
+        if target.hole_diameter_mm is not None
+    }
+
+
+def see_holes(
+    recording: Recording,
+    seen: Iterable[Observation],
+    images: Images,
+    report: Report | None = None,
+) -> HolesSeen:
+    """Look for the holes of the object in the pictures of a session.
+
+    seen: what was observed in the pictures; `images` gives those of wanted stamps. SEARCHES places
+    are looked at, shared among the holes, and as many again for holes that were not seen there. Where
+    to look comes from the joint estimate, first without holes, then with those found; raises what
+    `calibrate_joint` does. report: called with (done, total) pictures.
+    """
+    usable, _ = without_useless_spins(recording)
+    search = _Search(usable, seen)
+    search.look(images, report, _near_tag_plane(_without_holes(usable), search.holes))
+    if search.unseen and search.found:
+        again = calibrate_joint(usable, search.sightings())
+        search.look(images, report, again.state)
+    return HolesSeen(search.sightings(), search.unseen)
+
+
+def _without_holes(recording: Recording) -> JointResult:
+    """The joint estimate, or its start where few touches leave it without an end."""
+    try:
+        return calibrate_joint(recording)
+    except DidNotConverge:
+        data = gather(recording)
+        return result_at(recording, data, guess(data))
+
+
+def _near_tag_plane(result: JointResult, holes: Mapping[str, HoleSpec]) -> JointState:
+    """The estimate, and where it leaves heights open (one wrist), tag B's plane near that of the holes."""
+    state, layout = result.state, result.layout
+    in_base = state.base_from_object @ np.array([hole.point_in_object for hole in holes.values()])
+    in_camera = state.base_from_camera.inverse() @ in_base
+    tag_b_from_camera = state.camera_from_tag_b.inverse()
+    down = tag_b_from_camera.rotation[2]
+    H = np.zeros((len(in_base), layout.size))
+    H[:, Layout.OBJECT] = (down @ state.base_from_camera.rotation.T) @ by_left(in_base)
+    H[:, Layout.CAMERA] = -H[:, Layout.OBJECT]
+    H[:, Layout.TAG_B] = -down @ by_left(in_camera)
+    P = result.covariance + result.undetermined @ result.undetermined.T
+    spread = H @ P @ H.T + _HEIGHT_SIGMA_MM**2 * np.eye(len(H))
+    heights = (tag_b_from_camera @ in_camera)[:, 2]
+    return state.retract(-P @ H.T @ np.linalg.solve(spread, heights), layout)
+
+
+class _Search:
+    """What came of the searches so far; unseen: reasons by target."""
+
+    def __init__(self, recording: Recording, seen: Iterable[Observation]) -> None:
+        facts = recording.facts
+        self._camera = CameraModel(facts.camera_matrix, facts.distortion, facts.image_size_px)
+        self._sigma_mm = facts.object.hole_sigma_mm
+        self._shots = _shots(recording, seen)
+        self._tried: set[tuple[str, float]] = set()
+        self.holes = holes_of(recording)
+        self.found: list[tuple[_View, HoleSighting]] = []
+        self.unseen = dict.fromkeys(self.holes, _NOT_SHOWN)
+
+    def look(self, images: Images, report: Report | None, state: JointState) -> None:
+        """Look for what was not seen yet in the best pictures of each that were not tried."""
+        views = {shot.seen.stamp_s: _view(shot, state) for shot in self._shots}
+        share = max(1, SEARCHES // max(len(self.holes), 1))
+        wanted: dict[float, list[str]] = {}
+        for name in self.unseen:
+            for view in self._best_first(name, list(views.values()))[:share]:
+                wanted.setdefault(view.stamp_s, []).append(name)
+                self._tried.add((name, view.stamp_s))
+        for done, image in enumerate(images(wanted.keys()), 1):
+            view, names = views[image.stamp_s], wanted[image.stamp_s]
+            self._look_at(image, view, names, state.object_from_tag_b)
+            if report is not None:
+                report(done, len(wanted))
+
+    def sightings(self) -> tuple[Sighting, ...]:
+        """All that was seen, each hole's tolerance in CAD shared among its sightings."""
+        counts = Counter(hole.target for _, hole in self.found)
+        return tuple(
+            Sighting(
+                hole.target,
+                hole.pixel,
+                float(np.hypot(hole.sigma_px, self._cad_px(view, hole.target, counts))),
+                view.spin,
+            )
+            for view, hole in self.found
+        )
+
+    def _look_at(
+        self, image: CameraImage, view: _View, names: list[str], object_from_tag_b: Pose
+    ) -> None:
+        holes = {name: self.holes[name] for name in names}
+        seen, missing = sight_holes(
+            image.pixels, self._camera, view.camera_from_tag_b, object_from_tag_b, holes
+        )
+        self.found += [(view, hole) for hole in seen]
+        for hole in seen:
+            self.unseen.pop(hole.target, None)
+        self.unseen.update((name, why) for name, why in missing.items() if name in self.unseen)
+
+    def _best_first(self, name: str, views: list[_View]) -> list[_View]:
+        """Spins, where the hole appears largest, and touches, with the tool farthest away, in turn."""
+        at = self.holes[name].point_in_object
+        near_mm = 2 * _TOOL_WITHIN * self.holes[name].radius_mm
+        free = [
+            view
+            for view in views
+            if (name, view.stamp_s) not in self._tried
+            and self._is_inside(view, at)
+            and _off_tool(view, at) > near_mm
+        ]
+        spun = [view for view in free if view.spin is not None]
+        still = [view for view in free if view.spin is None]
+        spun.sort(key=lambda view: -self._size(view, at))
+        still.sort(key=lambda view: -_off_tool(view, at))
+        in_turn = chain.from_iterable(zip_longest(spun, still))
+        return [view for view in in_turn if view is not None]
+
+    def _is_inside(self, view: _View, at: Array) -> bool:
+        pixel = self._camera.project((view.camera_from_object @ at)[None])[0]
+        size = np.array(self._camera.size_px)
+        return bool(np.isfinite(pixel).all() and (pixel > 0).all() and (pixel < size).all())
+
+    def _size(self, view: _View, at: Array) -> float:
+        """How long a millimetre of the object's x and y appears at least, px."""
+        return float(np.linalg.norm(self._by_object(view, at)[:, :2], -2))
+
+    def _by_object(self, view: _View, at: Array) -> Array:
+        """Derivative (2, 3), px / mm, of the pixel by a place in the object."""
+        J = self._camera.linearize((view.camera_from_object @ at)[None])[1][0]
+        return np.asarray(J @ view.camera_from_object.rotation)
+
+    def _cad_px(self, view: _View, name: str, counts: Mapping[str, int]) -> float:
+        """CAD's tolerance, the same in all pictures of a hole, as each of n would have it by itself."""
+        J = self._by_object(view, self.holes[name].point_in_object)
+        return float(self._sigma_mm * np.linalg.norm(J) * np.sqrt(counts[name] / 2))
+
+
+def _view(shot: _Shot, state: JointState) -> _View:
+    """Where object and tool are."""
+    camera_from_tag_b = shot.tag_b.camera_from_tag
+    camera_from_object = camera_from_tag_b @ state.object_from_tag_b.inverse()
+    tip_in_base = shot.seen.base_from_wrist @ state.tcp_in_wrist
+    tip_in_camera = state.base_from_camera.inverse() @ tip_in_base
+    return _View(
+        shot.seen.stamp_s,
+        camera_from_tag_b,
+        camera_from_object,
+        camera_from_object.inverse() @ tip_in_camera,
+        shot.spin,
+    )
+
+
+def _shots(recording: Recording, seen: Iterable[Observation]) -> list[_Shot]:
+    """The pictures in which the object stands as in a sample."""
+    samples = _samples(recording)
+    shots = []
+    for one in seen:
+        if one.tag_b is None or not samples:
+            continue
+        corners = one.tag_b.corners_px
+        shifts = [float(np.abs(corners - tag.corners_px).max()) for _, tag in samples]
+        if min(shifts) <= SAME_PLACE_PX:
+            shots.append(_Shot(one, one.tag_b, samples[int(np.argmin(shifts))][0]))
+    return shots
+
+
+def _samples(recording: Recording) -> list[tuple[int | None, TagObservation]]:
+    """Where tag B was in the samples that tell how the object stood."""
+    seen = [touch.observation for touch in recording.touches]
+    touched = [(None, one.tag_b) for one in seen if one is not None and one.tag_b is not None]
+    if recording.facts.object.motion is Motion.FREE:
+        return [*touched]
+    spun = [(k, one.tag_b) for k, one in enumerate(recording.spins) if one.tag_b is not None]
+    return [*touched, *spun]
+
+
+def _off_tool(view: _View, at: Array) -> float:
+    """How far the tool's tip was from a place in the object, mm."""
+    return float(np.linalg.norm(view.tip_in_object - at))
