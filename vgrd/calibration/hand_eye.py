@@ -39,7 +39,8 @@ class HandEyeProblem:
     """Looks with pose covariances; robot_sigma_*: noise of one flange pose, per axis.
 
     estimate_scale: the size of the target, which scales all its distances, is estimated too.
-    start: an earlier result to start from, instead of the certified one.
+    start: an earlier result to start from, instead of the certified one. may_be_free: how many
+    translations may stay open: 1 for a 4-axis robot, 3 for one that turns nothing.
     """
 
     mount: Mount
@@ -49,6 +50,7 @@ class HandEyeProblem:
     robust: bool = True
     estimate_scale: bool = False
     start: "HandEyeResult | None" = None
+    may_be_free: int = 0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -75,7 +77,9 @@ class HandEyeResult:
     tangents of the two, in this order. noise_scale: residuals over what the sigmas promise (the
     covariance is enlarged by it where it is above 1). camera: as refined; target_scale: 1 unless
     it was estimated. certificate: that the start was the best of all rotations; None where an
-    earlier result was the start.
+    earlier result was the start. free: (k, 6), orthonormal directions of (t of mount_from_camera, t
+    of mount_from_target) that stay open: the target's origin is taken to have no part (0 mm) along
+    them, the camera lies accordingly, and the covariance says nothing about them.
     """
 
     mount: Mount
@@ -89,6 +93,7 @@ class HandEyeResult:
     target_scale: float = 1.0
     target_scale_sigma: float = 0.0
     certificate: Certificate | None = None
+    free: Array = field(default_factory=lambda: np.zeros((0, 6)))
 
     def predict(self, base_from_wrist: Pose) -> Pose:
         """camera_from_target that this calibration expects at a flange pose."""
@@ -116,6 +121,7 @@ def calibrate_hand_eye(problem: HandEyeProblem) -> HandEyeResult:
         robot_sigma_rad=problem.robot_sigma_rad,
         robust=problem.robust,
         start=_start(problem),
+        may_be_free=problem.may_be_free,
     )
     sigma = float(np.sqrt(fit.covariance[-1, -1])) if problem.estimate_scale else 0.0
     return replace(
@@ -178,4 +184,5 @@ def result_of(mount: Mount, samples: Sequence[Sample], fit: Fit) -> HandEyeResul
         noise_scale=fit.noise_scale,
         samples=tuple(residuals),
         certificate=fit.state.certificate,
+        free=fit.free,
     )

@@ -19,30 +19,30 @@ from vgrd.geometry.least_squares import minimize
 _GENERATORS = hat(np.eye(3))
 _TOLERANCE = 1e-13
 _RANK = 1e-9
+_NOTHING = np.zeros((0, 6))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CertifiedStart:
-    """X and Y of `cameras[i] ~ X^-1 moves[i] Y` at the lowest cost; chi2 of that cost.
-
-    free: (k, 6), what the samples leave open of (t_X, t_Y), orthonormal rows; X and Y have no part
-    along it.
-    """
+    """X and Y of `cameras[i] ~ X^-1 moves[i] Y` at the lowest cost; chi2 of that cost."""
 
     X: Pose
     Y: Pose
     certificate: Certificate
     cost: float
-    free: Array
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RotationCost:
-    """Cost of a rotation X: `|root @ (vec R_X, 1)|^2`, rows of R_X one after the other."""
+    """Cost of a rotation X: `|root @ (vec R_X, 1)|^2`, rows of R_X one after the other.
+
+    free: (k, 6), as of `certified_start`.
+    """
 
     root: Array
     moves: Sequence[Pose]
     cameras: Sequence[Pose]
+    free: Array
 
     def __call__(self, R: Array) -> float:
         """Cost of a rotation (3, 3)."""
@@ -61,21 +61,26 @@ class RotationCost:
         )
         return nearest_rotation(minimum.state)
 
-    def poses(self, R_X: Array) -> tuple[Pose, Pose, Array]:
-        """X, Y for a rotation of X, and what stays free of (t_X, t_Y), (k, 6)."""
+    def poses(self, R_X: Array) -> tuple[Pose, Pose]:
+        """X, Y for a rotation of X."""
         R_Mt = np.array([move.rotation.T for move in self.moves])
         t_M = np.array([move.translation for move in self.moves])
         R_C = np.array([camera.rotation for camera in self.cameras])
         t_C = np.array([camera.translation for camera in self.cameras])
         R_Y = nearest_rotation((R_Mt @ R_X @ R_C).mean(axis=0), tolerance=np.inf)
-        rows, free = _translation_rows(R_Mt)
+        rows = _without(translation_rows(R_Mt), self.free)
         right = np.einsum("nij,nj->ni", R_Mt, t_M - t_C @ R_X.T).ravel()
         t = np.linalg.lstsq(rows, right, rcond=_RANK)[0]
-        return Pose(R_X, t[:3]), Pose(R_Y, t[3:]), free
+        return Pose(R_X, t[:3]), Pose(R_Y, t[3:])
 
 
 def rotation_cost(
-    moves: Sequence[Pose], cameras: Sequence[Pose], *, sigma_mm: float, sigma_rad: float
+    moves: Sequence[Pose],
+    cameras: Sequence[Pose],
+    *,
+    sigma_mm: float,
+    sigma_rad: float,
+    free: Array = _NOTHING,
 ) -> RotationCost:
     """The cost of a rotation with all that is linear eliminated; sigmas of one camera pose."""
     n = len(moves)
@@ -88,32 +93,40 @@ def rotation_cost(
     carried = np.einsum("nij,nk->nijk", R_Mt, t_C).reshape(n, 3, 9)
     offset = -np.einsum("nij,nj->ni", R_Mt, t_M)[:, :, None]
     shifted = np.concatenate([carried, offset], axis=2).reshape(3 * n, 10)
-    U, s, _ = np.linalg.svd(_translation_rows(R_Mt)[0], full_matrices=False)
+    U, s, _ = np.linalg.svd(_without(translation_rows(R_Mt), free), full_matrices=False)
     U = U[:, s > _RANK * s[0]]
     shifted = (shifted - U @ (U.T @ shifted)) / sigma_mm
     rotated = np.concatenate([turned.reshape(9 * n, 9), np.zeros((9 * n, 1))], axis=1)
     root = np.linalg.qr(np.concatenate([rotated, shifted]), mode="r")
-    return RotationCost(np.asarray(root), moves, cameras)
+    return RotationCost(np.asarray(root), moves, cameras, free)
 
 
-def _translation_rows(R_Mt: Array) -> tuple[Array, Array]:
-    """Rows (3 n, 6) of (t_X, t_Y) in `R_M^T t_X - t_Y`, and their null space (k, 6)."""
-    rows = np.concatenate([R_Mt, np.broadcast_to(-np.eye(3), R_Mt.shape)], axis=2).reshape(-1, 6)
-    _, s, Vt = np.linalg.svd(rows, full_matrices=True)
-    return rows, Vt[int(np.sum(s > _RANK * s[0])) :]
+def translation_rows(R_Mt: Array) -> Array:
+    """Rows (3 n, 6) of (t_X, t_Y) in `R_M^T t_X - t_Y`."""
+    return np.concatenate([R_Mt, np.broadcast_to(-np.eye(3), R_Mt.shape)], axis=2).reshape(-1, 6)
+
+
+def _without(rows: Array, free: Array) -> Array:
+    """The rows with no part along orthonormal directions (k, 6)."""
+    return np.asarray(rows - rows @ free.T @ free)
 
 
 def certified_start(
-    moves: Sequence[Pose], cameras: Sequence[Pose], *, sigma_mm: float, sigma_rad: float
+    moves: Sequence[Pose],
+    cameras: Sequence[Pose],
+    *,
+    sigma_mm: float,
+    sigma_rad: float,
+    free: Array = _NOTHING,
 ) -> CertifiedStart:
     """The best rotation of all and the poses that go with it; works for one axis of rotation too.
 
-    sigma_mm, sigma_rad: of one camera pose, per axis; only their ratio matters for the poses. The
-    caller makes sure that the motion determines a rotation.
+    sigma_mm, sigma_rad: of one camera pose, per axis; only their ratio matters for the poses. free:
+    (k, 6), what the motion leaves open of (t_X, t_Y), orthonormal rows; X and Y have no part along
+    it. The caller makes sure that the motion determines a rotation.
     """
-    cost = rotation_cost(moves, cameras, sigma_mm=sigma_mm, sigma_rad=sigma_rad)
+    cost = rotation_cost(moves, cameras, sigma_mm=sigma_mm, sigma_rad=sigma_rad, free=free)
     C = cost.root.T @ cost.root
     relaxed = relax(C)
     R_X = cost.descend(relaxed.rotation)
-    X, Y, free = cost.poses(R_X)
-    return CertifiedStart(X, Y, prove(C, R_X, relaxed.slack), cost(R_X), free)
+    return CertifiedStart(*cost.poses(R_X), prove(C, R_X, relaxed.slack), cost(R_X))

@@ -10,7 +10,12 @@ from numpy.typing import NDArray
 from scipy.special import gammaincinv
 
 from vgrd.calibration.hand_eye_certificate import certified_start
-from vgrd.calibration.motion import refuse_repeats, require_hand_eye_motion
+from vgrd.calibration.hand_eye_free import (
+    determined_steps,
+    open_translations,
+    without_part_along,
+)
+from vgrd.calibration.motion import refuse_repeats
 from vgrd.calibration.rotation_relaxation import Certificate
 from vgrd.errors import NotObservable, TooFewObservations
 from vgrd.geometry import Array, Pose
@@ -104,13 +109,17 @@ class Sample:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Fit:
-    """covariance: of all unknowns, enlarged by noise_scale^2 where that is above 1."""
+    """covariance: of all unknowns, enlarged by noise_scale^2 where that is above 1.
+
+    free: (k, 6), as of `open_translations`: the state and the covariance have no part along it.
+    """
 
     state: HandEye
     covariance: Array
     noise_scale: float
     used: tuple[bool, ...]
     reasons: tuple[str, ...]
+    free: Array
 
 
 def move_of(mount: Mount, base_from_wrist: Pose) -> Pose:
@@ -126,22 +135,24 @@ def fit_hand_eye(
     robot_sigma_rad: float,
     robust: bool,
     start: HandEye | None = None,
+    may_be_free: int = 0,
 ) -> Fit:
     """Maximum likelihood; robust: samples that fit no common pose are left out with the reason.
 
     `start` says what is refined beside the two poses; where it holds none, they start from the
-    certified optimum of a simpler cost.
+    certified optimum of a simpler cost. may_be_free: how many translations may stay open.
     """
     refuse_repeats([s.name for s in samples], [s.base_from_wrist for s in samples])
-    require_hand_eye_motion([s.base_from_wrist for s in samples])
     engine = _Engine(mount, samples, robot_sigma_mm, robot_sigma_rad)
     start = start or HandEye()
+    free = engine.block(np.ones(len(samples), dtype=np.bool_), start.extra, may_be_free)
     if start.is_blank:
         best = certified_start(
             engine.moves,
             [s.camera_from_target for s in samples],
             sigma_mm=_START_SIGMA_MM,
             sigma_rad=_START_SIGMA_RAD,
+            free=free,
         )
         start = replace(start, X=best.X, Y=best.Y, is_blank=False, certificate=best.certificate)
     if 6 * len(samples) < 12 + start.extra + 1:
@@ -156,7 +167,7 @@ def fit_hand_eye(
     misfits = engine.misfits(weighted.state)
     limit = _CHI2_6_REJECT * engine.variance_of(misfits)
     kept = misfits <= limit
-    require_hand_eye_motion([s.base_from_wrist for s, k in zip(samples, kept, strict=True) if k])
+    engine.block(kept, start.extra, may_be_free)
     return engine.finish(engine.settle(weighted.state, kept, robust=False), kept)
 
 
@@ -169,9 +180,18 @@ class _Engine:
         self.moves = [move_of(mount, s.base_from_wrist) for s in samples]
         self.robot_sigmas = np.array([sigma_mm] * 3 + [sigma_rad] * 3)
 
+    def block(self, kept: Mask, extra: int, may_be_free: int) -> Array:
+        """Take no steps along what the samples kept leave open, which is returned."""
+        chosen = [i for i, is_kept in enumerate(kept) if is_kept]
+        wrists = [self.samples[i].base_from_wrist for i in chosen]
+        self.free = open_translations(wrists, [self.moves[i] for i in chosen], may_be_free)
+        self.basis = determined_steps(self.free, extra)
+        return self.free
+
     def settle(self, state: HandEye, kept: Mask, *, robust: bool) -> Minimum[HandEye]:
         """Minimise, renew whitening and weights, until neither changes."""
         weights: Array = kept.astype(np.float64)
+        state = self._on_zero(state)
         for _ in range(_ROUNDS):
             whiteners, misfits = self._weigh(state)
             if robust:
@@ -180,7 +200,7 @@ class _Engine:
             linearize = partial(self._linearize, whiteners=whiteners, weights=weights)
             minimum = minimize(
                 linearize,
-                HandEye.retract,
+                lambda at, step: at.retract(self.basis @ step),
                 state,
                 tolerance=_TOLERANCE,
                 max_steps=2 if robust else 50,
@@ -201,18 +221,10 @@ class _Engine:
         return max(1.0, float(np.median(misfits)) / _CHI2_6_MEDIAN)
 
     def finish(self, minimum: Minimum[HandEye], kept: Mask) -> Fit:
-        state = minimum.state
+        state = self._on_zero(minimum.state)
         misfits = self.misfits(state)
-        freedom = 6 * int(kept.sum()) - 12 - state.extra
+        freedom = 6 * int(kept.sum()) - self.basis.shape[1]
         variance = float(misfits[kept].sum()) / freedom if freedom > 0 else 1.0
-        reasons = []
-        for i, sample in enumerate(self.samples):
-            mm, rad = self._predict(i, state).distance(sample.rows.own(state))
-            reasons.append(
-                ""
-                if kept[i]
-                else f"{mm:.1f} mm and {np.degrees(rad):.2f} deg off what the others say"
-            )
         try:
             covariance = covariance_from(minimum.jacobian)
         except NotObservable as fault:
@@ -223,14 +235,21 @@ class _Engine:
             ) from fault
         return Fit(
             state,
-            covariance * max(1.0, variance),
+            self.basis @ covariance @ self.basis.T * max(1.0, variance),
             float(np.sqrt(variance)),
             tuple(bool(k) for k in kept),
-            tuple(reasons),
+            tuple("" if kept[i] else self._reason(i, state) for i in range(len(kept))),
+            self.free,
         )
 
-    def _predict(self, i: int, state: HandEye) -> Pose:
-        return state.X.inverse() @ self.moves[i] @ state.Y
+    def _on_zero(self, state: HandEye) -> HandEye:
+        X, Y = without_part_along(state.X, state.Y, self.free)
+        return replace(state, X=X, Y=Y)
+
+    def _reason(self, i: int, state: HandEye) -> str:
+        predicted = state.X.inverse() @ self.moves[i] @ state.Y
+        mm, rad = predicted.distance(self.samples[i].rows.own(state))
+        return f"{mm:.1f} mm and {np.degrees(rad):.2f} deg off what the others say"
 
     def _linearize(
         self, state: HandEye, whiteners: Sequence[tuple[Array, Array]], weights: Array
@@ -248,7 +267,7 @@ class _Engine:
             J = np.hstack([D @ by_X, D @ turn.adjoint(), E])
             residuals.append(np.sqrt(weight) * _apply(W, r))
             jacobians.append(np.sqrt(weight) * _apply(W, J))
-        return np.concatenate(residuals), np.vstack(jacobians)
+        return np.concatenate(residuals), np.vstack(jacobians) @ self.basis
 
     def _weigh(self, state: HandEye) -> tuple[list[tuple[Array, Array]], Array]:
         """Whiteners of all samples, and their squared misfits (n,).

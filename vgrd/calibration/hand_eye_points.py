@@ -38,7 +38,7 @@ class PointHandEyeProblem:
     the target, which the robot's motion measures. sigma_px: noise of one pixel coordinate, None
     takes it from the pictures. robot_sigma_mm, robot_sigma_rad: of one flange pose, per axis.
     robust: pictures that fit no common pose are left out and named. start: an earlier result to
-    start from (leave-one-out), instead of the certified one.
+    start from (leave-one-out), instead of the certified one. may_be_free: as of `HandEyeProblem`.
     """
 
     mount: Mount
@@ -51,6 +51,7 @@ class PointHandEyeProblem:
     robot_sigma_rad: float = 2e-4
     robust: bool = True
     start: HandEyeResult | None = None
+    may_be_free: int = 0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -79,6 +80,7 @@ def calibrate_hand_eye_from_points(problem: PointHandEyeProblem) -> HandEyeResul
         robot_sigma_rad=problem.robot_sigma_rad,
         robust=problem.robust,
         start=_start(problem),
+        may_be_free=problem.may_be_free,
     )
     sigmas = np.sqrt(np.diag(fit.covariance))
     return replace(

@@ -71,10 +71,16 @@ class Fitter(ABC):
 
 
 class PointFitter(Fitter):
-    """Samples with points of the target and their pixels."""
+    """Samples with points of the target and their pixels; may_be_free: as of `HandEyeProblem`."""
 
     def __init__(
-        self, mount: Mount, camera: CameraModel, samples: Sequence[PointSample], *, refine: bool
+        self,
+        mount: Mount,
+        camera: CameraModel,
+        samples: Sequence[PointSample],
+        *,
+        refine: bool,
+        may_be_free: int = 0,
     ) -> None:
         guessed = [
             replace(
@@ -92,6 +98,7 @@ class PointFitter(Fitter):
             refine_intrinsics=refine,
             robot_sigma_mm=ARM_SIGMA_MM,
             robot_sigma_rad=ARM_SIGMA_RAD,
+            may_be_free=may_be_free,
         )
 
     def match_noise(self) -> HandEyeResult:
@@ -154,9 +161,14 @@ class PointFitter(Fitter):
 
 
 class PoseFitter(Fitter):
-    """Samples with the pose of the target as somebody else measured it; name, robot, target."""
+    """Samples with the pose of the target as somebody else measured it; name, robot, target.
 
-    def __init__(self, mount: Mount, samples: Sequence[tuple[str, Pose, Pose]]) -> None:
+    may_be_free: as of `HandEyeProblem`.
+    """
+
+    def __init__(
+        self, mount: Mount, samples: Sequence[tuple[str, Pose, Pose]], *, may_be_free: int = 0
+    ) -> None:
         self._problem = HandEyeProblem(
             mount,
             _with_noise(
@@ -166,6 +178,7 @@ class PoseFitter(Fitter):
             ),
             robot_sigma_mm=ARM_SIGMA_MM,
             robot_sigma_rad=ARM_SIGMA_RAD,
+            may_be_free=may_be_free,
         )
 
     def match_noise(self) -> HandEyeResult:

@@ -10,6 +10,7 @@ from vgrd.calibration.checks.conventions import mistaken_unit
 from vgrd.calibration.checks.readings import Reading, best_of
 from vgrd.calibration.hand_eye import HandEyeResult
 from vgrd.calibration.hand_eye_fit import move_of
+from vgrd.calibration.hand_eye_free import free_findings
 from vgrd.datasets.fitting import TargetScale, reprojection_px
 from vgrd.datasets.loading import Dataset
 from vgrd.errors import InputError
@@ -62,6 +63,7 @@ class Evidence:
 def judge(evidence: Evidence) -> Verdict:
     """All findings, worst first; camera and target are not judged by contradictory samples."""
     general = _contradiction(evidence) or [
+        *free_findings(evidence.dataset.mount, evidence.result.free),
         *_weakness(evidence),
         *_camera(evidence),
         *_size(evidence),

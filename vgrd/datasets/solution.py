@@ -38,7 +38,8 @@ class DatasetSolution:
 
     mount_from_camera: base_from_camera (eye-to-hand) or wrist_from_camera (eye-in-hand);
     mount_from_target: wrist_from_target or base_from_target; camera: as given or refined; method: the
-    named one that was asked for, None for the default.
+    named one that was asked for, None for the default; undetermined: what the motion leaves open, in
+    words (both transforms are then given with the target at 0 mm along it).
     """
 
     mount: Mount
@@ -51,6 +52,7 @@ class DatasetSolution:
     refined: bool
     verdict: Verdict
     method: str | None = None
+    undetermined: tuple[str, ...] = ()
 
     def transforms(self) -> Mapping[str, Pose]:
         """The two poses by their full names."""
@@ -66,6 +68,7 @@ class DatasetSolution:
         return {
             **named,
             **{name: pose.matrix().tolist() for name, pose in self.transforms().items()},
+            **({"undetermined": list(self.undetermined)} if self.undetermined else {}),
             "leave_one_out": {
                 "deg": _known(self.leave_one_out.deg),
                 "mm": _known(self.leave_one_out.mm),
@@ -115,6 +118,7 @@ class DatasetSolution:
             rows.append(
                 (name, f"{x:.2f} {y:.2f} {z:.2f} mm, rotvec {rx:.3f} {ry:.3f} {rz:.3f} deg")
             )
+        rows += [("undetermined", words) for words in self.undetermined]
         errors = f"{_text(loo.deg, 3)} deg, {_text(loo.mm, 2)} mm, {_text(loo.px, 2)} px"
         rows.append(("leave-one-out", f"{errors} over {seen} samples"))
         scale = self.target_scale

@@ -8,7 +8,9 @@ import cv2
 import numpy as np
 
 from vgrd.calibration.hand_eye import HandEyeResult
+from vgrd.calibration.hand_eye_free import undetermined_in_words
 from vgrd.calibration.hand_eye_points import PointSample
+from vgrd.calibration.motion import Axes, turned_axes
 from vgrd.datasets.fitting import Fitter, PointFitter, PoseFitter
 from vgrd.datasets.half_turns import turn_alike
 from vgrd.datasets.judging import Evidence, Miss, doubtful, judge, suspects
@@ -102,6 +104,7 @@ def solve_dataset(
         refined=dataset.refine,
         verdict=judge(evidence),
         method=method,
+        undetermined=undetermined_in_words(dataset.mount, result.free),
     )
     steps.finish()
     return solution
@@ -162,10 +165,13 @@ def _fitter(dataset: Dataset, found: Found, method: str | None) -> Fitter:
 
 def _likelihood_fitter(dataset: Dataset, found: Found) -> Fitter:
     pairs = list(zip(found.samples, found.seen, strict=True))
+    axes, _ = turned_axes([sample.base_from_wrist.rotation for sample in found.samples])
+    may_be_free = int(axes is not Axes.NONE)
     if dataset.camera is None:
         return PoseFitter(
             dataset.mount,
             [(s.name, s.base_from_wrist, seen) for s, seen in pairs if isinstance(seen, Pose)],
+            may_be_free=may_be_free,
         )
     boards = [seen for _, seen in pairs if isinstance(seen, BoardObservation)]
     if dataset.target is not None and not has_direction(dataset.target):
@@ -174,7 +180,9 @@ def _likelihood_fitter(dataset: Dataset, found: Found) -> Fitter:
         PointSample(s.name, s.base_from_wrist, board.points_in_target, board.pixels)
         for (s, _), board in zip(pairs, boards, strict=True)
     ]
-    return PointFitter(dataset.mount, dataset.camera, points, refine=dataset.refine)
+    return PointFitter(
+        dataset.mount, dataset.camera, points, refine=dataset.refine, may_be_free=may_be_free
+    )
 
 
 def _leave_one_out(
