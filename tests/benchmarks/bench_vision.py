@@ -6,11 +6,11 @@ the default takes minutes.
 """
 
 import os
-import resource
 import time
 from collections.abc import Callable, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from multiprocessing import get_context
+from pathlib import Path
 
 import cv2
 import numpy as np
@@ -354,4 +354,6 @@ def _peak_mib(camera: CameraModel, tags: list[TagSpec], picture: np.ndarray) -> 
     """Peak memory of this process after it measured a picture cold and tracking."""
     with TagDetector(camera.matrix, camera.distortion, tags, camera.size_px) as detector:
         detector.detect(picture, detector.detect(picture))
-    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
+    status = Path("/proc/self/status").read_text()  # getrusage would count the parent's
+    (peak,) = (line.split()[1] for line in status.splitlines() if line.startswith("VmHWM"))
+    return int(peak) / 1024

@@ -6,14 +6,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vgrd.geometry import Array
-from vgrd.vision.compiling import compiled
+from vgrd.vision.compiling import compiled, inlined
 from vgrd.vision.lines import gaps, line_table, strip_of
 from vgrd.vision.warp import project, ray, slopes
 
 Cells = NDArray[np.intp]
 Grey = NDArray[np.uint8]
 
-_BLOCK, _PART = 8, 4  # px; blocks and their parts without an edge are passed over
+_BLOCK, _PART = 16, 4  # px; blocks and their parts without an edge are passed over
 _PAPER_PX = 2.0  # paper used beyond the reach of the outer edges
 _AWAY, _FLAT, _MIXED = 0, 1, 2
 _EXACT = 2  # steps that make a block's linear map exact: q moves as pixels do
@@ -124,7 +124,7 @@ def _local_map(
     )
 
 
-@compiled
+@inlined
 def _kind(U: Array, V: Array, cells: Array, qx: float, qy: float, radius: float) -> int:
     """Whether the surroundings of a place are off the raster, of one colour, or mixed."""
     rows, columns = cells.shape
@@ -146,7 +146,7 @@ def _kind(U: Array, V: Array, cells: Array, qx: float, qy: float, radius: float)
     return _MIXED if _varies(cells, ku, kv, near) else _FLAT
 
 
-@compiled
+@inlined
 def _scan(
     U: Array,
     V: Array,
@@ -192,7 +192,7 @@ def _scan(
     return found
 
 
-@compiled
+@inlined
 def _usable(k: int, strips: int, low: float, high: float, reach: float) -> bool:
     """Whether a place is far enough from the rim of the raster, and not far out on the paper."""
     rim = min(reach, 0.4 * (low + high))
@@ -203,7 +203,7 @@ def _usable(k: int, strips: int, low: float, high: float, reach: float) -> bool:
     return True
 
 
-@compiled
+@inlined
 def _varies(cells: Array, ku: int, kv: int, near: tuple[bool, bool, bool, bool]) -> bool:
     """Whether cells of different colour lie within reach."""
     rows, columns = cells.shape

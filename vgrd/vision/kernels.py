@@ -13,7 +13,7 @@ import math
 import numpy as np
 
 from vgrd.geometry import Array
-from vgrd.vision.compiling import compiled
+from vgrd.vision.compiling import compiled, inlined
 from vgrd.vision.gathering import Cells
 from vgrd.vision.lines import line_table, node_table
 from vgrd.vision.shares import share
@@ -85,7 +85,7 @@ def accumulate(
     return A, g, chi2, count
 
 
-@compiled
+@inlined
 def _fill(
     J: Array, at: int, slope: Array, mono: Array, terms: int, T: float, bright: float, scale: float
 ) -> None:

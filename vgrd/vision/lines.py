@@ -5,7 +5,7 @@ import math
 import numpy as np
 
 from vgrd.geometry import Array
-from vgrd.vision.compiling import compiled
+from vgrd.vision.compiling import compiled, inlined
 
 # Gauss-Legendre nodes and weights on (0, 1), four points
 _NODES = (0.06943184420297371, 0.33000947820757187, 0.6699905217924281, 0.9305681557970262)
@@ -61,7 +61,7 @@ def node_table(U: Array, V: Array, S: Array) -> Array:
     return table
 
 
-@compiled
+@inlined
 def strip_of(table: Array, qx: float, qy: float, start: int) -> int:
     """Index of the strip between two lines that holds q; -1 and the number of strips outside."""
     k, last = min(max(start, 0), len(table) - 2), len(table) - 1
@@ -72,7 +72,7 @@ def strip_of(table: Array, qx: float, qy: float, start: int) -> int:
     return k
 
 
-@compiled
+@inlined
 def gaps(table: Array, k: int, qx: float, qy: float) -> tuple[float, float]:
     """Distances, px, to the two lines of strip k, both positive inside."""
     low = table[k, 0] * qx + table[k, 1] * qy + table[k, 2]

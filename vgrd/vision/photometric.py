@@ -14,6 +14,7 @@ from vgrd.geometry import Array
 from vgrd.vision.gathering import Cells, gather
 from vgrd.vision.homography import apply, inverse, moved, normalised, to_pixels
 from vgrd.vision.kernels import BLOOM, LIGHT, SHAPE, accumulate
+from vgrd.vision.noise import Noise, noise_in
 from vgrd.vision.raster import Raster
 from vgrd.vision.warp import LocalFrame
 
@@ -29,17 +30,7 @@ _SPARSE, _MANY, _FEWEST = 4, 4000, 60  # every fourth pixel while there are many
 _SETTLED_PX, _STILL_PX, _FARTHEST_PX = 0.2, 0.01, 6.0  # a step squared is what a step leaves
 _LEAST_CONTRAST = 6.0
 _ANISOTROPY_PX2 = 0.5  # believed difference of the variances of the blur along two directions
-_LEAST_VARIANCE = 1 / 12  # rounding to whole grey levels
-_FEW_PIXELS, _DIRTY = 60, 25.0
 _BLUR_RANGE_PX = (0.35, 6.0)
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Noise:
-    """Variance of a grey level I: shot * I + read."""
-
-    shot: float
-    read: float
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -49,7 +40,8 @@ class PhotometricFit:
     corners_px (4, 2) and their covariance (8, 8) px^2, which holds when chi2 (per pixel) is one; blur:
     (2, 2) covariance of the point spread and the pixel, px^2; bloom_px: shift of the edges
     towards white; contrast: grey levels between black and white; residuals (n,) in standard
-    deviations at the places q (n, 2), in the cells (n, 2) (column, row).
+    deviations at the places q (n, 2), in the cells (n, 2) (column, row), the `edge_pixels` pixels near
+    edges first.
     """
 
     corners_px: Array
@@ -65,6 +57,7 @@ class PhotometricFit:
     residuals: Array
     q: Array
     cells: Cells
+    edge_pixels: int
     q_from_target: Array
     frame: LocalFrame
 
@@ -76,9 +69,18 @@ class PhotometricFit:
     @property
     def misfit(self) -> float:
         """Root mean square of what the model leaves beyond the noise, as a share of the contrast."""
+        return self._beyond_noise(self.chi2)
+
+    @property
+    def flat_misfit(self) -> float:
+        """The same in flat pixels: there only the light counts, not how sharp the print or the lens is."""
+        flat = self.residuals[self.edge_pixels :]
+        return self._beyond_noise(float(np.mean(flat**2)) if flat.size else 0.0)
+
+    def _beyond_noise(self, chi2: float) -> float:
         level = self.offset[0] + self.gain[0] / 2
         variance = self.noise.shot * level + self.noise.read
-        return float(np.sqrt(max(self.chi2 - 1, 0) * variance) / max(self.contrast, 1e-9))
+        return float(np.sqrt(max(chi2 - 1, 0) * variance) / max(self.contrast, 1e-9))
 
 
 def align(
@@ -140,7 +142,7 @@ class _Iteration:
         )
         self.residual = np.zeros(len(self.level))
         self.outside = lost / max(len(self.level) + lost, 1)
-        self.noise = self.given_noise or _noise(flat)
+        self.noise = self.given_noise or noise_in(flat)
 
     def run(self) -> PhotometricFit | None:
         """Iterate to the minimum: first on a part of the pixels, at last on all."""
@@ -248,6 +250,7 @@ class _Iteration:
             residuals=self.residual,
             q=self.q,
             cells=self.cell,
+            edge_pixels=self.edges,
             q_from_target=self.H,
             frame=self.frame,
         )
@@ -279,20 +282,3 @@ def _solved(A: Array, g: Array) -> Array | None:
 def _inverse(A: Array) -> Array:
     scale = 1 / np.sqrt(np.diag(A))
     return np.asarray(np.linalg.inv(A * np.outer(scale, scale)) * np.outer(scale, scale))
-
-
-def _noise(flat: Array) -> Noise:
-    """Noise from flat pixels (n, 3): colour, level, second difference; dirty ones are left out."""
-    found = []
-    for colour in (0.0, 1.0):
-        level, squares = flat[flat[:, 0] == colour, 1], flat[flat[:, 0] == colour, 2] ** 2
-        for _ in range(3):
-            clean = squares <= _DIRTY * max(squares.mean(), 1.0) if len(squares) else squares > 0
-            level, squares = level[clean], squares[clean]
-        if len(squares) >= _FEW_PIXELS:
-            found.append((float(level.mean()), float(squares.mean()) / 6))  # 1 + 4 + 1
-    if not found:
-        return Noise(0.0, 1.0)
-    (dark, variance), (bright, most) = found[0], found[-1]
-    shot = max((most - variance) / max(bright - dark, 1.0), 0.0) if len(found) > 1 else 0.0
-    return Noise(shot, max(variance - shot * dark, _LEAST_VARIANCE))

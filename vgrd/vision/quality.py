@@ -7,6 +7,7 @@ from vgrd.vision.refining import Refined, trusted
 
 MOTION_STRETCH = 1.25  # standard deviation of the blur along one direction over that across it
 _MOTION_PX2 = 0.25  # and the difference of the variances
+_EVEN = 0.03  # of the contrast: paper and print leave as much in even light
 _GLARE_SIGMAS = 3.0
 _STRIKING = 5.0  # sigma by which a pixel must be off to count
 
@@ -20,7 +21,7 @@ def disturbance(refined: Refined) -> tuple[str, str] | None:
     if high - low > _MOTION_PX2 and np.sqrt(high / low) > MOTION_STRETCH:
         stretch = np.sqrt(12 * (high - low))
         return "motion", f"motion blur of {stretch:.1f} px: stand still, or expose more briefly"
-    if trusted(fit):
+    if trusted(fit) or fit.flat_misfit < _EVEN:
         return None
     return _uneven(fit)
 

@@ -9,7 +9,8 @@ from numpy.typing import NDArray
 from vgrd.geometry import Array
 from vgrd.vision.edges import EdgeFit, fit_edges
 from vgrd.vision.homography import from_points
-from vgrd.vision.photometric import Noise, PhotometricFit, align
+from vgrd.vision.noise import Noise
+from vgrd.vision.photometric import PhotometricFit, align
 from vgrd.vision.raster import Raster
 from vgrd.vision.warp import LocalFrame
 
@@ -17,7 +18,6 @@ Grey = NDArray[np.uint8]
 
 WORST_CHI2 = 1.5
 WORST_MISFIT = 0.02  # of the contrast: what real prints and lenses leave beyond the noise
-WORST_STRETCH = 1.35  # of the blur along one direction over that across
 
 
 class Method(StrEnum):

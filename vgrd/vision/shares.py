@@ -8,13 +8,13 @@ errs by 0.02 px at 60 degrees.
 import math
 
 from vgrd.geometry import Array
-from vgrd.vision.compiling import compiled
+from vgrd.vision.compiling import inlined
 
 _NEAR = 4.2  # sigma beyond which an edge is not felt
 _PER_TURN = 0.15915494309189535
 
 
-@compiled
+@inlined
 def _normal(h: float) -> tuple[float, float]:
     """Distribution and density of the normal law (Abramowitz and Stegun 26.2.17, error 8e-8)."""
     if h > _NEAR:
@@ -30,7 +30,7 @@ def _normal(h: float) -> tuple[float, float]:
     return (1.0 - tail if h >= 0 else tail), density
 
 
-@compiled
+@inlined
 def _step(here: float, before: float, after: float) -> float:
     """Step of colour over a line, in this row or, where it has none, in a row that is near."""
     if here != 0.0:
@@ -38,7 +38,7 @@ def _step(here: float, before: float, after: float) -> float:
     return before if before != 0.0 else after
 
 
-@compiled
+@inlined
 def _crossing(
     N: Array, K: float, h: float, k: float, F: float, G: float, f: float, g: float, out: Array
 ) -> tuple[float, float, float]:
@@ -62,12 +62,12 @@ def _crossing(
     return K * excess, by_h, by_k
 
 
-@compiled
+@inlined
 def _distance(table: Array, k: int, qx: float, qy: float) -> float:
     return float(table[k, 0] * qx + table[k, 1] * qy + table[k, 2])
 
 
-@compiled
+@inlined
 def share(
     cells: Array,
     ku: int,

@@ -11,7 +11,7 @@ import numpy as np
 
 from vgrd.geometry import Array
 from vgrd.geometry.camera import CameraModel
-from vgrd.vision.compiling import compiled
+from vgrd.vision.compiling import compiled, inlined
 
 NO_LENS = np.array([1.0, 1.0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0])
 
@@ -25,7 +25,7 @@ def lens_vector(camera: CameraModel | None) -> Array:
     return np.concatenate([[K[0, 0], K[1, 1], K[0, 2], K[1, 2]], k])
 
 
-@compiled
+@inlined
 def project(lens: Array, x: float, y: float) -> tuple[float, float]:
     """Pixel of a ray (x, y, 1)."""
     s = x * x + y * y
