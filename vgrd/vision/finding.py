@@ -33,8 +33,7 @@ class FoundTag:
 
     corners_px: (4, 2) in the order (-,-), (+,-), (+,+), (-,+) of the tag's x right, y down, OpenCV pixel
     convention (centre of the first pixel is 0, 0). hamming: cells of the code that read wrongly;
-    contrast: grey levels between its white and black cells; mirrored: seen from behind or
-    printed as in a mirror (corners as if it were not).
+    contrast: grey levels between its white and black cells.
     """
 
     family: str
@@ -42,7 +41,6 @@ class FoundTag:
     corners_px: Array
     hamming: int
     contrast: float
-    mirrored: bool = False
 
     @property
     def side_px(self) -> float:
