@@ -59,3 +59,16 @@ def test_noise_holds_no_tags():
     rng = np.random.default_rng(3)
     noise = cv2.GaussianBlur(rng.integers(0, 255, (480, 640), dtype=np.uint8), (0, 0), 2)
     assert find_tags(noise, ["16h5", "4x4_50"]) == []
+
+
+def test_a_tag_in_a_mirror_is_found_and_called_so():
+    picture, corners = drawn(("36h11", 5), ("4x4_50", 3))
+    flipped = np.ascontiguousarray(cv2.GaussianBlur(picture, (0, 0), 0.8)[:, ::-1])
+    assert not any(tag.mirrored for tag in find_tags(picture, ["36h11", "4x4_50"]))
+    found = find_tags(flipped, ["36h11", "4x4_50"])
+    assert [(tag.family, tag.id, tag.mirrored) for tag in found] == [
+        ("36h11", 5, True),
+        ("4x4_50", 3, True),
+    ]
+    true = np.column_stack([picture.shape[1] - 1 - corners[0][:, 0], corners[0][:, 1]])
+    assert np.abs(found[0].corners_px - true).max() < 1.5

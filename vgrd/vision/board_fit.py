@@ -87,7 +87,7 @@ def fit_tag_board(
     place = {(tag.family, tag.id): (tag, np.asarray(centre)) for tag, centre in tags.items()}
     points, pixels = [], []
     for found in find_tags(picture, sorted({tag.family for tag in tags})):
-        if (found.family, found.id) in place:
+        if (found.family, found.id) in place and not found.mirrored:
             tag, centre = place[found.family, found.id]
             unit = np.array([[-1, -1], [1, -1], [1, 1], [-1, 1.0]])
             points.append(centre + tag.size_mm / 2 * unit)

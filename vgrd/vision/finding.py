@@ -43,6 +43,15 @@ class FoundTag:
     contrast: float
 
     @property
+    def mirrored(self) -> bool:
+        """Seen from behind, printed as in a mirror, or in a flipped picture: corners turn the other way."""
+        (ax, ay), (bx, by) = (
+            self.corners_px[2] - self.corners_px[0],
+            self.corners_px[3] - self.corners_px[1],
+        )
+        return bool(ax * by - ay * bx < 0)
+
+    @property
     def side_px(self) -> float:
         """Root of the area, px."""
         return float(np.sqrt(abs(cv2.contourArea(self.corners_px.astype(np.float32)))))
@@ -70,7 +79,32 @@ def find_tags(
                 tag = read_tag(grey, name, tag_id, full)
                 if tag is not None and tag.hamming <= max_hamming:
                     _keep(found, tag)
+    if thorough:
+        _keep_mirrored(found, grey, names, levels[-1])
     return sorted(found, key=lambda tag: (tag.family, tag.id, tag.corners_px[0].tolist()))
+
+
+def _keep_mirrored(
+    found: list[FoundTag], grey: Grey, names: Sequence[str], coarsest: tuple[int, Grey]
+) -> None:
+    """Add tags that can only be read in a mirror."""
+    scale, level = coarsest
+    flipped = np.ascontiguousarray(level[:, ::-1])
+    for name in names:
+        for tag_id, corners in _candidates(flipped, name, thorough=False):
+            back = np.column_stack([level.shape[1] - 1 - corners[:, 0], corners[:, 1]])
+            tag = read_tag(grey, name, tag_id, scale * (back + 0.5) - 0.5)
+            if tag is None or tag.hamming or _covers_another(found, tag):
+                continue
+            _keep(found, tag)
+
+
+def _covers_another(found: Sequence[FoundTag], tag: FoundTag) -> bool:
+    """Whether a tag lies where one was found that needs no mirror."""
+    middle = tag.corners_px.mean(0)
+    return any(
+        np.linalg.norm(other.corners_px.mean(0) - middle) < other.side_px / 2 for other in found
+    )
 
 
 def search_tags(grey: Grey, wanted: Set[tuple[str, int]]) -> list[FoundTag]:
