@@ -3,8 +3,8 @@ import pytest
 
 from vgrd.calibration.hand_eye import HandEyeProblem, PoseSample, calibrate_hand_eye
 from vgrd.calibration.hand_eye_certificate import certified_start, rotation_cost
-from vgrd.calibration.hand_eye_fit import move_of
 from vgrd.calibration.hand_eye_partial import calibrate_hand_eye_partial
+from vgrd.calibration.hand_eye_state import move_of
 from vgrd.errors import InputError, NotObservable, TooFewObservations
 from vgrd.geometry import Pose, exp_rotation, hat, log_rotation
 from vgrd.model import Mount

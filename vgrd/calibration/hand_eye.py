@@ -5,12 +5,13 @@ eye-to-hand: X = base_from_camera, M = base_from_wrist, Y = wrist_from_target;
 eye-in-hand: X = wrist_from_camera, M = wrist_from_base, Y = base_from_target.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from vgrd.calibration.hand_eye_fit import Fit, HandEye, Rows, Sample, fit_hand_eye, move_of
+from vgrd.calibration.hand_eye_fit import Fit, Rows, Sample, fit_hand_eye
+from vgrd.calibration.hand_eye_state import HandEye, move_of
 from vgrd.calibration.rotation_relaxation import Certificate
 from vgrd.geometry import Array, Pose
 from vgrd.geometry.camera import CameraModel
@@ -79,7 +80,8 @@ class HandEyeResult:
     it was estimated. certificate: that the start was the best of all rotations; None where an
     earlier result was the start. free: (k, 6), orthonormal directions of (t of mount_from_camera, t
     of mount_from_target) that stay open: the target's origin is taken to have no part (0 mm) along
-    them, the camera lies accordingly, and the covariance says nothing about them.
+    them, the camera lies accordingly, and the covariance says nothing about them. features: places
+    (3,) in the target, mm, of the points that pictures showed beside it.
     """
 
     mount: Mount
@@ -94,6 +96,7 @@ class HandEyeResult:
     target_scale_sigma: float = 0.0
     certificate: Certificate | None = None
     free: Array = field(default_factory=lambda: np.zeros((0, 6)))
+    features: Mapping[str, Array] = field(default_factory=dict)
 
     def predict(self, base_from_wrist: Pose) -> Pose:
         """camera_from_target that this calibration expects at a flange pose."""

@@ -2,7 +2,7 @@
 
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
@@ -15,11 +15,10 @@ from vgrd.calibration.hand_eye_free import (
     open_translations,
     without_part_along,
 )
+from vgrd.calibration.hand_eye_state import HandEye, move_of
 from vgrd.calibration.motion import refuse_repeats
-from vgrd.calibration.rotation_relaxation import Certificate
 from vgrd.errors import NotObservable, TooFewObservations
 from vgrd.geometry import Array, Pose
-from vgrd.geometry.camera import CameraModel
 from vgrd.geometry.covariance import covariance_from
 from vgrd.geometry.least_squares import Minimum, minimize, require_convergence
 from vgrd.model import Mount
@@ -35,49 +34,6 @@ _TOLERANCE = 1e-6
 _CHI2_6_MEDIAN = 5.348
 _CHI2_6_95 = 12.592
 _CHI2_6_REJECT = 2 * float(gammaincinv(3, 1 - 1e-5))
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class HandEye:
-    """State of the estimate: X, Y, and what the points problem refines beside them.
-
-    certificate: of the start, None where it was given.
-    """
-
-    X: Pose = field(default_factory=Pose.identity)
-    Y: Pose = field(default_factory=Pose.identity)
-    camera: CameraModel | None = None
-    scale: float = 1.0
-    refines_camera: bool = False
-    refines_scale: bool = False
-    is_blank: bool = True
-    certificate: Certificate | None = None
-
-    @property
-    def extra(self) -> int:
-        """Number of unknowns beside the two poses."""
-        return 6 * self.refines_camera + self.refines_scale
-
-    def predict(self, mount: Mount, base_from_wrist: Pose) -> Pose:
-        """camera_from_target at a flange pose."""
-        return self.X.inverse() @ move_of(mount, base_from_wrist) @ self.Y
-
-    def retract(self, step: Array) -> "HandEye":
-        """Left perturbations of X and Y; intrinsics added; scale multiplied."""
-        camera, scale = self.camera, self.scale
-        if camera is not None and self.refines_camera:
-            camera = camera.with_intrinsics(_moved_intrinsics(camera.intrinsics(), step[12:18]))
-        if self.refines_scale:
-            scale = scale * float(np.exp(step[-1]))
-        X, Y = Pose.exp(step[:6]) @ self.X, Pose.exp(step[6:12]) @ self.Y
-        return replace(self, X=X, Y=Y, camera=camera, scale=scale)
-
-
-def _moved_intrinsics(values: Array, step: Array) -> Array:
-    """Focal lengths stay positive whatever the step: they are multiplied, the rest is added."""
-    moved = values + step
-    moved[:2] = values[:2] * np.exp(np.clip(step[:2] / values[:2], -1, 1))
-    return moved
 
 
 class Rows(ABC):
@@ -122,11 +78,6 @@ class Fit:
     free: Array
 
 
-def move_of(mount: Mount, base_from_wrist: Pose) -> Pose:
-    """M of the module's equation."""
-    return base_from_wrist if mount is Mount.EYE_TO_HAND else base_from_wrist.inverse()
-
-
 def fit_hand_eye(
     mount: Mount,
     samples: Sequence[Sample],
@@ -155,9 +106,10 @@ def fit_hand_eye(
             free=free,
         )
         start = replace(start, X=best.X, Y=best.Y, is_blank=False, certificate=best.certificate)
-    if 6 * len(samples) < 12 + start.extra + 1:
+    unknowns = 12 + start.extra - start.points.size
+    if 6 * len(samples) < unknowns + 1:
         raise TooFewObservations(
-            f"{len(samples)} samples cannot determine {12 + start.extra} unknowns: "
+            f"{len(samples)} samples cannot determine {unknowns} unknowns: "
             "add samples or refine less"
         )
     everything = np.ones(len(samples), dtype=np.bool_)
@@ -223,7 +175,7 @@ class _Engine:
     def finish(self, minimum: Minimum[HandEye], kept: Mask) -> Fit:
         state = self._on_zero(minimum.state)
         misfits = self.misfits(state)
-        freedom = 6 * int(kept.sum()) - self.basis.shape[1]
+        freedom = 6 * int(kept.sum()) - self.basis.shape[1] + state.points.size
         variance = float(misfits[kept].sum()) / freedom if freedom > 0 else 1.0
         try:
             covariance = covariance_from(minimum.jacobian)
@@ -267,6 +219,9 @@ class _Engine:
             J = np.hstack([D @ by_X, D @ turn.adjoint(), E])
             residuals.append(np.sqrt(weight) * _apply(W, r))
             jacobians.append(np.sqrt(weight) * _apply(W, J))
+        r, J = state.anchors()
+        residuals.append(r)
+        jacobians.append(J)
         return np.concatenate(residuals), np.vstack(jacobians) @ self.basis
 
     def _weigh(self, state: HandEye) -> tuple[list[tuple[Array, Array]], Array]:

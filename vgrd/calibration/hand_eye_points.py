@@ -1,12 +1,14 @@
 """Hand-eye from points in pictures: lowest reprojection error; optional intrinsics and scale."""
 
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from vgrd.calibration.hand_eye import HandEyeResult, result_of
-from vgrd.calibration.hand_eye_fit import HandEye, Rows, Sample, fit_hand_eye
+from vgrd.calibration.hand_eye_features import Place, first_places
+from vgrd.calibration.hand_eye_fit import Rows, Sample, fit_hand_eye
+from vgrd.calibration.hand_eye_state import HandEye
 from vgrd.errors import InputError
 from vgrd.geometry import Array, Pose
 from vgrd.geometry.camera import CameraModel
@@ -21,6 +23,8 @@ class PointSample:
     """One picture of a target with known points: points (n, 3) mm in the target, pixels (n, 2).
 
     guess: camera_from_target near by, where it is known; it saves time when many fits are made.
+    features: pixels (2,) of points fixed to the target, by name; those count whose place is known, or
+    that at least two samples show.
     """
 
     name: str
@@ -28,6 +32,7 @@ class PointSample:
     points_in_target: Array
     pixels: Array
     guess: Pose | None = None
+    features: Mapping[str, Array] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -39,6 +44,7 @@ class PointHandEyeProblem:
     takes it from the pictures. robot_sigma_mm, robot_sigma_rad: of one flange pose, per axis.
     robust: pictures that fit no common pose are left out and named. start: an earlier result to
     start from (leave-one-out), instead of the certified one. may_be_free: as of `HandEyeProblem`.
+    places: of features, where known.
     """
 
     mount: Mount
@@ -52,6 +58,7 @@ class PointHandEyeProblem:
     robust: bool = True
     start: HandEyeResult | None = None
     may_be_free: int = 0
+    places: Mapping[str, Place] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -69,8 +76,15 @@ def calibrate_hand_eye_from_points(problem: PointHandEyeProblem) -> HandEyeResul
     the missing motion) or DidNotConverge.
     """
     guesses, sigma = _guesses(problem)
+    sightings = [sample.features for sample in problem.samples]
+    places = first_places(sightings, guesses, problem.camera, problem.places)
     samples = [
-        Sample(sample.name, sample.base_from_wrist, pose, _PointRows(sample, pose, sigma))
+        Sample(
+            sample.name,
+            sample.base_from_wrist,
+            pose,
+            _PointRows(sample, pose, sigma, list(places)),
+        )
         for sample, pose in zip(problem.samples, guesses, strict=True)
     ]
     fit = fit_hand_eye(
@@ -79,7 +93,7 @@ def calibrate_hand_eye_from_points(problem: PointHandEyeProblem) -> HandEyeResul
         robot_sigma_mm=problem.robot_sigma_mm,
         robot_sigma_rad=problem.robot_sigma_rad,
         robust=problem.robust,
-        start=_start(problem),
+        start=_start(problem, list(places.values())),
         may_be_free=problem.may_be_free,
     )
     sigmas = np.sqrt(np.diag(fit.covariance))
@@ -89,6 +103,7 @@ def calibrate_hand_eye_from_points(problem: PointHandEyeProblem) -> HandEyeResul
         intrinsics_sigma=sigmas[12:18] if problem.refine_intrinsics else np.zeros(6),
         target_scale=fit.state.scale,
         target_scale_sigma=fit.state.scale * float(sigmas[-1]) if problem.estimate_scale else 0.0,
+        features=dict(zip(places, fit.state.points, strict=True)),
     )
 
 
@@ -98,11 +113,15 @@ def estimate_target_scale(problem: PointHandEyeProblem) -> TargetScale:
     return TargetScale(result.target_scale, result.target_scale_sigma)
 
 
-def _start(problem: PointHandEyeProblem) -> HandEye:
+def _start(problem: PointHandEyeProblem, places: Sequence[Place]) -> HandEye:
+    points = np.array([place.point_in_target for place in places]).reshape(-1, 3)
     blank = HandEye(
         camera=problem.camera,
         refines_camera=problem.refine_intrinsics,
         refines_scale=problem.estimate_scale,
+        points=points,
+        near=points,
+        near_sigma_mm=np.array([place.sigma_mm for place in places]),
     )
     if problem.start is None:
         return blank
@@ -137,25 +156,34 @@ def _own_pose(sample: PointSample, camera: CameraModel) -> tuple[Pose, float]:
 
 
 class _PointRows(Rows):
-    """Predicted minus seen pixels over sigma."""
+    """Predicted minus seen pixels over sigma; features: names of the points in the state's order."""
 
-    def __init__(self, sample: PointSample, start: Pose, sigma_px: float) -> None:
+    def __init__(
+        self, sample: PointSample, start: Pose, sigma_px: float, features: Sequence[str]
+    ) -> None:
         self._points, self._pixels = checked_points(sample.points_in_target, sample.pixels)
         self._sigma = sigma_px
         self._own = start
+        shown = [name for name in features if name in sample.features]
+        self._shown = [features.index(name) for name in shown]
+        pixels = [sample.features[name] for name in shown]
+        self._seen = np.concatenate([self._pixels, np.reshape(pixels, (-1, 2))])
 
     def linearize(self, state: HandEye, predicted: Pose) -> tuple[Array, Array, Array]:
         camera = _camera_of(state)
-        points = self._points * state.scale
-        seen, D = linearize_points(camera, predicted, points)
-        r = (seen - self._pixels).ravel() / self._sigma
-        extra = []
+        known = self._points * state.scale
+        points = np.concatenate([known, state.points[self._shown]])
+        predicted_px, D = linearize_points(camera, predicted, points)
+        E = np.zeros((len(points), 2, state.extra))
         if state.refines_camera:
-            extra.append(camera.intrinsics_jacobian(predicted @ points))
+            E[:, :, :6] = camera.intrinsics_jacobian(predicted @ points)
+        by_point = D[:, :, :3] @ predicted.rotation
+        for row, k in enumerate(self._shown, len(known)):
+            first = state.point_columns.start - 12 + 3 * k
+            E[row, :, first : first + 3] = by_point[row]
         if state.refines_scale:
-            by_scale = np.einsum("nij,nj->ni", D[:, :, :3], points @ predicted.rotation.T)
-            extra.append(by_scale[:, :, None])
-        E = np.concatenate(extra, axis=2) if extra else np.zeros((len(points), 2, 0))
+            E[: len(known), :, -1] = np.einsum("nij,nj->ni", by_point[: len(known)], known)
+        r = (predicted_px - self._seen).ravel() / self._sigma
         return r, D.reshape(-1, 6) / self._sigma, E.reshape(r.size, -1) / self._sigma
 
     def own(self, state: HandEye) -> Pose:

@@ -64,14 +64,26 @@ class PosesTable(Table):
     rotation: Annotated[str, one_of(tuple(RotationFormat))]
 
 
+class FeatureTable(Table):
+    """A point that is fixed to the target, such as a hole.
+
+    point_mm: its place there, where known; sigma_mm: how well, per axis.
+    """
+
+    name: Annotated[str, Field(min_length=1)]
+    point_mm: Annotated[list[Number], Field(min_length=3, max_length=3)] | None = None
+    sigma_mm: Annotated[float, Field(ge=1e-3, le=100, allow_inf_nan=False)] = 0.1
+
+
 class SampleTable(Table):
-    """One sample: the flange's pose in the base, and what the camera saw."""
+    """One sample: the flange's pose in the base, and what the camera saw; features: pixels by name."""
 
     name: Annotated[str, Field(min_length=1)]
     pose: list[Number]
     image: str | None = None
     points: str | None = None
     camera_from_target: Annotated[list[Number], Field(min_length=16, max_length=16)] | None = None
+    features: dict[str, Annotated[list[Number], Field(min_length=2, max_length=2)]] = {}
 
 
 class CharucoTable(Table):

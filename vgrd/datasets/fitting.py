@@ -1,7 +1,7 @@
 """Hand-eye fits of subsets of a dataset, with the noise levels that the data themselves show."""
 
 from abc import ABC, abstractmethod
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -12,6 +12,7 @@ from vgrd.calibration.hand_eye import (
     PoseSample,
     calibrate_hand_eye,
 )
+from vgrd.calibration.hand_eye_features import Place
 from vgrd.calibration.hand_eye_points import (
     PointHandEyeProblem,
     PointSample,
@@ -71,7 +72,7 @@ class Fitter(ABC):
 
 
 class PointFitter(Fitter):
-    """Samples with points of the target and their pixels; may_be_free: as of `HandEyeProblem`."""
+    """Samples with points of the target and their pixels; the rest as of `PointHandEyeProblem`."""
 
     def __init__(
         self,
@@ -80,7 +81,8 @@ class PointFitter(Fitter):
         samples: Sequence[PointSample],
         *,
         refine: bool,
-        may_be_free: int = 0,
+        may_be_free: int,
+        places: Mapping[str, Place],
     ) -> None:
         guessed = [
             replace(
@@ -99,6 +101,7 @@ class PointFitter(Fitter):
             robot_sigma_mm=ARM_SIGMA_MM,
             robot_sigma_rad=ARM_SIGMA_RAD,
             may_be_free=may_be_free,
+            places=places,
         )
 
     def match_noise(self) -> HandEyeResult:
@@ -167,7 +170,7 @@ class PoseFitter(Fitter):
     """
 
     def __init__(
-        self, mount: Mount, samples: Sequence[tuple[str, Pose, Pose]], *, may_be_free: int = 0
+        self, mount: Mount, samples: Sequence[tuple[str, Pose, Pose]], *, may_be_free: int
     ) -> None:
         self._problem = HandEyeProblem(
             mount,

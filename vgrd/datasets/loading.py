@@ -1,8 +1,8 @@
 """DATASET.toml and the files it names, checked: every fault of all of them in one message."""
 
 import tomllib
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -16,16 +16,17 @@ from vgrd.datasets.document import (
     hint,
     parse,
 )
+from vgrd.datasets.features import Places, read_features
 from vgrd.datasets.points import read_points
 from vgrd.errors import ConfigError, InputError
-from vgrd.geometry import Pose
+from vgrd.geometry import Array, Pose
 from vgrd.geometry.camera import CameraModel
 from vgrd.geometry.formats import RotationFormat, pose_from
 from vgrd.model import Mount
 from vgrd.vision.boards import BoardObservation, TargetSpec
 
 MIN_SAMPLES = 3
-_TABLES = ("mount", "camera", "poses", "target", "sample")
+_TABLES = ("mount", "camera", "poses", "target", "feature", "sample")
 _SOURCES = ("image", "points", "camera_from_target")
 _MM_PER = {"mm": 1.0, "m": 1000.0}
 _REACH_MM = 20_000.0
@@ -36,18 +37,23 @@ _SAME_RAD = 1e-6
 
 @dataclass(frozen=True, slots=True, eq=False)
 class DatasetSample:
-    """A flange pose and what the camera saw: a picture, points of the target, or its pose."""
+    """A flange pose and what the camera saw: a picture, points of the target, or its pose.
+
+    features: pixels (2,) by name.
+    """
 
     name: str
     base_from_wrist: Pose
     seen: Path | BoardObservation | Pose
+    features: Mapping[str, Array] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Dataset:
     """A checked dataset; camera and target are None where the samples need none.
 
-    pose_values: the numbers of the poses as written, for the search of a wrong convention.
+    pose_values: the numbers of the poses as written, for the search of a wrong convention. features:
+    places on the target by name, None where unknown.
     """
 
     path: Path
@@ -59,6 +65,7 @@ class Dataset:
     unit: str
     rotation: RotationFormat
     pose_values: tuple[tuple[float, ...], ...]
+    features: Places
 
 
 def load_dataset(path: Path) -> Dataset:
@@ -77,6 +84,7 @@ def load_dataset(path: Path) -> Dataset:
         )
     camera = _camera(data, kinds, faults)
     target = _target(data, kinds, faults)
+    features = read_features(data, rows, target, faults)
     good = [sample for sample in samples if sample is not None]
     if poses is not None:
         faults += arm_faults([(s.name, s.base_from_wrist) for s in good], poses.unit, "sample")
@@ -94,6 +102,7 @@ def load_dataset(path: Path) -> Dataset:
         unit=poses.unit,
         rotation=RotationFormat(poses.rotation),
         pose_values=tuple(tuple(row.pose) for _, row in rows),
+        features=features,
     )
 
 
@@ -213,7 +222,8 @@ class _SampleReader:
         seen = self._seen(row, given[0], where) if given else None
         if len(self._faults) > before or pose is None or seen is None:
             return None
-        return DatasetSample(row.name, pose, seen)
+        features = {name: np.array(pixel) for name, pixel in row.features.items()}
+        return DatasetSample(row.name, pose, seen, features)
 
     def _pose(self, row: SampleTable, where: str) -> Pose | None:
         if self._poses is None:

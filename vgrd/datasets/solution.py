@@ -2,11 +2,11 @@
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 from vgrd.datasets.fitting import TargetScale
-from vgrd.geometry import Pose
+from vgrd.geometry import Array, Pose
 from vgrd.geometry.camera import CameraModel
 from vgrd.model import Mount, Verdict
 
@@ -39,7 +39,8 @@ class DatasetSolution:
     mount_from_camera: base_from_camera (eye-to-hand) or wrist_from_camera (eye-in-hand);
     mount_from_target: wrist_from_target or base_from_target; camera: as given or refined; method: the
     named one that was asked for, None for the default; undetermined: what the motion leaves open, in
-    words (both transforms are then given with the target at 0 mm along it).
+    words (both transforms are then given with the target at 0 mm along it); features: places (3,) on
+    the target, mm, as estimated.
     """
 
     mount: Mount
@@ -53,6 +54,7 @@ class DatasetSolution:
     verdict: Verdict
     method: str | None = None
     undetermined: tuple[str, ...] = ()
+    features: Mapping[str, Array] = field(default_factory=dict)
 
     def transforms(self) -> Mapping[str, Pose]:
         """The two poses by their full names."""
@@ -68,7 +70,7 @@ class DatasetSolution:
         return {
             **named,
             **{name: pose.matrix().tolist() for name, pose in self.transforms().items()},
-            **({"undetermined": list(self.undetermined)} if self.undetermined else {}),
+            **self._where_any(),
             "leave_one_out": {
                 "deg": _known(self.leave_one_out.deg),
                 "mm": _known(self.leave_one_out.mm),
@@ -96,6 +98,14 @@ class DatasetSolution:
             },
         }
 
+    def _where_any(self) -> dict[str, Any]:
+        found: dict[str, Any] = {}
+        if self.undetermined:
+            found["undetermined"] = list(self.undetermined)
+        if self.features:
+            found["features"] = {name: at.tolist() for name, at in self.features.items()}
+        return found
+
     def _intrinsics(self) -> dict[str, Any] | None:
         if self.camera is None:
             return None
@@ -119,6 +129,10 @@ class DatasetSolution:
                 (name, f"{x:.2f} {y:.2f} {z:.2f} mm, rotvec {rx:.3f} {ry:.3f} {rz:.3f} deg")
             )
         rows += [("undetermined", words) for words in self.undetermined]
+        rows += [
+            (f"feature {name}", f"{x:.2f} {y:.2f} {z:.2f} mm")
+            for name, (x, y, z) in self.features.items()
+        ]
         errors = f"{_text(loo.deg, 3)} deg, {_text(loo.mm, 2)} mm, {_text(loo.px, 2)} px"
         rows.append(("leave-one-out", f"{errors} over {seen} samples"))
         scale = self.target_scale

@@ -105,6 +105,7 @@ def solve_dataset(
         verdict=judge(evidence),
         method=method,
         undetermined=undetermined_in_words(dataset.mount, result.free),
+        features=result.features,
     )
     steps.finish()
     return solution
@@ -177,11 +178,18 @@ def _likelihood_fitter(dataset: Dataset, found: Found) -> Fitter:
     if dataset.target is not None and not has_direction(dataset.target):
         boards = turn_alike([s.base_from_wrist for s, _ in pairs], boards, dataset.camera)
     points = [
-        PointSample(s.name, s.base_from_wrist, board.points_in_target, board.pixels)
+        PointSample(
+            s.name, s.base_from_wrist, board.points_in_target, board.pixels, features=s.features
+        )
         for (s, _), board in zip(pairs, boards, strict=True)
     ]
     return PointFitter(
-        dataset.mount, dataset.camera, points, refine=dataset.refine, may_be_free=may_be_free
+        dataset.mount,
+        dataset.camera,
+        points,
+        refine=dataset.refine,
+        may_be_free=may_be_free,
+        places={name: place for name, place in dataset.features.items() if place is not None},
     )
 
 

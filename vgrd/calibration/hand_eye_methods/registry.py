@@ -5,11 +5,11 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from types import MappingProxyType
 
-from vgrd.calibration.hand_eye_fit import move_of
 from vgrd.calibration.hand_eye_methods.motions import Motions, mean_of
 from vgrd.calibration.hand_eye_methods.robot_world import li, shah
 from vgrd.calibration.hand_eye_methods.separable import horaud_dornaika, park_martin, tsai_lenz
 from vgrd.calibration.hand_eye_methods.simultaneous import andreff, daniilidis, gwak, lu_chou, wu
+from vgrd.calibration.hand_eye_state import move_of
 from vgrd.calibration.motion import (
     Axes,
     refuse_repeats,
