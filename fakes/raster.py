@@ -31,7 +31,7 @@ def coverage(
     are closer than a pixel are only hinted at.
     """
     pad = blur.reach_px
-    samples = blur.samples * (2 if isinstance(figure, Disc) else 1)
+    samples = blur.samples
     around = Region(
         region.x - pad, region.y - pad, region.width + 2 * pad, region.height + 2 * pad
     )
