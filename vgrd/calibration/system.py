@@ -50,10 +50,10 @@ def calibrate_system(
     """Solve everything that the recording tells; id is "" and the time 0, for the caller to set.
 
     Plan joint: everything in one estimate, holes that the camera saw (`sightings`) included, see
-    `calibrate_jointly`. The other plans are the paper's
-    methods, step by step: universal where the wrists varied, else special from CAD-fitted flange
-    positions. Doubts are findings of the verdict. Raises
-    TooFewObservations, NotObservable (what is missing, in words), InputError or DidNotConverge.
+    `calibrate_jointly`. The other plans are the paper's methods, step by step: universal where the
+    wrists varied, else special from CAD-fitted flange positions. Doubts are findings of the verdict.
+    Raises TooFewObservations, NotObservable (what is missing, in words), InputError or
+    DidNotConverge.
     """
     facts = recording.facts
     if facts.mount is not Mount.EYE_TO_HAND:

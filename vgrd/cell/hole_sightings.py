@@ -6,6 +6,7 @@ in which the tool stands is never looked for.
 
 from collections import Counter
 from collections.abc import Callable, Collection, Iterable, Mapping
+from contextlib import suppress
 from dataclasses import dataclass, field
 from itertools import chain, zip_longest
 
@@ -24,7 +25,8 @@ from vgrd.model import Motion, Observation, Recording, TagObservation
 from vgrd.vision.holes import HoleSighting, HoleSpec, sight_holes
 
 SAME_PLACE_PX = 0.5
-SEARCHES = 48
+PICTURES, SEARCHES = 8, 64
+_FEWEST_PICTURES = 2
 _HEIGHT_SIGMA_MM = 3.0  # of the holes over tag B, where nothing else tells it
 _TOOL_WITHIN = 2.0  # diameters of the hole
 _NOT_SHOWN = "no picture shows its place without the tool"
@@ -79,10 +81,11 @@ def see_holes(
 ) -> HolesSeen:
     """Look for the holes of the object in the pictures of a session.
 
-    seen: what was observed in the pictures; `images` gives those of wanted stamps. SEARCHES places
-    are looked at, shared among the holes, and as many again for holes that were not seen there. Where
-    to look comes from the joint estimate, first without holes, then with those found; raises what
-    `calibrate_joint` does. report: called with (done, total) pictures.
+    seen: what was observed in the pictures; `images` gives those of wanted stamps. PICTURES are
+    searched, fewer where the object has many holes, and as many again for holes that were not seen
+    there: more tell little, since CAD's tolerance is the same in all. Where to look comes from the
+    joint estimate, first without holes, then with those found; raises what `calibrate_joint` does.
+    report: called with (done, total) pictures.
     """
     usable, _ = without_useless_spins(recording)
     search = _Search(usable, seen)
@@ -94,12 +97,13 @@ def see_holes(
 
 
 def _without_holes(recording: Recording) -> JointResult:
-    """The joint estimate, or its start where few touches leave it without an end."""
-    try:
-        return calibrate_joint(recording)
-    except DidNotConverge:
-        data = gather(recording)
-        return result_at(recording, data, guess(data))
+    """The joint estimate; its start where it leaves something open, since it wanders along that."""
+    with suppress(DidNotConverge):
+        result = calibrate_joint(recording)
+        if not result.undetermined.size:
+            return result
+    data = gather(recording)
+    return result_at(recording, data, guess(data))
 
 
 def _near_tag_plane(result: JointResult, holes: Mapping[str, HoleSpec]) -> JointState:
@@ -127,25 +131,25 @@ class _Search:
         self._camera = CameraModel(facts.camera_matrix, facts.distortion, facts.image_size_px)
         self._sigma_mm = facts.object.hole_sigma_mm
         self._shots = _shots(recording, seen)
-        self._tried: set[tuple[str, float]] = set()
         self.holes = holes_of(recording)
         self.found: list[tuple[_View, HoleSighting]] = []
         self.unseen = dict.fromkeys(self.holes, _NOT_SHOWN)
 
     def look(self, images: Images, report: Report | None, state: JointState) -> None:
-        """Look for what was not seen yet in the best pictures of each that were not tried."""
-        views = {shot.seen.stamp_s: _view(shot, state) for shot in self._shots}
-        share = max(1, SEARCHES // max(len(self.holes), 1))
-        wanted: dict[float, list[str]] = {}
-        for name in self.unseen:
-            for view in self._best_first(name, list(views.values()))[:share]:
-                wanted.setdefault(view.stamp_s, []).append(name)
-                self._tried.add((name, view.stamp_s))
-        for done, image in enumerate(images(wanted.keys()), 1):
-            view, names = views[image.stamp_s], wanted[image.stamp_s]
-            self._look_at(image, view, names, state.object_from_tag_b)
+        """Look for what was not seen yet in the best pictures that were not taken before."""
+        wanted: dict[float, tuple[_View, list[str]]] = {}
+        for shot in self._shots:
+            view = _view(shot, state)
+            if names := [name for name in self.unseen if self._may_show(view, name)]:
+                wanted[view.stamp_s] = (view, names)
+        count = int(np.clip(SEARCHES // max(len(self.holes), 1), _FEWEST_PICTURES, PICTURES))
+        chosen = self._best_first([view for view, _ in wanted.values()], count)[:count]
+        stamps = {view.stamp_s for view in chosen}
+        self._shots = [shot for shot in self._shots if shot.seen.stamp_s not in stamps]
+        for done, image in enumerate(images(stamps), 1):
+            self._look_at(image, *wanted[image.stamp_s], state.object_from_tag_b)
             if report is not None:
-                report(done, len(wanted))
+                report(done, len(stamps))
 
     def sightings(self) -> tuple[Sighting, ...]:
         """All that was seen, each hole's tolerance in CAD shared among its sightings."""
@@ -172,32 +176,22 @@ class _Search:
             self.unseen.pop(hole.target, None)
         self.unseen.update((name, why) for name, why in missing.items() if name in self.unseen)
 
-    def _best_first(self, name: str, views: list[_View]) -> list[_View]:
-        """Spins, where the hole appears largest, and touches, with the tool farthest away, in turn."""
-        at = self.holes[name].point_in_object
-        near_mm = 2 * _TOOL_WITHIN * self.holes[name].radius_mm
-        free = [
-            view
-            for view in views
-            if (name, view.stamp_s) not in self._tried
-            and self._is_inside(view, at)
-            and _off_tool(view, at) > near_mm
-        ]
-        spun = [view for view in free if view.spin is not None]
-        still = [view for view in free if view.spin is None]
-        spun.sort(key=lambda view: -self._size(view, at))
-        still.sort(key=lambda view: -_off_tool(view, at))
-        in_turn = chain.from_iterable(zip_longest(spun, still))
+    def _may_show(self, view: _View, name: str) -> bool:
+        """Whether the place of a hole is in the picture and the tool not in it."""
+        hole = self.holes[name]
+        pixel = self._camera.project((view.camera_from_object @ hole.point_in_object)[None])[0]
+        inside = (pixel > 0).all() and (pixel < np.array(self._camera.size_px)).all()
+        return bool(inside and _tool_mm(view, hole) > 2 * _TOOL_WITHIN * hole.radius_mm)
+
+    def _best_first(self, views: list[_View], count: int) -> list[_View]:
+        """Spins, spread over all of them, and in turn other pictures, the tool far from all holes first."""
+        spun = [view for view in views if view.spin is not None]
+        stride = max(1, -(-2 * len(spun) // count))
+        spread = [view for first in range(stride) for view in spun[first::stride]]
+        still = [view for view in views if view.spin is None]
+        still.sort(key=lambda view: -min(_tool_mm(view, hole) for hole in self.holes.values()))
+        in_turn = chain.from_iterable(zip_longest(spread, still))
         return [view for view in in_turn if view is not None]
-
-    def _is_inside(self, view: _View, at: Array) -> bool:
-        pixel = self._camera.project((view.camera_from_object @ at)[None])[0]
-        size = np.array(self._camera.size_px)
-        return bool(np.isfinite(pixel).all() and (pixel > 0).all() and (pixel < size).all())
-
-    def _size(self, view: _View, at: Array) -> float:
-        """How long a millimetre of the object's x and y appears at least, px."""
-        return float(np.linalg.norm(self._by_object(view, at)[:, :2], -2))
 
     def _by_object(self, view: _View, at: Array) -> Array:
         """Derivative (2, 3), px / mm, of the pixel by a place in the object."""
@@ -249,6 +243,6 @@ def _samples(recording: Recording) -> list[tuple[int | None, TagObservation]]:
     return [*touched, *spun]
 
 
-def _off_tool(view: _View, at: Array) -> float:
-    """How far the tool's tip was from a place in the object, mm."""
-    return float(np.linalg.norm(view.tip_in_object - at))
+def _tool_mm(view: _View, hole: HoleSpec) -> float:
+    """How far the tool's tip is from a hole."""
+    return float(np.linalg.norm(view.tip_in_object - hole.point_in_object))
