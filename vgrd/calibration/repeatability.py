@@ -10,6 +10,8 @@ from vgrd.calibration.touches import TouchSet
 from vgrd.errors import InputError, TooFewObservations
 from vgrd.geometry import Array
 
+_SAME_WRIST = 0.02
+
 
 @dataclass(frozen=True, slots=True)
 class Sigma:
@@ -29,23 +31,37 @@ class Repeatability:
     axial: Sigma
 
 
-def repeatability(touches: TouchSet, targets: Sequence[str], tcp_in_wrist: Array) -> Repeatability:
+def repeatability(
+    touches: TouchSet,
+    targets: Sequence[str],
+    tcp_in_wrist: Array,
+    *,
+    tcp_is_fitted: bool = False,
+) -> Repeatability:
     """Pooled scatter of the touches (m) that share the name of their target around its mean.
 
-    tcp_in_wrist: (3,) mm; with the same wrist in all touches of a target it cancels. Raises
-    InputError on a wrong number of names, TooFewObservations when no target was touched twice.
+    tcp_in_wrist: (3,) mm; with the same wrist in all touches of a target it cancels. tcp_is_fitted:
+    to these touches, so that where the wrists differ its three numbers hide one touch's scatter.
+    Raises InputError on a wrong number of names, TooFewObservations when too few were repeated.
     """
     if len(targets) != len(touches):
         raise InputError(f"{len(touches)} touches need as many targets, got {len(targets)}")
     tips = touches.rotations @ tcp_in_wrist + touches.translations
     off, freedom = np.zeros_like(tips), 0
+    turned = np.zeros(len(touches))
     for name in dict.fromkeys(targets):
         same = np.array([target == name for target in targets])
         off[same] = tips[same] - tips[same].mean(axis=0)
+        turned[same] = np.linalg.norm(
+            touches.rotations[same] - touches.rotations[same].mean(axis=0), axis=(1, 2)
+        )
         freedom += int(same.sum()) - 1
+    if tcp_is_fitted and turned.max() > _SAME_WRIST:
+        freedom -= 1
     if freedom < 1:
         raise TooFewObservations(
-            "no target was touched twice: touch at least one of them again, better each of them"
+            "no target was touched twice (with the wrist turned in between: three times): touch at "
+            "least one of them again, better each of them"
         )
     along = np.einsum("mi,mij,j->m", off, touches.rotations, touches.axis_in_wrist)
     across = float(np.sum(off**2) - np.sum(along**2))

@@ -72,12 +72,16 @@ _NEEDED: Mapping[TouchKind, tuple[int, int]] = MappingProxyType(
 
 @dataclass(frozen=True, slots=True, eq=False)
 class TouchFile:
-    """m checked touches; points_in_object: (m, 3) mm, zeros unless kind is universal."""
+    """m checked touches; points_in_object: (m, 3) mm, zeros unless kind is universal.
+
+    sigma_given: (m,), whether the file gives the sigma of a touch.
+    """
 
     kind: TouchKind
     names: tuple[str, ...]
     touches: TouchSet
     points_in_object: Array
+    sigma_given: tuple[bool, ...]
     plane: Plane | None = None
     radius_mm: float | None = None
 
@@ -104,6 +108,7 @@ def load_touches(path: Path) -> TouchFile:
         names=tuple(row.name for _, row in rows),
         touches=touch_set(arm, axis, [s[0] for s in sigmas], [s[1] for s in sigmas]),
         points_in_object=points.reshape(-1, 3),
+        sigma_given=tuple(row.sigma_mm is not None for _, row in rows),
         plane=plane,
         radius_mm=sphere.radius_mm if sphere else None,
     )

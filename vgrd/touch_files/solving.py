@@ -1,7 +1,7 @@
 """A file of touches in, the TCP with every touch's fate and a verdict out."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -20,6 +20,7 @@ from vgrd.geometry import Array, Pose
 from vgrd.geometry.covariance import radius95
 from vgrd.model import Finding, Verdict
 from vgrd.touch_files.document import TouchFile, TouchKind, load_touches
+from vgrd.touch_files.repeats import Repeats, find_repeats, with_repeated_sigma
 
 _CHANCE = 1e-3
 _CONTRADICTORY = 3.0
@@ -42,7 +43,8 @@ class TouchReport:
 class TouchSolution:
     """tcp_in_wrist: (3,) mm; covariance: (3, 3) of it, mm^2; object_from_base: universal only.
 
-    certificate: None where a method has none (unknown plane, ball).
+    certificate: None where a method has none (unknown plane, ball). repeats: None where no target
+    was touched twice.
     """
 
     tcp_in_wrist: Array
@@ -51,6 +53,7 @@ class TouchSolution:
     touches: tuple[TouchReport, ...]
     certificate: Certificate | None
     verdict: Verdict
+    repeats: Repeats | None = None
 
     def to_json(self) -> dict[str, Any]:
         """Plain values for `--json`: mm, poses 4x4 by rows."""
@@ -79,6 +82,7 @@ class TouchSolution:
                     for finding in self.verdict.findings
                 ],
             },
+            **({"repeatability_mm": self.repeats.to_json()} if self.repeats else {}),
         }
 
 
@@ -102,6 +106,11 @@ def solve_touches(path: Path) -> TouchSolution:
     """
     file = load_touches(path)
     solved = _SOLVERS[file.kind](file)
+    repeats = find_repeats(file, solved.tcp_in_wrist, solved.fit.used)
+    weighed = with_repeated_sigma(file, repeats) if repeats else None
+    if repeats and weighed:
+        file, repeats = weighed, replace(repeats, applied=True)
+        solved = _SOLVERS[file.kind](file)
     scale = noise_scale(solved.fit.result)
     noisy = _is_noisy(solved.fit.result)
     covariance = solved.covariance * (scale**2 if noisy else 1.0)
@@ -118,6 +127,7 @@ def solve_touches(path: Path) -> TouchSolution:
         touches=tuple(_reports(file, solved)),
         certificate=solved.certificate,
         verdict=Verdict(tuple(findings)),
+        repeats=repeats,
     )
 
 
