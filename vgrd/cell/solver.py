@@ -18,7 +18,7 @@ from vgrd import logs
 from vgrd.calibration.system import calibrate_system
 from vgrd.cell.hole_sightings import HolesSeen, Report, holes_of, see_holes
 from vgrd.clock import Clock, SystemClock
-from vgrd.errors import StoreError, VgrdError
+from vgrd.errors import CalibrationError, StoreError, VgrdError
 from vgrd.model import Calibration, Plan, Policy, Recording
 from vgrd.store.calibrations import CalibrationStore
 from vgrd.store.sessions import iterate_images, iterate_observations, load_session
@@ -67,7 +67,7 @@ def _holes_in(
         if not seen:
             return HolesSeen(), ["solved without the holes: the session has no pictures"]
         return see_holes(recording, seen, partial(iterate_images, folder), report), []
-    except StoreError as err:
+    except (StoreError, CalibrationError) as err:
         return HolesSeen(), [f"solved without the holes in the pictures: {err}"]
 
 

@@ -1,0 +1,169 @@
+"""Holes in the pictures of a session narrow what is solved from it, and are left out where they are wrong."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from fakes.layout import Layout
+from fakes.optics import Optics
+from fakes.poses import retracted_pose
+from fakes.rehearsal import Rehearsal, facts_of
+from fakes.world import World
+from vgrd.calibration.system import calibrate_system, expected_coordinate
+from vgrd.cell.hole_sightings import HolesSeen, see_holes
+from vgrd.cell.solver import solve_session
+from vgrd.clock import SystemClock
+from vgrd.devices import CameraImage
+from vgrd.geometry.camera import CameraModel
+from vgrd.model import Calibration, Plan, Policy, Recording, frozen_array
+from vgrd.store.sessions import SampleKind, SessionWriter
+
+SPINS = 5
+
+
+def small_layout() -> Layout:
+    """The fake cell with holes of twice the size on a sensor of a quarter of the pixels."""
+    optics = Layout().optics
+    matrix = frozen_array(np.diag([0.5, 0.5, 1]) @ optics.matrix, 3, 3)
+    size = (optics.size_px[0] // 2, optics.size_px[1] // 2)
+    small = Optics(matrix, optics.distortion, size, optics.focus_mm, optics.aperture_mm)
+    holes = {
+        name: replace(target, hole_diameter_mm=2 * target.hole_diameter_mm)
+        for name, target in Layout().targets.items()
+    }
+    return Layout(optics=small, targets=holes)
+
+
+class Taught:
+    """A session of six touches with one wrist, its pictures, and what they showed of the holes."""
+
+    def __init__(self, folder: Path) -> None:
+        self.world = World(small_layout(), 2)
+        facts = facts_of(self.world, folder)
+        self.rehearsal = Rehearsal(self.world, facts, keeps_pictures=True)
+        self.recording = self.rehearsal.teach(looks=6, spins=SPINS, tilted=0, points=0)
+        self.kept = list(self.rehearsal.kept)
+        self.holes = self.see(self.recording)
+
+    def see(self, recording: Recording, only: slice = slice(None)) -> HolesSeen:
+        return see_holes(recording, [seen for seen, _ in self.kept[only]], self.rehearsal.images)
+
+    def misses(self, calibration: Calibration) -> tuple[np.ndarray, np.ndarray]:
+        """True misses (n, 3) mm of requests at three table angles, and the 95 % told for them."""
+        out = []
+        for angle in (0.7, 2.8, 4.9):
+            self.rehearsal.stand(retracted_pose(), angle)
+            tag_b = self.rehearsal.look().tag_b
+            for name in self.world.targets:
+                expected = expected_coordinate(calibration, name, tag_b, Policy.FIXED)
+                miss = self.world.miss_at(expected.base_from_wrist, name, angle)
+                out.append((miss, expected.u95_mm))
+        return np.array([miss for miss, _ in out]), np.array([u95 for _, u95 in out])
+
+
+@pytest.fixture(scope="module")
+def taught(tmp_path_factory: pytest.TempPathFactory) -> Taught:
+    return Taught(tmp_path_factory.mktemp("taught"))
+
+
+def stored(taught: Taught, state: Path, *, plan: Plan = Plan.JOINT, pictures: bool = True) -> Path:
+    recording = taught.recording
+    writer = SessionWriter(state, "taught", plan, recording.facts, SystemClock())
+    with writer:
+        for kind, values in (
+            (SampleKind.LOOK, recording.looks),
+            (SampleKind.SPIN, recording.spins),
+            (SampleKind.TOUCH, recording.touches),
+        ):
+            for value in values:
+                writer.sample(kind, value)
+        for frame, (seen, picture) in enumerate(taught.kept if pictures else ()):
+            writer.observation(seen)
+            writer.image(CameraImage(picture, seen.stamp_s, frame))
+    return writer.path
+
+
+def test_every_sighting_is_where_the_hole_truly_is(taught):
+    layout = taught.world.layout
+    optics = layout.optics
+    camera = CameraModel(optics.matrix, optics.distortion, optics.size_px)
+    off = []
+    for one in taught.holes.sightings:
+        angle = 0.0 if one.spin is None else 2 * np.pi * one.spin / SPINS
+        at = layout.target_in_base(one.target, angle)
+        off.append(one.pixel - camera.project(layout.base_from_camera.inverse() @ at[None])[0])
+    assert taught.holes.unseen == {}
+    assert {one.spin is None for one in taught.holes.sightings} == {True, False}
+    assert np.abs(off).max() < 0.03
+    assert np.abs(np.mean(off, axis=0)).max() < 0.005
+
+
+def test_holes_shrink_the_miss_and_what_is_told_of_it(taught):
+    without = calibrate_system(taught.recording)
+    with_holes = calibrate_system(taught.recording, sightings=taught.holes.sightings)
+    (before, told_before), (after, told_after) = map(taught.misses, (without, with_holes))
+    xy_before, xy_after = (np.linalg.norm(m[:, :2], axis=1).mean() for m in (before, after))
+    assert xy_after < 0.5 * xy_before
+    assert told_after.mean() < 0.5 * told_before.mean()
+    assert (np.linalg.norm(after, axis=1) <= told_after).mean() > 0.9
+    assert with_holes.residuals["holes_used"] == len(taught.holes.sightings)
+    assert with_holes.residuals["holes_rms_px"] < 0.3
+
+
+def test_many_sightings_of_one_hole_tell_no_more_than_its_tolerance_in_cad(taught):
+    spec = replace(taught.recording.facts.object, hole_sigma_mm=0.2)
+    facts = replace(taught.recording.facts, object=spec)
+    seen = taught.see(replace(taught.recording, facts=facts)).sightings
+    px_per_mm = facts.camera_matrix[0, 0] / 600
+    for name in taught.world.targets:
+        precisions = [(px_per_mm / one.sigma_px) ** 2 for one in seen if one.target == name]
+        assert 1 / np.sqrt(np.sum(precisions)) == pytest.approx(0.2, rel=0.25)
+
+
+def test_the_hole_in_which_the_tool_stands_is_never_seen(taught):
+    first = 6 + SPINS
+    touched = taught.recording.touches[0].target
+    assert taught.kept[first][0] is taught.recording.touches[0].observation
+    seen = taught.see(taught.recording, slice(first, first + 1))
+    assert "without the tool" in seen.unseen[touched]
+    assert touched not in {one.target for one in seen.sightings}
+    assert len(seen.sightings) >= 2
+
+
+def test_pictures_of_an_object_that_stands_elsewhere_are_not_used(taught):
+    elsewhere = replace(taught.recording, spins=())
+    spins = slice(6 + 1, 6 + SPINS)
+    seen = taught.see(elsewhere, spins)
+    assert seen.sightings == ()
+    assert set(seen.unseen) == set(taught.world.targets)
+
+
+def test_a_sighting_that_contradicts_is_left_out_and_named(taught):
+    good = taught.holes.sightings
+    k = next(k for k, one in enumerate(good) if one.spin is not None)
+    wrong = replace(good[k], pixel=good[k].pixel + np.array([15.0, 0.0]))
+    calibration = calibrate_system(taught.recording, sightings=(*good[:k], wrong, *good[k + 1 :]))
+    (finding,) = (f for f in calibration.verdict.findings if f.code == "hole_outlier")
+    assert f"hole {wrong.target} in spin {wrong.spin + 1}" in finding.message
+    assert calibration.residuals["holes_used"] == len(good) - 1
+
+
+def test_a_stored_session_is_solved_with_the_holes_in_its_pictures(taught, tmp_path):
+    searched: list[tuple[int, int]] = []
+    folder = stored(taught, tmp_path)
+    told = solve_session(folder, report=lambda done, total: searched.append((done, total)))
+    assert told["holes"] == {"seen": len(taught.holes.sightings), "unseen": {}}
+    assert told["residuals"]["holes_used"] == len(taught.holes.sightings)
+    assert told["warnings"] == []
+    assert searched[-1][0] == searched[-1][1]
+
+
+@pytest.mark.parametrize("plan", [Plan.JOINT, Plan.SPECIAL])
+def test_without_pictures_or_plan_joint_a_session_is_solved_as_before(taught, tmp_path, plan):
+    folder = stored(taught, tmp_path, plan=plan, pictures=plan is not Plan.JOINT)
+    told = solve_session(folder)
+    assert told["holes"]["seen"] == 0
+    assert "holes_used" not in told["residuals"]
+    assert any("no pictures" in one for one in told["warnings"]) == (plan is Plan.JOINT)
