@@ -6,7 +6,7 @@ reported, and refused only by the expected coordinate that depends on it.
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from types import MappingProxyType
 
 import numpy as np
@@ -21,6 +21,7 @@ from vgrd.calibration.joint_fit import (
     whiten_arm,
 )
 from vgrd.calibration.joint_gather import gather
+from vgrd.calibration.joint_height import near_tag_plane
 from vgrd.calibration.joint_optics import TAG_A, TAG_B, RefinedOptics, Refinement
 from vgrd.calibration.joint_problem import JointData, Link, Sighting, Turntable
 from vgrd.calibration.joint_robust import JointSample, screen
@@ -41,6 +42,7 @@ __all__ = [
     "calibrate_joint",
     "information_inverse",
     "result_at",
+    "start_near_tag_plane",
     "whiten_arm",
 ]
 
@@ -115,10 +117,27 @@ def calibrate_joint(
     TooFewObservations, NotObservable or DidNotConverge.
     """
     data = gather(recording, sightings, arm, turntable, refine)
-    optimum = settle(data, layout_of(data), guess(data))
+    if len(data.holes.cad):
+        seen = start_near_tag_plane(recording, data.holes.cad)
+        start = replace(seen, refined=np.zeros(data.optics.count))
+    else:
+        start = guess(data)
+    optimum = settle(data, layout_of(data), start)
     if not robust:
         return _result(recording, optimum, ())
     return _result(recording, *screen(data, optimum))
+
+
+def start_near_tag_plane(recording: Recording, points_in_object: Array) -> JointState:
+    """First values with points of the object (m, 3) near tag B's plane, where nothing else tells.
+
+    Without that a height that one wrist leaves open may lie behind the camera. Raises
+    TooFewObservations where not even a guess is possible.
+    """
+    data = gather(recording)
+    at = result_at(recording, data, guess(data))
+    open_too = at.covariance + at.undetermined @ at.undetermined.T
+    return near_tag_plane(at.state, at.layout, open_too, points_in_object)
 
 
 def result_at(recording: Recording, data: JointData, state: JointState) -> JointResult:

@@ -12,10 +12,8 @@ from itertools import chain, zip_longest
 
 import numpy as np
 
-from vgrd.calibration.joint import JointResult, Sighting, calibrate_joint, result_at
-from vgrd.calibration.joint_gather import gather
-from vgrd.calibration.joint_rows import by_left
-from vgrd.calibration.joint_state import JointState, Layout, guess
+from vgrd.calibration.joint import Sighting, calibrate_joint, start_near_tag_plane
+from vgrd.calibration.joint_state import JointState
 from vgrd.calibration.spins import without_useless_spins
 from vgrd.devices import CameraImage
 from vgrd.errors import DidNotConverge
@@ -27,7 +25,6 @@ from vgrd.vision.holes import HoleSighting, HoleSpec, sight_holes
 SAME_PLACE_PX = 0.5
 PICTURES, SEARCHES = 8, 64
 _FEWEST_PICTURES = 2
-_HEIGHT_SIGMA_MM = 3.0  # of the holes over tag B, where nothing else tells it
 _TOOL_WITHIN = 2.0  # diameters of the hole
 _NOT_SHOWN = "no picture shows its place without the tool"
 
@@ -89,38 +86,21 @@ def see_holes(
     """
     usable, _ = without_useless_spins(recording)
     search = _Search(usable, seen)
-    search.look(images, report, _near_tag_plane(_without_holes(usable), search.holes))
+    search.look(images, report, _without_holes(usable, search.holes))
     if search.unseen and search.found:
         again = calibrate_joint(usable, search.sightings())
         search.look(images, report, again.state)
     return HolesSeen(search.sightings(), search.unseen)
 
 
-def _without_holes(recording: Recording) -> JointResult:
+def _without_holes(recording: Recording, holes: Mapping[str, HoleSpec]) -> JointState:
     """The joint estimate; its start where it leaves something open, since it wanders along that."""
     with suppress(DidNotConverge):
         result = calibrate_joint(recording)
         if not result.undetermined.size:
-            return result
-    data = gather(recording)
-    return result_at(recording, data, guess(data))
-
-
-def _near_tag_plane(result: JointResult, holes: Mapping[str, HoleSpec]) -> JointState:
-    """The estimate, and where it leaves heights open (one wrist), tag B's plane near that of the holes."""
-    state, layout = result.state, result.layout
-    in_base = state.base_from_object @ np.array([hole.point_in_object for hole in holes.values()])
-    in_camera = state.base_from_camera.inverse() @ in_base
-    tag_b_from_camera = state.camera_from_tag_b.inverse()
-    down = tag_b_from_camera.rotation[2]
-    H = np.zeros((len(in_base), layout.size))
-    H[:, Layout.OBJECT] = (down @ state.base_from_camera.rotation.T) @ by_left(in_base)
-    H[:, Layout.CAMERA] = -H[:, Layout.OBJECT]
-    H[:, Layout.TAG_B] = -down @ by_left(in_camera)
-    P = result.covariance + result.undetermined @ result.undetermined.T
-    spread = H @ P @ H.T + _HEIGHT_SIGMA_MM**2 * np.eye(len(H))
-    heights = (tag_b_from_camera @ in_camera)[:, 2]
-    return state.retract(-P @ H.T @ np.linalg.solve(spread, heights), layout)
+            return result.state
+    points = np.array([hole.point_in_object for hole in holes.values()])
+    return start_near_tag_plane(recording, points)
 
 
 class _Search:
