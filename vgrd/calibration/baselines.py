@@ -90,13 +90,13 @@ def _conventional(
 def _prepare_special(recording: Recording) -> Method:
     """Section V as published: Eq. 19 from one touch of the target."""
     fit = _cad_fit(recording)
-    return partial(_special, recording, _hand_eye(recording), fit, _pivot_in_tag(recording), False)
+    return partial(_special, recording, _rotation(recording), fit, _pivot_in_tag(recording), False)
 
 
 def _prepare_special_cad(recording: Recording) -> Method:
     """Eq. 19 from the touches fitted to CAD."""
     fit = _cad_fit(recording)
-    return partial(_special, recording, _hand_eye(recording), fit, _pivot_in_tag(recording), True)
+    return partial(_special, recording, _rotation(recording), fit, _pivot_in_tag(recording), True)
 
 
 def _special(
@@ -149,8 +149,15 @@ _calibrated = lru_cache(maxsize=4)(calibrate_system)
 
 
 @lru_cache(maxsize=4)
-def _hand_eye(recording: Recording) -> HandEyeResult:
-    return calibrate_hand_eye(HandEyeProblem(recording.facts.mount, hand_eye_samples(recording)))
+def _hand_eye(recording: Recording, may_be_free: int = 0) -> HandEyeResult:
+    samples = hand_eye_samples(recording)
+    problem = HandEyeProblem(recording.facts.mount, samples, may_be_free=may_be_free)
+    return calibrate_hand_eye(problem)
+
+
+def _rotation(recording: Recording) -> HandEyeResult:
+    """All that Eq. 19 needs of the hand-eye is its rotation."""
+    return _hand_eye(recording, may_be_free=1)
 
 
 def _cad_fit(recording: Recording) -> CadFit:

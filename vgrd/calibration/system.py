@@ -3,9 +3,12 @@
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
+import numpy as np
+
 from vgrd.calibration.checks import cannot_tell, examine
 from vgrd.calibration.coordinates import expected_coordinate
 from vgrd.calibration.hand_eye import HandEyeProblem, HandEyeResult, calibrate_hand_eye
+from vgrd.calibration.hand_eye_free import free_findings
 from vgrd.calibration.hand_eye_samples import hand_eye_samples
 from vgrd.calibration.joint_problem import Sighting
 from vgrd.calibration.joint_system import calibrate_jointly
@@ -30,6 +33,7 @@ from vgrd.model import (
 __all__ = ["calibrate_system", "expected_coordinate"]
 
 _REACH_MM = 500.0
+_UNKNOWN_MM = 1000.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -80,9 +84,15 @@ def calibrate_system(
 
 def _calibrate_in_steps(recording: Recording) -> Calibration:
     taught = teach(recording)
-    hand_eye = calibrate_hand_eye(_hand_eye_problem(recording))
-    reference = find_reference(recording.touches)
     center, doubts = _center(recording)
+    needs_rotation_only = (
+        taught.method == "special" and center is not None and taught.pivot_in_base is not None
+    )
+    hand_eye = calibrate_hand_eye(
+        _hand_eye_problem(recording, may_be_free=int(needs_rotation_only))
+    )
+    doubts += free_findings(recording.facts.mount, hand_eye.free)
+    reference = find_reference(recording.touches)
     pivot = _pivot(taught, center, hand_eye, doubts)
     calibration = Calibration(
         id="",
@@ -91,7 +101,7 @@ def _calibrate_in_steps(recording: Recording) -> Calibration:
         method=taught.method,
         facts=recording.facts,
         base_from_camera=hand_eye.mount_from_camera,
-        hand_eye_covariance=frozen_array(hand_eye.covariance[:6, :6], 6, 6),
+        hand_eye_covariance=frozen_array(_camera_covariance(hand_eye), 6, 6),
         wrist_from_tag_a=hand_eye.mount_from_target,
         tcp_in_wrist=taught.tcp_in_wrist,
         tcp_covariance=taught.tcp_covariance,
@@ -110,7 +120,15 @@ def _calibrate_in_steps(recording: Recording) -> Calibration:
     return replace(calibration, residuals=residuals, verdict=verdict)
 
 
-def _hand_eye_problem(recording: Recording) -> HandEyeProblem:
+def _camera_covariance(hand_eye: HandEyeResult) -> Array:
+    """(6, 6) of base_from_camera, with a metre where its place stays open."""
+    open_mm = (
+        np.sqrt(2) * _UNKNOWN_MM * np.hstack([hand_eye.free[:, :3], 0 * hand_eye.free[:, 3:]])
+    )
+    return np.asarray(hand_eye.covariance[:6, :6] + open_mm.T @ open_mm)
+
+
+def _hand_eye_problem(recording: Recording, may_be_free: int) -> HandEyeProblem:
     samples = hand_eye_samples(recording)
     if len(samples) < 3:
         raise TooFewObservations(
@@ -123,6 +141,7 @@ def _hand_eye_problem(recording: Recording) -> HandEyeProblem:
         samples=samples,
         robot_sigma_mm=sigma,
         robot_sigma_rad=sigma / _REACH_MM,
+        may_be_free=may_be_free,
     )
 
 
