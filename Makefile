@@ -10,6 +10,7 @@ export OPENBLAS_NUM_THREADS ?= 1
 	$(PYTHON) -m venv .venv
 	$(BIN)/pip install --quiet --upgrade pip
 	$(BIN)/pip install --quiet --constraint constraints.txt --editable '.[dev]'
+	$(BIN)/python -m vgrd.vision
 	touch .venv
 
 demo: .venv

@@ -105,7 +105,8 @@ def test_a_missing_or_an_unknown_key_is_refused_by_name(data):
     ):
         path.append(data.draw(st.sampled_from(inner)))
         node = node[path[-1]]
-    key = data.draw(st.sampled_from(sorted(node)))
+    later = {"joint"}  # older files do not have it
+    key = data.draw(st.sampled_from(sorted(node.keys() - later)))
     value = node.pop(key)
     with pytest.raises(Corrupt, match=rf"cal\.json.*{key}"):
         decode(Calibration, encoded, "cal.json")

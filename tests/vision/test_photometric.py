@@ -139,3 +139,22 @@ def test_without_a_camera_the_corners_of_a_distant_lens_are_as_good():
     raster = tag_raster(TAG.family, TAG.id, TAG.size_mm)
     refined = refine(picture.pixels, raster, true + 0.8, lens_vector(None))
     assert np.abs(refined.corners_px - true).max() < 0.008
+
+
+def test_pictures_that_may_be_written_and_those_that_may_not_share_the_compiled_loops():
+    from numba.core.registry import CPUDispatcher
+
+    from vgrd.vision import edges, gathering, kernels, photometric, shares, tags
+
+    tags.warm_up()
+    modules = (edges, gathering, kernels, photometric, shares)
+    loops = {loop for m in modules for loop in vars(m).values() if isinstance(loop, CPUDispatcher)}
+    before = {loop: len(loop.signatures) for loop in loops}
+    assert sum(before.values()) > 3
+    drawn = np.kron(tag_raster("36h11", 0, 8.0).cells, np.ones((12, 12)))
+    picture = np.pad(drawn * 150 + 50, 20, mode="edge").astype(np.uint8)
+    corners = np.array([[0, 0], [1, 0], [1, 1], [0, 1.0]]) * 96 + 31.5
+    for writeable in (True, False):
+        picture.setflags(write=writeable)
+        assert refine(picture, tag_raster("36h11", 0, 8.0), corners, lens_vector(None)) is not None
+    assert {loop: len(loop.signatures) for loop in loops} == before

@@ -47,16 +47,11 @@ def fit_edges(
 
     coarse: the start may be off by a third of a cell, else by 2 px.
     """
-    H, segments = normalised(q_from_target), _segments(raster)
+    H, segments = normalised(q_from_target), edge_segments(raster)
     corners = apply(H, raster.corners)
     scale = float(np.abs(corners - corners.mean(0)).max())
-    cell = _cell_px(raster, H)
-    fine = max(min(_FINE_PX, _OF_CELL * cell), 1.5)
-    wide = max(min(_WIDEST_PX, _OF_CELL * cell), fine)
-    Fi = np.asarray(np.linalg.inv(frame.F), dtype=np.float64)
-    free = min(_CORNER_PX, 0.25 * cell)
-    for width in (wide, wide, fine) if coarse else (fine, fine):
-        found = _profiles(picture, frame.lens, frame.r0, Fi, H, segments, width, free)
+    for wide in (True, True, False) if coarse else (False, False):
+        found = edge_offsets(picture, raster, frame, H, wide=wide)
         if len(np.unique(found[3])) < _FEWEST_EDGES:
             return None
         try:
@@ -68,6 +63,22 @@ def fit_edges(
             break
     corners_px, covariance = to_pixels(frame, apply(H, raster.corners), covariance[:8, :8], scale)
     return EdgeFit(corners_px, covariance, H, rms, agreeing / len(segments))
+
+
+def edge_offsets(
+    picture: Grey, raster: Raster, frame: LocalFrame, H: Array, *, wide: bool
+) -> tuple[Array, Array, Array, NDArray[np.intp]]:
+    """Find where the edges are: offsets (n,) px along unit normals to white (n, 2), at points q (n, 2).
+
+    Last: which of `edge_segments` they belong to (n,). wide: the start may be off by a third of a cell.
+    """
+    cell = _cell_px(raster, H)
+    width = max(min(_FINE_PX, _OF_CELL * cell), 1.5)
+    if wide:
+        width = max(min(_WIDEST_PX, _OF_CELL * cell), width)
+    Fi = np.asarray(np.linalg.inv(frame.F), dtype=np.float64)
+    free, segments = min(_CORNER_PX, 0.25 * cell), edge_segments(raster)
+    return _profiles(picture, frame.lens, frame.r0, Fi, H, segments, width, free)
 
 
 def _cell_px(raster: Raster, H: Array) -> float:
@@ -119,7 +130,7 @@ def _step(
 
 
 @lru_cache(maxsize=64)
-def _segments(raster: Raster) -> Array:
+def edge_segments(raster: Raster) -> Array:
     """Edges (n, 6) between cells: x0, y0, x1, y1 mm, and the direction (2) across, towards white."""
     cells, x, y = raster.cells, raster.x, raster.y
     found: list[tuple[float, ...]] = []

@@ -11,12 +11,15 @@ from vgrd.vision.edges import EdgeFit, fit_edges
 from vgrd.vision.homography import from_points
 from vgrd.vision.noise import Noise
 from vgrd.vision.photometric import PhotometricFit, align
+from vgrd.vision.printed_lines import with_printed_lines
 from vgrd.vision.raster import Raster
 from vgrd.vision.warp import LocalFrame
 
 Grey = NDArray[np.uint8]
 
 WORST_CHI2 = 1.5
+_BETTER = 0.7  # of the chi-square, for lines that were printed elsewhere
+_USEFUL_CELL = 0.1
 WORST_MISFIT = 0.02  # of the contrast: what real prints and lenses leave beyond the noise
 
 
@@ -49,6 +52,7 @@ def refine(
 
     lens: `lens_vector` of the camera, or `NO_LENS`.
     """
+    picture = read_only(picture)
     frame = LocalFrame.around(lens, corners_px.mean(0))
     try:
         H = from_points(raster.corners, frame.q_of(corners_px))
@@ -57,13 +61,40 @@ def refine(
     coarse = fit_edges(picture, raster, frame, H, coarse=True)
     start = H if coarse is None else coarse.q_from_target
     fit = align(picture, raster, frame, start, noise)
+    if fit is not None and fit.chi2 > WORST_CHI2:
+        fit = _as_printed(picture, raster, fit, noise)
     if fit is not None and trusted(fit):
         covariance = fit.covariance * max(fit.chi2, 1.0)
         return Refined(fit.corners_px, covariance, Method.PHOTOMETRIC, fit, coarse)
     edges = fit_edges(picture, raster, frame, start, coarse=False)
-    if edges is None:
+    if edges is None or not _is_useful(edges, raster):
         return None
     return Refined(edges.corners_px, edges.covariance, Method.EDGES, fit, edges)
+
+
+def read_only(picture: Grey) -> Grey:
+    """The picture as the cameras' rings give it: compiled loops tell it from one that may be written."""
+    view = picture.view()
+    view.flags.writeable = False
+    return view
+
+
+def _as_printed(
+    picture: Grey, raster: Raster, fit: PhotometricFit, noise: Noise | None
+) -> PhotometricFit:
+    """The fit with the inner lines where they were printed, if that explains the picture better."""
+    printed = with_printed_lines(picture, raster, fit.frame, fit.q_from_target)
+    if printed is None:
+        return fit
+    other = align(picture, printed[0], fit.frame, printed[1], noise)
+    return fit if other is None or other.chi2 > _BETTER * fit.chi2 else other
+
+
+def _is_useful(edges: EdgeFit, raster: Raster) -> bool:
+    """Whether the corners are known better than the coarse detection knew them."""
+    side = float(np.linalg.norm(edges.corners_px[1] - edges.corners_px[0]))
+    cell = side * raster.smallest_cell / float(np.ptp(raster.corners[:, 0]))
+    return bool(np.sqrt(np.diag(edges.covariance).max()) < _USEFUL_CELL * cell)
 
 
 def trusted(fit: PhotometricFit) -> bool:
