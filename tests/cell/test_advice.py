@@ -97,7 +97,7 @@ def test_a_bad_touch_is_a_finding():
 
 def test_spins_count_only_once_they_tell_the_axis(rehearsed):
     early = advise_session(first(rehearsed, 4, 1, 9))
-    assert [finding.code for finding in early.findings] == ["spins_unusable"]
+    assert "spins_unusable" in [finding.code for finding in early.findings]
     assert len(early.predicted_mm) == 6
     assert advise_session(rehearsed).findings == ()
 
