@@ -9,7 +9,7 @@ from vgrd.calibration.hand_eye_points import (
     calibrate_hand_eye_from_points,
     estimate_target_scale,
 )
-from vgrd.calibration.hand_eye_start import park_martin
+from vgrd.calibration.hand_eye_start import quick_start
 from vgrd.errors import CalibrationError, InputError, NotObservable, TooFewObservations
 from vgrd.geometry import Pose
 from vgrd.geometry.camera import CameraModel
@@ -103,7 +103,7 @@ def test_the_closed_form_agrees_with_opencv_on_noisy_data(mount):
         s.base_from_wrist if mount is Mount.EYE_TO_HAND else s.base_from_wrist.inverse()
         for s in looks
     ]
-    X, _ = park_martin(moves, [s.camera_from_target for s in looks])
+    X, _ = quick_start(moves, [s.camera_from_target for s in looks])
     R, t = cv2.calibrateHandEye(
         [m.inverse().rotation for m in moves],
         [m.inverse().translation for m in moves],
@@ -128,7 +128,7 @@ def test_refinement_beats_the_closed_form_on_looks_of_unequal_quality(mount):
             (0.05, 1e-4),
             robust=False,
         )
-        X, _ = park_martin(
+        X, _ = quick_start(
             [
                 s.base_from_wrist if mount is Mount.EYE_TO_HAND else s.base_from_wrist.inverse()
                 for s in problem.samples

@@ -6,7 +6,7 @@ import numpy as np
 
 from vgrd.calibration.touches import TouchSet, outlier_scores
 from vgrd.errors import InputError, NotObservable, TooFewObservations
-from vgrd.geometry import Array, Pose, hat
+from vgrd.geometry import Array, Pose, hat, nearest_rotation
 from vgrd.geometry.covariance import covariance_from, observability
 from vgrd.geometry.least_squares import minimize, require_convergence
 
@@ -41,8 +41,7 @@ def kabsch(source: Array, target: Array, weights: Array | None = None) -> Pose:
     w = np.ones(len(source)) if weights is None else weights
     w = w / w.sum()
     a, b = w @ source, w @ target
-    U, _, Vt = np.linalg.svd((target - b).T @ ((source - a) * w[:, None]))
-    R: Array = U @ np.diag([1.0, 1.0, np.linalg.det(U @ Vt)]) @ Vt
+    R = nearest_rotation((target - b).T @ ((source - a) * w[:, None]), tolerance=np.inf)
     return Pose(R, b - R @ a)
 
 

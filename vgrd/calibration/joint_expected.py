@@ -11,8 +11,9 @@ from vgrd.calibration.joint_fit import unknown_in_words
 from vgrd.calibration.joint_problem import Tags, target_of
 from vgrd.calibration.joint_rows import Moves, by_left, moved_tag, moves
 from vgrd.calibration.joint_state import planar_part
+from vgrd.calibration.teaching import touched_orientation
 from vgrd.errors import InputError, NotObservable, TagNotSeen
-from vgrd.geometry import Array, Pose, hat, log_rotation
+from vgrd.geometry import Array, Pose, hat
 from vgrd.geometry.covariance import radius95, whitener
 from vgrd.model import (
     ExpectedCoordinate,
@@ -247,10 +248,4 @@ def work_orientation(
     configured = target_of(recording.facts, name).base_from_work
     if configured is not None:
         return np.asarray(configured)
-    every = np.array([touch.base_from_wrist.rotation for touch in recording.touches])
-    own = [i for i, touch in enumerate(recording.touches) if touch.target == name]
-
-    def unusual(i: int) -> float:
-        return float(np.median(np.linalg.norm(log_rotation(every @ every[i].T), axis=1)))
-
-    return np.asarray(every[min(own or range(len(every)), key=unusual)])
+    return touched_orientation(recording.touches, name)

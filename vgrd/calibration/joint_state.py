@@ -11,13 +11,13 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from vgrd.calibration.hand_eye_start import park_martin
+from vgrd.calibration.hand_eye_start import quick_start
 from vgrd.calibration.joint_problem import JointData, Looks, Tags
 from vgrd.calibration.motion import Axes, turned_axes
 from vgrd.calibration.rotation_center import RotationCenter, find_rotation_center
 from vgrd.calibration.universal import UniversalProblem, calibrate_universal
 from vgrd.errors import CalibrationError, NotObservable, TooFewObservations
-from vgrd.geometry import Array, Pose
+from vgrd.geometry import Array, Pose, nearest_rotation
 from vgrd.model import Motion
 
 _UNIVERSAL_TOUCHES = 4
@@ -200,7 +200,8 @@ def _guess_reference(tags: Tags) -> Pose:
             "tag B was not seen in any touch, so there is no reference picture: "
             "touch with tag B in view"
         )
-    return Pose(_nearest(tags.rotations.sum(axis=0)), np.median(tags.translations, axis=0))
+    R = nearest_rotation(tags.rotations.sum(axis=0), tolerance=np.inf)
+    return Pose(R, np.median(tags.translations, axis=0))
 
 
 def _guess_hand_eye(looks: Looks) -> tuple[Pose, Pose]:
@@ -214,12 +215,12 @@ def _guess_hand_eye(looks: Looks) -> tuple[Pose, Pose]:
     looks = looks.some(once)
     moves, tags = looks.poses(), looks.tags.poses()
     if turned_axes(list(looks.rotations))[0] is Axes.MANY:
-        return park_martin(moves, tags)
+        return quick_start(moves, tags)
     X, tag_in_wrist = linear_start(looks.rotations, looks.translations, looks.tags.translations)
     turned = sum(
         R.T @ X.rotation @ tag.rotation for R, tag in zip(looks.rotations, tags, strict=True)
     )
-    return X, Pose(_nearest(np.asarray(turned)), tag_in_wrist)
+    return X, Pose(nearest_rotation(turned, tolerance=np.inf), tag_in_wrist)
 
 
 def _guess_object(data: JointData) -> tuple[Pose, Array, bool]:
@@ -275,14 +276,8 @@ def linear_start(rotations: Array, translations: Array, points: Array) -> tuple[
         A[:, row, 3 + 3 * row : 6 + 3 * row] = -(points - middle) / reach
     right = -(translations - at).ravel()
     x = np.linalg.lstsq(A.reshape(-1, 15), right, rcond=_LINEAR_RCOND)[0]
-    R = _nearest(x[3:12].reshape(3, 3))
+    R = nearest_rotation(x[3:12].reshape(3, 3), tolerance=np.inf)
     B = np.concatenate([rotations, np.broadcast_to(-np.eye(3), (n, 3, 3))], axis=2)
     right = ((points - middle) @ R.T - (translations - at)).ravel()
     x = np.linalg.lstsq(B.reshape(-1, 6), right, rcond=_LINEAR_RCOND)[0]
     return Pose(R, x[3:] + at - R @ middle), np.asarray(x[:3])
-
-
-def _nearest(matrix: Array) -> Array:
-    U, _, Vt = np.linalg.svd(matrix)
-    out: Array = U @ np.diag([1.0, 1.0, np.linalg.det(U @ Vt)]) @ Vt
-    return out

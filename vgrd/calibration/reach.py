@@ -9,8 +9,9 @@ import numpy as np
 from vgrd.calibration.joint import JointResult
 from vgrd.calibration.joint_problem import target_of
 from vgrd.calibration.motion import Axes, turned_axes
+from vgrd.calibration.teaching import touched_orientation
 from vgrd.errors import InputError
-from vgrd.geometry import Array, Pose, exp_rotation, log_rotation
+from vgrd.geometry import Array, Pose, exp_rotation
 from vgrd.model import Motion, Recording
 
 _SLACK_RAD = 1e-6
@@ -157,10 +158,7 @@ def usual_wrist(recording: Recording, target: str | None = None) -> Array:
     configured = None if target is None else target_of(recording.facts, target).base_from_work
     if configured is not None:
         return np.asarray(configured)
-    every = np.array([touch.base_from_wrist.rotation for touch in recording.touches])
-    between = log_rotation((every[:, None] @ np.swapaxes(every, 1, 2)).reshape(-1, 3, 3))
-    turns = np.linalg.norm(between, axis=-1).reshape(len(every), -1)
-    return np.asarray(every[int(np.argmin(np.median(turns, axis=1)))])
+    return touched_orientation(recording.touches)
 
 
 def touches_within(

@@ -133,7 +133,9 @@ def _universal(recording: Recording, result: UniversalResult) -> Taught:
     R = base_from_object.rotation
     flanges = {}
     for name, target in recording.facts.object.targets.items():
-        R_work = _work_orientation(recording.touches, target, name)
+        R_work = target.base_from_work
+        if R_work is None:
+            R_work = touched_orientation(recording.touches, name)
         p = target.point_in_object
         J = np.hstack([-R, R @ hat(p), -R_work])
         flanges[name] = (target, base_from_object @ p - R_work @ tip, R_work, J)
@@ -152,15 +154,12 @@ def _universal(recording: Recording, result: UniversalResult) -> Taught:
     )
 
 
-def _work_orientation(touches: Sequence[Touch], target: Target, name: str) -> Array:
-    """As configured, else as that target was touched, the most usual orientation first."""
-    if target.base_from_work is not None:
-        return target.base_from_work
-    rotations = [touch.base_from_wrist.rotation for touch in touches]
-    apart = np.array(
-        [[np.linalg.norm(log_rotation(a @ b.T)) for b in rotations] for a in rotations]
-    )
-    own = [i for i, touch in enumerate(touches) if touch.target == name]
-    candidates = own or range(len(touches))
-    usual = min(candidates, key=lambda i: float(np.median(apart[i])))
-    return rotations[usual]
+def touched_orientation(touches: Sequence[Touch], target: str | None = None) -> Array:
+    """Wrist (3, 3) as that target was touched, else as any was: the most usual orientation of all."""
+    every = np.array([touch.base_from_wrist.rotation for touch in touches])
+    own = [i for i, touch in enumerate(touches) if touch.target == target]
+
+    def unusual(i: int) -> float:
+        return float(np.median(np.linalg.norm(log_rotation(every @ every[i].T), axis=1)))
+
+    return np.asarray(every[min(own or range(len(every)), key=unusual)])

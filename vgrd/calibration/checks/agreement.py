@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from vgrd.geometry import Array, Pose, hat, log_rotation
+from vgrd.geometry import Array, Pose, hat, log_rotation, nearest_rotation
 
 _NEAR_HALF_TURN_RAD = 3.0
 _NEIGHBOURS = 4
@@ -135,9 +135,7 @@ def _translations(
 
 def nearest(matrix: Array) -> Array:
     """Proper rotation (3, 3) nearest to any matrix."""
-    U, _, Vt = np.linalg.svd(matrix)
-    R: Array = U @ np.diag([1.0, 1.0, np.linalg.det(U @ Vt)]) @ Vt
-    return R
+    return nearest_rotation(matrix, tolerance=np.inf)
 
 
 def from_positions(places: Array, cameras: Poses) -> tuple[Array, Array, float]:
