@@ -2,7 +2,7 @@
 
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -16,6 +16,7 @@ from vgrd.calibration.hand_eye_features import Place
 from vgrd.calibration.hand_eye_points import (
     PointHandEyeProblem,
     PointSample,
+    TargetScale,
     calibrate_hand_eye_from_points,
 )
 from vgrd.errors import CalibrationError
@@ -33,14 +34,6 @@ _MIN_SIGMA_MM = 0.01
 _MIN_SIGMA_RAD = 1e-5
 _START_SIGMA_MM = 1.0
 _START_SIGMA_RAD = 2e-3
-
-
-@dataclass(frozen=True, slots=True)
-class TargetScale:
-    """Size of the target as the robot's motion sees it, over the size given; 1 sigma."""
-
-    value: float
-    sigma: float
 
 
 class Fitter(ABC):

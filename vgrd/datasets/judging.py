@@ -10,8 +10,9 @@ from vgrd.calibration.checks.conventions import mistaken_unit
 from vgrd.calibration.checks.readings import Reading, best_of
 from vgrd.calibration.hand_eye import HandEyeResult
 from vgrd.calibration.hand_eye_free import free_findings
+from vgrd.calibration.hand_eye_points import TargetScale
 from vgrd.calibration.hand_eye_state import move_of
-from vgrd.datasets.fitting import TargetScale, reprojection_px
+from vgrd.datasets.fitting import reprojection_px
 from vgrd.datasets.loading import Dataset
 from vgrd.errors import InputError
 from vgrd.geometry import Pose

@@ -7,7 +7,8 @@ import numpy as np
 
 from vgrd.calibration.hand_eye import HandEyeResult, SampleResidual
 from vgrd.calibration.hand_eye_methods import METHODS, PosePair
-from vgrd.datasets.fitting import Fitter, TargetScale
+from vgrd.calibration.hand_eye_points import TargetScale
+from vgrd.datasets.fitting import Fitter
 from vgrd.errors import InputError
 from vgrd.geometry import Array, Pose
 from vgrd.geometry.camera import CameraModel

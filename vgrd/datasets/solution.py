@@ -5,7 +5,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
-from vgrd.datasets.fitting import TargetScale
+from vgrd.calibration.hand_eye_points import TargetScale
 from vgrd.geometry import Array, Pose
 from vgrd.geometry.camera import CameraModel
 from vgrd.model import Mount, Verdict
