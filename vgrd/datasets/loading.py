@@ -37,10 +37,7 @@ _SAME_RAD = 1e-6
 
 @dataclass(frozen=True, slots=True, eq=False)
 class DatasetSample:
-    """A flange pose and what the camera saw: a picture, points of the target, or its pose.
-
-    features: pixels (2,) by name.
-    """
+    """A flange pose and what the camera saw: a picture, points or a pose; features: pixels (2,)."""
 
     name: str
     base_from_wrist: Pose
