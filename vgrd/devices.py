@@ -14,7 +14,8 @@ from numpy.typing import NDArray
 from vgrd.geometry import Pose
 
 Settings = Mapping[str, object]
-Pixels = NDArray[np.uint8] | NDArray[np.uint16]
+Grey = NDArray[np.uint8]
+Pixels = Grey | NDArray[np.uint16]
 
 
 @dataclass(frozen=True, slots=True, eq=False)

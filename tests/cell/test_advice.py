@@ -112,7 +112,7 @@ class Bench:
         self.advisor = Advisor(Policy.FIXED)
         self.recorder = Recorder(folder, self.clock)
         self.teaching = Teaching(
-            self,  # type: ignore[arg-type]
+            self,
             self.recorder,
             recording.facts,
             TouchSection(),

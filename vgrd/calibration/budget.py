@@ -13,9 +13,10 @@ import numpy as np
 from scipy.linalg import solve_triangular
 
 from vgrd.calibration.foresight import Foresight, Job
-from vgrd.calibration.joint import JointResult, whiten_arm
+from vgrd.calibration.joint import JointResult
 from vgrd.calibration.joint_basis import basis_of
 from vgrd.calibration.joint_expected import Prediction, predict, work_orientation
+from vgrd.calibration.joint_fit import whiten_arm
 from vgrd.calibration.joint_optics import TAG_A, TAG_B, Optics, Refinement
 from vgrd.calibration.joint_problem import Link, Tags
 from vgrd.errors import InputError

@@ -11,9 +11,10 @@ import numpy as np
 from scipy.special import gammaincinv
 
 from vgrd.calibration.foreseen_rows import ForeseenRows, picture_of
-from vgrd.calibration.joint import JointResult, information_inverse
+from vgrd.calibration.joint import JointResult
 from vgrd.calibration.joint_basis import basis_of
 from vgrd.calibration.joint_expected import predict, work_orientation
+from vgrd.calibration.joint_fit import information_inverse
 from vgrd.calibration.joint_problem import Link
 from vgrd.calibration.joint_state import Layout
 from vgrd.calibration.reach import Candidate, Looking

@@ -18,7 +18,6 @@ from vgrd.calibration.joint_fit import (
     information_inverse,
     settle,
     unknown_in_words,
-    whiten_arm,
 )
 from vgrd.calibration.joint_gather import gather
 from vgrd.calibration.joint_height import near_tag_plane
@@ -29,6 +28,7 @@ from vgrd.calibration.joint_rows import predicted_tag_a
 from vgrd.calibration.joint_state import JointState, Layout, guess, layout_of
 from vgrd.estimate import ArmModel
 from vgrd.geometry import Array, log_rotation
+from vgrd.geometry.covariance import rms
 from vgrd.geometry.least_squares import Report
 from vgrd.model import Recording, TagObservation
 
@@ -40,10 +40,8 @@ __all__ = [
     "Sighting",
     "Turntable",
     "calibrate_joint",
-    "information_inverse",
     "result_at",
     "start_near_tag_plane",
-    "whiten_arm",
 ]
 
 _NOISE_CONFIDENCE = 0.999
@@ -186,23 +184,19 @@ def _result(
 def _residuals(data: JointData, optimum: Optimum) -> dict[str, float]:
     state = optimum.state
     out = {
-        f"{link.name.lower()}_rms_sigma": _rms(optimum.whitened[data.rows_of(link)])
+        f"{link.name.lower()}_rms_sigma": rms(optimum.whitened[data.rows_of(link)])
         for link, rows in data.counts.items()
         if rows
     }
     touches = data.touches
     tips = touches.rotations @ state.tcp_in_wrist + touches.translations
-    out["touches_rms_mm"] = _rms(np.linalg.norm(tips - state.base_from_object @ data.cad, axis=1))
+    out["touches_rms_mm"] = rms(np.linalg.norm(tips - state.base_from_object @ data.cad, axis=1))
     R, t = predicted_tag_a(state, data)
     seen = data.looks.tags
     turns = log_rotation(R @ np.swapaxes(seen.rotations, 1, 2)).reshape(-1, 3)
     if len(data.holes.cad):
         whitened = optimum.whitened[data.rows_of(Link.HOLES)].reshape(-1, 2)
-        out["holes_rms_px"] = _rms(np.linalg.norm(whitened, axis=1) * data.holes.sigma_px)
-    out["hand_eye_rms_mm"] = _rms(np.linalg.norm(t - seen.translations, axis=1))
-    out["hand_eye_rms_deg"] = float(np.degrees(_rms(np.linalg.norm(turns, axis=1))))
+        out["holes_rms_px"] = rms(np.linalg.norm(whitened, axis=1) * data.holes.sigma_px)
+    out["hand_eye_rms_mm"] = rms(np.linalg.norm(t - seen.translations, axis=1))
+    out["hand_eye_rms_deg"] = float(np.degrees(rms(np.linalg.norm(turns, axis=1))))
     return out
-
-
-def _rms(values: Array) -> float:
-    return float(np.sqrt(np.mean(np.square(values))))

@@ -17,7 +17,6 @@ from vgrd.geometry.camera import CameraModel
 from vgrd.model import CellFacts, Motion, Target
 
 __all__ = [
-    "ArmModel",
     "Holes",
     "Indices",
     "JointData",

@@ -11,7 +11,7 @@ from vgrd.calibration.reference import Reference
 from vgrd.calibration.rotation_center import RotationCenter
 from vgrd.calibration.teaching import Taught
 from vgrd.errors import InputError, NotObservable
-from vgrd.geometry.covariance import radius95
+from vgrd.geometry.covariance import radius95, rms
 from vgrd.model import Calibration, Finding, Motion, Plan, Policy, Recording, Touch
 
 OUTLIER_SIGMA = 3.5
@@ -224,17 +224,13 @@ def _pivot_disagrees(evidence: Evidence, center: RotationCenter) -> list[Finding
 def _residuals(evidence: Evidence) -> dict[str, float]:
     used = [sample for sample in evidence.hand_eye.samples if sample.used]
     out = {
-        "touch_rms_mm": _rms(np.linalg.norm(evidence.taught.residuals_mm, axis=1)),
+        "touch_rms_mm": rms(np.linalg.norm(evidence.taught.residuals_mm, axis=1)),
         "touch_worst_sigma": float(evidence.taught.scores.max()),
-        "hand_eye_rms_mm": _rms([sample.mm for sample in used]),
-        "hand_eye_rms_deg": _rms([sample.deg for sample in used]),
+        "hand_eye_rms_mm": rms([sample.mm for sample in used]),
+        "hand_eye_rms_deg": rms([sample.deg for sample in used]),
         "hand_eye_noise_scale": evidence.hand_eye.noise_scale,
         "reference_scatter_mm": evidence.reference.scatter_mm,
     }
     if evidence.center is not None:
-        out["spin_rms_mm"] = _rms(np.linalg.norm(evidence.center.residuals_mm, axis=1))
+        out["spin_rms_mm"] = rms(np.linalg.norm(evidence.center.residuals_mm, axis=1))
     return out
-
-
-def _rms(values: Sequence[float] | np.ndarray) -> float:
-    return float(np.sqrt(np.mean(np.square(values))))

@@ -78,15 +78,16 @@ def budget(
         "quantum_mm": quantum_mm,
         "quantum_deg": quantum_deg,
     }
-    result = {
-        "session": recording.session,
-        "policy": policy,
-        "links": [str(link) for link in shared_out.links],
-        "targets": shared_out.rows(),
-        "irrelevant": list(shared_out.irrelevant),
-        "assumed": assumed,
+    told = {"session": recording.session, "policy": policy}
+    print_result({**told, **_to_json(shared_out), "assumed": assumed}, json_to, _show)
+
+
+def _to_json(budget: "Budget") -> dict[str, object]:
+    return {
+        "links": [str(link) for link in budget.links],
+        "targets": budget.rows(),
+        "irrelevant": list(budget.irrelevant),
     }
-    print_result(result, json_to, _show)
 
 
 def _budget(

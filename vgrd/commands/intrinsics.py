@@ -91,23 +91,25 @@ def intrinsics(
     )
     at = distance_mm or float(np.median([r.distance_mm for r in result.reports if r.distance_mm]))
     effect = effect_on_coordinates(result.camera, result.covariance, at, tag_mm)
-    files = _write(out, result)
-    report_json = {
+    told = _to_json(result, pictures)
+    told |= {"effect": asdict(effect), "files": _write(out, result)}
+    print_result(told, json_to, _show)
+
+
+def _to_json(result: "IntrinsicsResult", pictures: "BoardPictures") -> dict[str, object]:
+    unusable = [
+        {"name": name, "used": False, "reason": why} for name, why in pictures.unusable.items()
+    ]
+    return {
         **_camera_json(result.camera),
         "sigma": result.sigmas,
         "covariance": result.covariance.tolist(),
         "rms_px": result.rms_px,
         "held_out_px": result.held_out_px,
         "noise": asdict(result.bundle.noise),
-        "effect": asdict(effect),
-        "pictures": [asdict(r) for r in result.reports]
-        + [
-            {"name": name, "used": False, "reason": why} for name, why in pictures.unusable.items()
-        ],
-        "files": files,
+        "pictures": [*(asdict(report) for report in result.reports), *unusable],
         "findings": _findings(result),
     }
-    print_result(report_json, json_to, _show)
 
 
 def camera(

@@ -1,8 +1,8 @@
 """The tables of DATASET.toml, strict: every fault is collected, with the key and what to do."""
 
 import difflib
-from collections.abc import Mapping
-from typing import Annotated, Literal, TypeVar
+from collections.abc import Mapping, Sequence
+from typing import Annotated, Any, Literal, TypeVar
 
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError
 from pydantic_core import ErrorDetails
@@ -64,21 +64,28 @@ class PosesTable(Table):
     rotation: Annotated[str, one_of(tuple(RotationFormat))]
 
 
-class FeatureTable(Table):
+class NamedTable(Table):
+    """A table of which a file holds many; each has a name of its own."""
+
+    name: Annotated[str, Field(min_length=1)]
+
+
+NamedT = TypeVar("NamedT", bound=NamedTable)
+
+
+class FeatureTable(NamedTable):
     """A point that is fixed to the target, such as a hole.
 
     point_mm: its place there, where known; sigma_mm: how well, per axis.
     """
 
-    name: Annotated[str, Field(min_length=1)]
     point_mm: Annotated[list[Number], Field(min_length=3, max_length=3)] | None = None
     sigma_mm: Annotated[float, Field(ge=1e-3, le=100, allow_inf_nan=False)] = 0.1
 
 
-class SampleTable(Table):
+class SampleTable(NamedTable):
     """One sample: the flange's pose in the base, and what the camera saw; features: pixels by name."""
 
-    name: Annotated[str, Field(min_length=1)]
     pose: list[Number]
     image: str | None = None
     points: str | None = None
@@ -158,6 +165,38 @@ def parse(model: type[TableT], data: object, where: str, faults: list[str]) -> T
     except ValidationError as error:
         faults += [_fault(detail, where, tuple(model.model_fields)) for detail in error.errors()]
         return None
+
+
+def tables_of(data: Mapping[str, Any], key: str, faults: list[str]) -> list[object] | None:
+    """The [[key]] tables, empty without one; None with a fault appended where it is a single table."""
+    tables = data.get(key, [])
+    if isinstance(tables, list):
+        return tables
+    faults.append(f"{key}: is one table, write [[{key}]] with two brackets for each {key}")
+    return None
+
+
+def named_rows(
+    model: type[NamedT], key: str, tables: Sequence[object], faults: list[str]
+) -> list[tuple[str, NamedT]]:
+    """The [[key]] tables that can be read, each with the words that name it in a message.
+
+    Faults of all others, and of names given twice, are appended.
+    """
+    rows = []
+    for index, table in enumerate(tables):
+        name = table.get("name") if isinstance(table, dict) else None
+        where = f"{key}[{index}]" + (f" '{name}'" if name is not None else "")
+        row = parse(model, table, where, faults)
+        if row is not None:
+            rows.append((where, row))
+    names = [row.name for _, row in rows]
+    faults += [
+        f"{key}: the name '{name}' is given {names.count(name)} times, each needs its own"
+        for name in dict.fromkeys(names)
+        if names.count(name) > 1
+    ]
+    return rows
 
 
 def _fault(detail: ErrorDetails, where: str, known: tuple[str, ...]) -> str:

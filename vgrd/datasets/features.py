@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 
 from vgrd.calibration.hand_eye_features import Place
-from vgrd.datasets.document import FeatureTable, SampleTable, hint, parse
+from vgrd.datasets.document import FeatureTable, SampleTable, hint, parse, tables_of
 from vgrd.vision.boards import TargetSpec, has_direction
 
 Places = Mapping[str, Place | None]
@@ -20,11 +20,8 @@ def read_features(
     faults: list[str],
 ) -> Places:
     """Place on the target, None where unknown, by name; faults of [[feature]] and of sightings appended."""
-    tables = data.get("feature", [])
-    if not isinstance(tables, list):
-        faults.append(
-            "feature: is one table, write [[feature]] with two brackets for each feature"
-        )
+    tables = tables_of(data, "feature", faults)
+    if tables is None:
         return {}
     places: dict[str, Place | None] = {}
     for index, table in enumerate(tables):

@@ -14,7 +14,9 @@ from vgrd.datasets.document import (
     PosesTable,
     SampleTable,
     hint,
+    named_rows,
     parse,
+    tables_of,
 )
 from vgrd.datasets.features import Places, read_features
 from vgrd.datasets.points import read_points
@@ -129,28 +131,14 @@ def _mount(data: dict[str, Any], faults: list[str]) -> Mount | None:
 
 def _sample_rows(data: dict[str, Any], faults: list[str]) -> list[tuple[str, SampleTable]]:
     """The [[sample]] tables that can be read, each with the words that name it in a message."""
-    tables = data.get("sample", [])
-    if not isinstance(tables, list):
-        faults.append("sample: is one table, write [[sample]] with two brackets for each sample")
+    tables = tables_of(data, "sample", faults)
+    if tables is None:
         return []
     if len(tables) < MIN_SAMPLES:
         faults.append(
             f"sample: {len(tables)} given, at least {MIN_SAMPLES} are needed (10 to 20 are good)"
         )
-    rows = []
-    for index, table in enumerate(tables):
-        name = table.get("name") if isinstance(table, dict) else None
-        where = f"sample[{index}]" + (f" '{name}'" if name is not None else "")
-        row = parse(SampleTable, table, where, faults)
-        if row is not None:
-            rows.append((where, row))
-    names = [row.name for _, row in rows]
-    faults += [
-        f"sample: the name '{name}' is given {names.count(name)} times, each needs its own"
-        for name in dict.fromkeys(names)
-        if names.count(name) > 1
-    ]
-    return rows
+    return named_rows(SampleTable, "sample", tables, faults)
 
 
 def _camera(

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import ArrayLike
 from scipy.special import gammaincinv
 
 from vgrd.errors import InputError, NotObservable
@@ -78,6 +79,11 @@ def radius95(covariance: Array) -> float:
     squares = float(np.einsum("ij,ji->", covariance, covariance))
     g, freedom = squares / total, total * total / squares
     return float(np.sqrt(g * 2 * gammaincinv(freedom / 2, 0.95)))
+
+
+def rms(values: ArrayLike) -> float:
+    """Root of the mean of the squares, all of any shape alike."""
+    return float(np.sqrt(np.mean(np.square(values))))
 
 
 def mean_pose(poses: Sequence[Pose], covariances: Sequence[Array]) -> tuple[Pose, Array]:

@@ -7,6 +7,7 @@ from numpy.random import SeedSequence, default_rng
 
 from vgrd.calibration.universal import calibrate_universal
 from vgrd.geometry import Array
+from vgrd.geometry.covariance import rms
 from vgrd.studies.drawing import COLORS, PAPER, legend, panels
 from vgrd.studies.paper_data import draw
 from vgrd.studies.study import Figure, Parameters, Study, Trials
@@ -27,19 +28,15 @@ def tcp_error(seed: SeedSequence, parameters: Parameters) -> dict[str, float]:
 
 def _figures(trials: Trials) -> list[Figure]:
     errors = trials.values("error_mm")
-    rms, bound = _rms(errors), _rms(trials.values("bound_mm"))
+    own, bound = rms(errors), rms(trials.values("bound_mm"))
     return [
         Figure("mode", _mode(errors), "mm", 0.10, 0.20, "0.1 to 0.2"),
         Figure("mean", float(errors.mean()), "mm", 0.15, 0.16),
         Figure("largest", float(errors.max()), "mm", 0.35, 0.55, "may exceed 0.4"),
-        Figure("rms", rms, "mm"),
-        Figure("rms / Cramer-Rao bound", rms / bound, "", at_most=1.05),
+        Figure("rms", own, "mm"),
+        Figure("rms / Cramer-Rao bound", own / bound, "", at_most=1.05),
         Figure("share below 0.3 mm", float(np.mean(errors < 0.3))),
     ]
-
-
-def _rms(values: Array) -> float:
-    return float(np.sqrt(np.mean(values**2)))
 
 
 def _mode(errors: Array) -> float:

@@ -12,7 +12,18 @@ from pydantic import Field
 
 from vgrd.calibration.tcp_plane import Plane
 from vgrd.calibration.touches import TouchSet, touch_set
-from vgrd.datasets.document import LengthMm, Number, PosesTable, Table, TableT, hint, parse
+from vgrd.datasets.document import (
+    LengthMm,
+    NamedTable,
+    Number,
+    PosesTable,
+    Table,
+    TableT,
+    hint,
+    named_rows,
+    parse,
+    tables_of,
+)
 from vgrd.datasets.loading import arm_faults, read_toml
 from vgrd.errors import ConfigError, InputError
 from vgrd.geometry import Array, Pose
@@ -36,10 +47,9 @@ class TouchKind(StrEnum):
     SPHERE = "sphere"
 
 
-class TouchTable(Table):
+class TouchTable(NamedTable):
     """One touch: the flange's pose in the base and, universal, the CAD point in mm."""
 
-    name: Annotated[str, Field(min_length=1)]
     pose: list[Number]
     target: Vector | None = None
     axis: Vector | None = None
@@ -130,30 +140,20 @@ def _rows(
     data: dict[str, Any], kind: TouchKind | None, faults: list[str]
 ) -> list[tuple[str, TouchTable]]:
     """The [[touch]] tables that can be read, each with the words that name it in a message."""
-    tables = data.get("touch", [])
-    if not isinstance(tables, list):
-        faults.append("touch: is one table, write [[touch]] with two brackets for each touch")
+    tables = tables_of(data, "touch", faults)
+    if tables is None:
         return []
     if kind is not None:
         needed = _NEEDED[kind][kind.value in data]
         if len(tables) < needed:
             faults.append(f"touch: {len(tables)} given, kind {kind} needs at least {needed}")
-    rows = []
-    for index, table in enumerate(tables):
-        name = table.get("name") if isinstance(table, dict) else None
-        where = f"touch[{index}]" + (f" '{name}'" if name is not None else "")
-        row = parse(TouchTable, table, where, faults)
-        if row is None:
-            continue
-        if kind is TouchKind.UNIVERSAL and row.target is None:
-            faults.append(f"{where}.target: is missing, add the CAD point [x, y, z] in mm")
-        rows.append((where, row))
-    names = [row.name for _, row in rows]
-    faults += [
-        f"touch: the name '{name}' is given {names.count(name)} times, each needs its own"
-        for name in dict.fromkeys(names)
-        if names.count(name) > 1
-    ]
+    rows = named_rows(TouchTable, "touch", tables, faults)
+    if kind is TouchKind.UNIVERSAL:
+        faults += [
+            f"{where}.target: is missing, add the CAD point [x, y, z] in mm"
+            for where, row in rows
+            if row.target is None
+        ]
     return rows
 
 

@@ -8,8 +8,8 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
+from vgrd.devices import Grey
 from vgrd.errors import TagNotSeen
 from vgrd.geometry import Array
 from vgrd.geometry.camera import CameraModel
@@ -22,8 +22,6 @@ from vgrd.vision.planar import PlanarPose, planar_poses
 from vgrd.vision.raster import Raster, joined
 from vgrd.vision.refining import Refined, refine
 from vgrd.vision.warp import lens_vector
-
-Grey = NDArray[np.uint8]
 
 _LEAST_POINTS = 4
 

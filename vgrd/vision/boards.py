@@ -7,17 +7,15 @@ circle (circles) or the centre (tag). Pixels follow OpenCV: the centre of the fi
 
 from dataclasses import dataclass
 from functools import cache
-from itertools import product
 
 import cv2
 import numpy as np
 import pyapriltags
-from numpy.typing import NDArray
 
+from vgrd.devices import Grey
 from vgrd.errors import InputError, TagNotSeen
 from vgrd.geometry import Array
-
-Grey = NDArray[np.uint8]
+from vgrd.vision.codes import ARUCO_DICTIONARIES, dictionary_of
 
 MIN_POINTS = (
     6  # four of a plane fix a pose without any redundancy: one wrong corner goes unnoticed
@@ -32,23 +30,8 @@ _APRILTAG_FAMILIES = {
     "standard41h12": "tagStandard41h12",
     "standard52h13": "tagStandard52h13",
 }
-_ARUCO_DICTIONARIES = {
-    f"{bits}x{bits}_{count}": getattr(cv2.aruco, f"DICT_{bits}X{bits}_{count}")
-    for bits, count in product((4, 5, 6, 7), (50, 100, 250, 1000))
-} | {
-    "original": cv2.aruco.DICT_ARUCO_ORIGINAL,
-    "mip_36h12": cv2.aruco.DICT_ARUCO_MIP_36H12,
-    "apriltag_16h5": cv2.aruco.DICT_APRILTAG_16H5,
-    "apriltag_25h9": cv2.aruco.DICT_APRILTAG_25H9,
-    "apriltag_36h10": cv2.aruco.DICT_APRILTAG_36H10,
-    "apriltag_36h11": cv2.aruco.DICT_APRILTAG_36H11,
-}
-BOARD_DICTIONARIES = tuple(_ARUCO_DICTIONARIES)
-TAG_DICTIONARIES = (*_APRILTAG_FAMILIES, *_ARUCO_DICTIONARIES)
-
-
-def _dictionary(name: str) -> cv2.aruco.Dictionary:
-    return cv2.aruco.getPredefinedDictionary(_ARUCO_DICTIONARIES[name])
+BOARD_DICTIONARIES = tuple(ARUCO_DICTIONARIES)
+TAG_DICTIONARIES = (*_APRILTAG_FAMILIES, *ARUCO_DICTIONARIES)
 
 
 @dataclass(frozen=True, slots=True)
@@ -66,7 +49,10 @@ class Charuco:
             raise InputError(
                 f"marker_mm = {self.marker_mm:g} must be below square_mm = {self.square_mm:g}"
             )
-        markers, known = self.columns * self.rows // 2, len(_dictionary(self.dictionary).bytesList)
+        markers, known = (
+            self.columns * self.rows // 2,
+            len(dictionary_of(self.dictionary).bytesList),
+        )
         if markers > known:
             raise InputError(
                 f"{self.columns} x {self.rows} squares hold {markers} markers, dictionary "
@@ -164,7 +150,7 @@ def _charuco_detector(target: Charuco, *, legacy: bool) -> cv2.aruco.CharucoDete
         (target.columns, target.rows),
         target.square_mm,
         target.marker_mm,
-        _dictionary(target.dictionary),
+        dictionary_of(target.dictionary),
     )
     board.setLegacyPattern(legacy)
     return cv2.aruco.CharucoDetector(board)
@@ -280,7 +266,7 @@ def _apriltag_corners(image: Grey, target: SingleTag) -> Array:
 def _aruco_detector(dictionary: str) -> cv2.aruco.ArucoDetector:
     parameters = cv2.aruco.DetectorParameters()
     parameters.cornerRefinementMethod = cv2.aruco.CORNER_REFINE_SUBPIX
-    return cv2.aruco.ArucoDetector(_dictionary(dictionary), parameters)
+    return cv2.aruco.ArucoDetector(dictionary_of(dictionary), parameters)
 
 
 def _aruco_corners(image: Grey, target: SingleTag) -> Array:

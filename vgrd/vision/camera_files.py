@@ -136,7 +136,7 @@ def _document(path: Path) -> Document:
 def _plain(node: cv2.FileNode) -> object:
     """A node of OpenCV's storage as plain values; a matrix is a table with rows, cols, data."""
     if node.isMap():
-        return {key: _plain(node.getNode(key)) for key in node.keys()}  # noqa: SIM118
+        return {key: _plain(node.getNode(key)) for key in node.keys()}  # noqa: SIM118 (a FileNode does not iterate)
     if node.isSeq():
         return [_plain(node.at(index)) for index in range(node.size())]
     if node.isString():

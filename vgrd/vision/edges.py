@@ -11,13 +11,12 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
+from vgrd.devices import Grey
 from vgrd.geometry import Array
 from vgrd.vision.compiling import compiled
 from vgrd.vision.homography import apply, moved, normalised, to_pixels
 from vgrd.vision.raster import Raster
 from vgrd.vision.warp import LocalFrame, project
-
-Grey = NDArray[np.uint8]
 
 _WIDEST_PX, _FINE_PX = 7.0, 3.0
 _OF_CELL = 0.42  # of the smallest cell that a profile may reach into
@@ -26,6 +25,8 @@ _CORNER_PX = 2.5  # kept free of profiles at the ends of an edge
 _FEWEST_EDGES = 8
 _REWEIGHTINGS = 4
 _STILL_PX = 0.3  # a start that is as good as this needs no second step
+_LEAST_STEP = 8.0  # grey levels between both sides of an edge
+_NO_EDGE = math.inf
 _EDGE_FLOOR_PX = 0.01  # systematic error of one edge, whatever its scatter
 
 
@@ -90,6 +91,18 @@ def _cell_px(raster: Raster, H: Array) -> float:
 
 
 @compiled
+def edge_slopes(q: Array, normal: Array, scale: float) -> Array:
+    """Derivative (n, 9) of the offsets of edges by the motion of the q plane (8) and the bloom."""
+    J = np.empty((len(q), 9))
+    for i in range(len(q)):
+        x, y = q[i, 0] / scale, q[i, 1] / scale
+        u, v = normal[i, 0] * scale, normal[i, 1] * scale
+        along = u * x + v * y
+        J[i] = np.array([u * x, u * y, u, v * x, v * y, v, -along * x, -along * y, 1.0])
+    return J
+
+
+@compiled
 def _step(
     q: Array, normal: Array, offset: Array, edge: NDArray[np.intp], scale: float
 ) -> tuple[Array, Array, float, float]:
@@ -99,12 +112,7 @@ def _step(
     the offsets, px, and how many edges agree.
     """
     n = len(offset)
-    J, r, weight = np.empty((n, 9)), offset.copy(), np.ones(n)
-    for i in range(n):
-        x, y = q[i, 0] / scale, q[i, 1] / scale
-        u, v = normal[i, 0] * scale, normal[i, 1] * scale
-        along = u * x + v * y
-        J[i] = np.array([u * x, u * y, u, v * x, v * y, v, -along * x, -along * y, 1.0])
+    J, r, weight = edge_slopes(q, normal, scale), offset.copy(), np.ones(n)
     change, A = np.zeros(9), np.zeros((9, 9))
     for _ in range(_REWEIGHTINGS):
         spread = max(1.4826 * float(np.median(np.abs(r))), 0.02)
@@ -152,6 +160,22 @@ def _level(picture: Grey, x: float, y: float) -> float:
     top = picture[j, i] * (1 - a) + picture[j, i + 1] * a
     low = picture[j + 1, i] * (1 - a) + picture[j + 1, i + 1] * a
     return float(top * (1 - b) + low * b)
+
+
+@compiled
+def _shift(picture: Grey, px: float, py: float, ux: float, uy: float, profile: Array) -> float:
+    """How far the edge is from a pixel along (ux, uy), px; infinite without an edge. profile: for work."""
+    half = len(profile) // 2
+    for i in range(2 * half + 1):
+        s = 0.5 * (i - half)
+        profile[i] = _level(picture, px + s * ux, py + s * uy)
+    low, high = (profile[0] + profile[1]) / 2, (profile[-1] + profile[-2]) / 2
+    if high - low < _LEAST_STEP:
+        return _NO_EDGE
+    area = 0.0
+    for i in range(2 * half + 1):
+        area += min(max((profile[i] - low) / (high - low), -0.5), 1.5)
+    return 0.5 * (half + 0.5 - area)
 
 
 @compiled
@@ -208,16 +232,7 @@ def _profiles(
             reach = width + 1.5
             if px < reach or py < reach or px > columns - 2 - reach or py > height - 2 - reach:
                 continue
-            for i in range(2 * half + 1):
-                s = 0.5 * (i - half)
-                profile[i] = _level(picture, px + s * ux, py + s * uy)
-            low, high = (profile[0] + profile[1]) / 2, (profile[-1] + profile[-2]) / 2
-            if high - low < 8.0:
-                continue
-            area = 0.0
-            for i in range(2 * half + 1):
-                area += min(max((profile[i] - low) / (high - low), -0.5), 1.5)
-            shift = 0.5 * (half + 0.5 - area)
+            shift = _shift(picture, px, py, ux, uy, profile)
             if abs(shift) > 0.8 * width:
                 continue
             q[n, 0], q[n, 1], normal[n, 0], normal[n, 1] = qx, qy, nx, ny

@@ -10,13 +10,11 @@ from functools import cache
 import cv2
 import numpy as np
 import pyapriltags
-from numpy.typing import NDArray
 
+from vgrd.devices import Grey
 from vgrd.errors import InputError
 from vgrd.geometry import Array
 from vgrd.vision.codes import APRILTAG_FAMILIES, dictionary_of, family_named, marker_cells
-
-Grey = NDArray[np.uint8]
 
 _COARSE_WIDTH_PX = 1300  # wider pictures are halved until they are not wider
 _FINEST_WIDTH_PX = 2600  # of the pictures that a fast search looks at

@@ -5,13 +5,13 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
+from vgrd.devices import Grey
 from vgrd.geometry import Array
 from vgrd.vision.compiling import compiled, inlined
 from vgrd.vision.lines import gaps, line_table, strip_of
 from vgrd.vision.warp import project, ray, slopes
 
 Cells = NDArray[np.intp]
-Grey = NDArray[np.uint8]
 
 _BLOCK, _PART = 16, 4  # px; blocks and their parts without an edge are passed over
 _PAPER_PX = 2.0  # paper used beyond the reach of the outer edges

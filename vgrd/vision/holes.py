@@ -12,13 +12,14 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from vgrd.devices import Pixels
 from vgrd.errors import HoleNotSeen, InputError
 from vgrd.geometry import Array, Pose
 from vgrd.geometry.camera import CameraModel
 from vgrd.model import frozen_array
 from vgrd.vision.holes_rim import Rim, measure_rim
 from vgrd.vision.holes_seed import circles_near, rims_around
-from vgrd.vision.holes_view import Circle, Grey, PlaneView
+from vgrd.vision.holes_view import Circle, PlaneView
 
 RIM_HEIGHT_SIGMA_MM = 0.02
 RADIUS_TOLERANCE = 0.15
@@ -71,7 +72,7 @@ class HoleSighting:
 
 
 def find_hole(
-    grey: Grey,
+    grey: Pixels,
     camera: CameraModel,
     camera_from_plane: Pose,
     radius_mm: float,
@@ -107,7 +108,7 @@ def find_hole(
 
 
 def sight_holes(
-    grey: Grey,
+    grey: Pixels,
     camera: CameraModel,
     camera_from_tag_b: Pose,
     object_from_tag_b: Pose,

@@ -6,10 +6,9 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from vgrd.devices import Pixels
 from vgrd.geometry import Array, Pose
 from vgrd.geometry.camera import CameraModel
-
-Grey = NDArray[np.uint8] | NDArray[np.uint16]
 
 _SAMPLED = 32
 _ORDERS = np.arange(-6, 7)  # of the Fourier series of an outline
@@ -26,7 +25,7 @@ class Circle:
 class PlaneView:
     """Looks at circles of one plane in one picture: grey (h, w), camera_from_plane in mm."""
 
-    def __init__(self, grey: Grey, camera: CameraModel, camera_from_plane: Pose) -> None:
+    def __init__(self, grey: Pixels, camera: CameraModel, camera_from_plane: Pose) -> None:
         self._grey = grey
         self._camera = camera
         self._pose = camera_from_plane
@@ -49,7 +48,7 @@ class PlaneView:
         return float(np.linalg.norm(self.image_of(place[None])[1][0], 2))
 
     def levels_at(self, places: Array, apart_mm: float) -> Array:
-        """Grey levels (n,) at places (n, 2) that are `apart_mm` apart; outside of the picture those of its border."""
+        """Pixels levels (n,) at places (n, 2) that are `apart_mm` apart; outside of the picture those of its border."""
         pixels, _ = self.image_of(places)
         pixels = np.nan_to_num(pixels, nan=-1e6)
         low = np.clip(np.floor(pixels.min(0)) - 4, 0, None).astype(int)

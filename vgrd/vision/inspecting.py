@@ -6,12 +6,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from vgrd.devices import Grey
 from vgrd.geometry import Array, Pose
 from vgrd.geometry.camera import CameraModel
 from vgrd.model import Finding
 from vgrd.vision.codes import marker_cells, square_corners
 from vgrd.vision.drawing import TagMark, axes_px
-from vgrd.vision.finding import FoundTag, Grey, find_tags
+from vgrd.vision.finding import FoundTag, find_tags
 from vgrd.vision.pictures import Picture, as_8_bit
 from vgrd.vision.planar import PlanarPose, planar_poses
 from vgrd.vision.quality import disturbance

@@ -8,11 +8,11 @@ from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
 from vgrd.errors import InputError, TooFewObservations
 from vgrd.geometry import Array, Pose
 from vgrd.geometry.camera import CameraModel
+from vgrd.geometry.covariance import rms
 from vgrd.vision.intrinsics_fit import Bundle, Noise, State, View, adjust
 
 MIN_VIEWS, MIN_POINTS = 4, 8
@@ -62,12 +62,12 @@ class IntrinsicsResult:
     @property
     def rms_px(self) -> float:
         """Residual of both coordinates over all pictures used."""
-        return _rms(np.concatenate(self.bundle.residuals))
+        return rms(np.concatenate(self.bundle.residuals))
 
     @property
     def held_out_px(self) -> float:
         """The same, each picture predicted by a fit without it."""
-        return _rms(np.concatenate(self.bundle.held_out))
+        return rms(np.concatenate(self.bundle.held_out))
 
 
 def calibrate_intrinsics(
@@ -216,14 +216,10 @@ def _reports(
                 True,
                 len(view.ids),
                 len(view.ids) - len(kept[i].ids),
-                rms_px=_rms(bundle.residuals[i]),
-                held_out_px=_rms(bundle.held_out[i]),
+                rms_px=rms(bundle.residuals[i]),
+                held_out_px=rms(bundle.held_out[i]),
                 distance_mm=float(np.linalg.norm(pose.translation)),
                 tilt_deg=float(np.degrees(np.arccos(min(abs(pose.rotation[2, 2]), 1.0)))),
             )
         )
     return tuple(out)
-
-
-def _rms(residuals: NDArray[np.float64]) -> float:
-    return float(np.sqrt(np.mean(residuals**2)))

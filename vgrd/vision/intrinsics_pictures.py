@@ -8,9 +8,10 @@ from pathlib import Path
 import cv2
 import numpy as np
 
+from vgrd.devices import Grey
 from vgrd.errors import InputError, TagNotSeen
 from vgrd.geometry import Array
-from vgrd.vision.boards import Charuco, Chessboard, CircleGrid, Grey, detect_board
+from vgrd.vision.boards import Charuco, Chessboard, CircleGrid, detect_board
 from vgrd.vision.drawing import BLUE, GOOD, RED, Colour, circle_at
 from vgrd.vision.finding import FoundTag, find_tags
 from vgrd.vision.intrinsics import IntrinsicsResult

@@ -8,8 +8,8 @@ the picture tells: a pose is fitted to them, not to the pixels (`vgrd.vision.pla
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from vgrd.devices import Grey
 from vgrd.geometry import Array
 from vgrd.vision.gathering import Cells, gather
 from vgrd.vision.homography import apply, inverse, moved, normalised, to_pixels
@@ -17,8 +17,6 @@ from vgrd.vision.kernels import BLOOM, LIGHT, SHAPE, accumulate
 from vgrd.vision.noise import Noise, noise_in
 from vgrd.vision.raster import Raster
 from vgrd.vision.warp import LocalFrame
-
-Grey = NDArray[np.uint8]
 
 _SIGMA_PX = 0.8  # blur to start from
 _REACH_SIGMAS = 3.4

@@ -7,9 +7,8 @@ from pathlib import Path
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
-from vgrd.devices import Pixels
+from vgrd.devices import Grey, Pixels
 from vgrd.errors import InputError
 
 SUFFIXES = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".bmp", ".pgm", ".webp")
@@ -52,12 +51,12 @@ def _decoded(path: Path) -> tuple[Pixels | None, Sequence[int], Sequence[Pixels]
     """Pixels, kinds and bytes of the metadata; OpenCV's own complaints are not shown."""
     level = cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_SILENT)
     try:
-        return cv2.imreadWithMetadata(str(path), flags=_AS_STORED)  # type: ignore[return-value]
+        return cv2.imreadWithMetadata(str(path), flags=_AS_STORED)  # type: ignore[return-value] # None if unreadable
     finally:
         cv2.utils.logging.setLogLevel(level)
 
 
-def as_8_bit(pixels: Pixels) -> NDArray[np.uint8]:
+def as_8_bit(pixels: Pixels) -> Grey:
     """Grey levels as 8 bits; uint16 is scaled by its brightest pixel (10, 12 and 16 bit cameras)."""
     if pixels.dtype == np.uint8:
         return np.asarray(pixels, dtype=np.uint8)

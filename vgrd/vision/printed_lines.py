@@ -10,13 +10,12 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from vgrd.devices import Grey
 from vgrd.geometry import Array
-from vgrd.vision.edges import edge_offsets, edge_segments
+from vgrd.vision.edges import edge_offsets, edge_segments, edge_slopes
 from vgrd.vision.homography import apply, moved, normalised
 from vgrd.vision.raster import Raster
 from vgrd.vision.warp import LocalFrame
-
-Grey = NDArray[np.uint8]
 
 _OFF_CELL = 0.08  # standard deviation of an inner line, of the smallest cell
 _WORST_CELL = 0.25
@@ -55,13 +54,8 @@ def _step(
         return None
     corners = apply(H, raster.corners)
     scale = float(np.abs(corners - corners.mean(0)).max())
-    J = np.hstack(
-        [
-            _by_homography(q, normal, scale),
-            np.ones((len(q), 1)),
-            _by_lines(printed, H, q, normal, edge, columns, rows),
-        ]
-    )
+    by_lines = _by_lines(printed, H, q, normal, edge, columns, rows)
+    J = np.hstack([edge_slopes(q, normal, scale), by_lines])
     sigma = _OFF_CELL * raster.smallest_cell
     so_far = np.concatenate([(printed.x - raster.x)[columns], (printed.y - raster.y)[rows]])
     change = _robust(J, offset, sigma, so_far)
@@ -76,18 +70,12 @@ def _inner(raster: Raster) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
     """Lines strictly inside the square that stands for the target."""
     low, high = raster.corners.min(0), raster.corners.max(0)
     near = 1e-6 * (high - low)
-    inside = (lines for lines in (raster.x, raster.y))
-    x, y = (
-        np.flatnonzero((lines > low[axis] + near[axis]) & (lines < high[axis] - near[axis]))
-        for axis, lines in enumerate(inside)
-    )
-    return x, y
 
+    def within(lines: Array, axis: int) -> NDArray[np.intp]:
+        inside = (lines > low[axis] + near[axis]) & (lines < high[axis] - near[axis])
+        return np.flatnonzero(inside)
 
-def _by_homography(q: Array, normal: Array, scale: float) -> Array:
-    (x, y), (u, v) = (q / scale).T, normal.T * scale
-    along = u * x + v * y
-    return np.stack([u * x, u * y, u, v * x, v * y, v, -along * x, -along * y], -1)
+    return within(raster.x, 0), within(raster.y, 1)
 
 
 def _by_lines(

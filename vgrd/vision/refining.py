@@ -4,8 +4,8 @@ from dataclasses import dataclass
 from enum import StrEnum
 
 import numpy as np
-from numpy.typing import NDArray
 
+from vgrd.devices import Grey
 from vgrd.geometry import Array
 from vgrd.vision.edges import EdgeFit, fit_edges
 from vgrd.vision.homography import from_points
@@ -14,8 +14,6 @@ from vgrd.vision.photometric import PhotometricFit, align
 from vgrd.vision.printed_lines import with_printed_lines
 from vgrd.vision.raster import Raster
 from vgrd.vision.warp import LocalFrame
-
-Grey = NDArray[np.uint8]
 
 WORST_CHI2 = 1.5
 _BETTER = 0.7  # of the chi-square, for lines that were printed elsewhere

@@ -13,15 +13,15 @@ from typing import Self
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
-from vgrd.devices import Pixels
+from vgrd.devices import Grey, Pixels
 from vgrd.errors import InputError
 from vgrd.geometry import Array
 from vgrd.geometry.camera import CameraModel
 from vgrd.model import Finding, TagObservation, TagSpec, frozen_array
 from vgrd.vision.codes import SQUARE_FAMILIES, code_count, square_corners
 from vgrd.vision.finding import FoundTag, read_tag, search_tags, tags_within
+from vgrd.vision.pictures import as_8_bit
 from vgrd.vision.planar import PlanarPose, planar_poses
 from vgrd.vision.quality import disturbance
 from vgrd.vision.raster import Raster, tag_raster
@@ -110,7 +110,7 @@ class TagDetector:
                 f"picture of {pixels.shape[1]} x {pixels.shape[0]} px, the camera is configured with "
                 f"{width} x {height}: correct [camera] size_px"
             )
-        grey = np.ascontiguousarray(_as_uint8(pixels))
+        grey = np.ascontiguousarray(as_8_bit(pixels))
         known = {tag_id: seen for tag_id, seen in (around or {}).items() if tag_id in self._tags}
         tracked = self._threads.map(lambda seen: self._track(grey, seen), known.values())
         sightings = {
@@ -121,7 +121,7 @@ class TagDetector:
             sightings |= self._search(grey, wanted)
         return dict(sorted(sightings.items()))
 
-    def _track(self, grey: NDArray[np.uint8], earlier: TagObservation) -> Sighting | None:
+    def _track(self, grey: Grey, earlier: TagObservation) -> Sighting | None:
         """Look for a tag where it was, first without searching for it."""
         tag = self._tags[earlier.tag.id]
         seen = self._measured(grey, tag, earlier.corners_px)
@@ -132,9 +132,7 @@ class TagDetector:
             return None
         return self._measured(grey, tag, found[0].corners_px)
 
-    def _search(
-        self, grey: NDArray[np.uint8], wanted: set[tuple[str, int]]
-    ) -> dict[int, Sighting]:
+    def _search(self, grey: Grey, wanted: set[tuple[str, int]]) -> dict[int, Sighting]:
         """Look everywhere for tags."""
         found = search_tags(grey, wanted)
         counts = Counter(tag.id for tag in found)
@@ -149,9 +147,7 @@ class TagDetector:
             }
         return sightings
 
-    def _measured(
-        self, grey: NDArray[np.uint8], tag: TagSpec, corners_px: Array
-    ) -> Sighting | None:
+    def _measured(self, grey: Grey, tag: TagSpec, corners_px: Array) -> Sighting | None:
         """Measure a tag from rough corners; None when there is no such tag at that place."""
         refined = refine(grey, self._rasters[tag.id], corners_px, self._lens)
         if refined is None:
@@ -167,7 +163,7 @@ class TagDetector:
     def _judged(self, tag: TagSpec, refined: Refined, poses: Sequence[PlanarPose]) -> Sighting:
         """The observation, unless no pose fits or two do."""
         trouble = disturbance(refined)
-        findings = () if trouble is None else (_finding(*trouble),)
+        findings = () if trouble is None else (Finding(*trouble),)
         if not poses:
             return Sighting(None, refined, (*findings, *_unfit().findings))
         best = poses[0]
@@ -177,7 +173,7 @@ class TagDetector:
         if rms > _WORST_RMS_PX:
             return Sighting(None, refined, (*findings, *_unfit().findings))
         if len(poses) > 1 and poses[1].cost - best.cost < _BRANCH_MARGIN * inflation:
-            two = _finding("ambiguous", "two poses fit it: tilt it by 10 degrees")
+            two = Finding("ambiguous", "two poses fit it: tilt it by 10 degrees")
             return Sighting(None, refined, (*findings, two))
         observation = TagObservation(
             tag,
@@ -211,31 +207,19 @@ def _raster(tag: TagSpec) -> Raster:
     return tag_raster(tag.family, tag.id, tag.size_mm)
 
 
-def _as_uint8(pixels: Pixels) -> NDArray[np.uint8]:
-    """Grey levels as 8 bits; uint16 is scaled by its brightest pixel (10, 12 and 16 bit cameras)."""
-    if pixels.dtype == np.uint8:
-        return np.asarray(pixels, dtype=np.uint8)
-    brightest = max(int(pixels.max()), 1)
-    return np.asarray(cv2.convertScaleAbs(pixels, alpha=255 / brightest), dtype=np.uint8)
-
-
-def _finding(code: str, message: str) -> Finding:
-    return Finding(code, message)
-
-
 def _not_readable(tag: FoundTag, times: int) -> Sighting:
     """Why a tag that was found is not measured."""
     if times > 1:
         repeated = f"in the picture {times} times: cover or remove the others"
-        return Sighting(None, None, (_finding("repeated", repeated),))
+        return Sighting(None, None, (Finding("repeated", repeated),))
     damaged = (
         f"{tag.hamming} cells of its code read wrongly: clean it, uncover it or print it anew"
     )
-    return Sighting(None, None, (_finding("damaged", damaged),))
+    return Sighting(None, None, (Finding("damaged", damaged),))
 
 
 def _unfit() -> Sighting:
     message = (
         "its corners do not fit a flat square: is it bent, half hidden, or the camera file wrong?"
     )
-    return Sighting(None, None, (_finding("misfit", message),))
+    return Sighting(None, None, (Finding("misfit", message),))

@@ -78,14 +78,6 @@ class LocalFrame:
         r0 = np.array(ray(lens, float(pixel[0]), float(pixel[1])))
         return cls(lens, r0, np.array(slopes(lens, r0[0], r0[1])).reshape(2, 2))
 
-    @property
-    def q_from_ray(self) -> Array:
-        """Homography (3, 3)."""
-        out = np.eye(3)
-        out[:2, :2] = self.F
-        out[:2, 2] = -self.F @ self.r0
-        return out
-
     def rays_of(self, pixels: Array) -> Array:
         """Rays (n, 2) of pixels (n, 2)."""
         return np.array([ray(self.lens, float(x), float(y)) for x, y in pixels])
