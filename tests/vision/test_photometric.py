@@ -1,6 +1,13 @@
+from concurrent.futures import ProcessPoolExecutor
+from importlib import import_module
+from multiprocessing import get_context
+from pkgutil import iter_modules
+
 import numpy as np
 import pytest
+from numba.core.registry import CPUDispatcher
 
+import vgrd.vision
 from fakes.patterns import charuco_pattern, grid_pattern, tag_pattern
 from fakes.pictures import Band, Look, Placed, Spot, draw, pinhole
 from vgrd.geometry import Pose
@@ -13,6 +20,7 @@ from vgrd.vision.planar import planar_poses
 from vgrd.vision.quality import disturbance
 from vgrd.vision.raster import tag_raster
 from vgrd.vision.refining import Method, refine
+from vgrd.vision.tags import TagDetector
 from vgrd.vision.warp import lens_vector
 
 MATRIX = np.array([[12766.0, 0, 2014.8], [0, 12766.0, 1511.8], [0, 0, 1]])
@@ -158,3 +166,28 @@ def test_pictures_that_may_be_written_and_those_that_may_not_share_the_compiled_
         picture.setflags(write=writeable)
         assert refine(picture, tag_raster("36h11", 0, 8.0), corners, lens_vector(None)) is not None
     assert {loop: len(loop.signatures) for loop in loops} == before
+
+
+def loops_compiled_after_warming_up() -> dict[str, int]:
+    """How many compiled variants of each loop a detection adds; pictures are and are not writeable."""
+    modules = [import_module(f"vgrd.vision.{m.name}") for m in iter_modules(vgrd.vision.__path__)]
+    loops = {v for m in modules for v in vars(m).values() if isinstance(v, CPUDispatcher)}
+    spec = TagSpec("36h11", 0, 8.0)
+    matrix, size = np.array([[900.0, 0, 200], [0, 900.0, 200], [0, 0, 1]]), (400, 400)
+    pose = Pose.from_rotvec((0.3, -0.2, 0.4), (0.0, 0.0, 90.0))
+    camera = pinhole(matrix, np.zeros(5), size)
+    picture = draw(camera, [Placed(tag_pattern(spec), pose)], Look(), seed=1).in_frame(size)
+    with TagDetector(matrix, np.zeros(5), [spec], size) as detector:
+        before = {loop: len(loop.signatures) for loop in loops}
+        for writeable in (True, False):
+            picture.setflags(write=writeable)
+            assert detector.detect(picture, detector.detect(picture)).keys() == {0}
+    assert sum(before.values()) > 3
+    return {loop.__name__: len(loop.signatures) - before[loop] for loop in loops}
+
+
+def test_no_loop_is_compiled_in_the_first_picture():
+    with ProcessPoolExecutor(1, mp_context=get_context("spawn")) as fresh:
+        added = fresh.submit(loops_compiled_after_warming_up).result()
+    assert len(added) > 3
+    assert {name for name, count in added.items() if count} == set()

@@ -191,8 +191,11 @@ def warm_up() -> None:
     cells = np.kron(tag_raster("36h11", 0, 8.0).cells, np.ones((12, 12)))
     picture = np.pad(cells * 150 + 50, 20, mode="edge").astype(np.uint8)
     picture = np.asarray(cv2.GaussianBlur(picture, (0, 0), 0.8), dtype=np.uint8)
-    corner = np.array([[0, 0], [1, 0], [1, 1], [0, 1.0]]) * 96 + 31.5
-    refine(picture, tag_raster("36h11", 0, 8.0), corner, lens_vector(None))
+    corners = np.array([[0, 0], [1, 0], [1, 1], [0, 1.0]]) * 96 + 31.5
+    refined = refine(picture, tag_raster("36h11", 0, 8.0), corners, lens_vector(None))
+    if refined is not None:
+        camera = CameraModel(np.diag([500.0, 500.0, 1.0]), np.zeros(0), picture.shape[::-1])
+        planar_poses(camera, square_corners(8.0), refined.corners_px, refined.covariance)
 
 
 def _raster(tag: TagSpec) -> Raster:
