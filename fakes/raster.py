@@ -212,19 +212,21 @@ class _DiscBlocks:
     def mixed_shares(self, side: int) -> Plane:
         """Shares (n, side, side); the rim is a straight line in a box, moved by its mean bend."""
         four, disc = self._four, self._disc
-        places = np.einsum("cnk,cs->nsk", four, _grid(side))
-        xy = places[..., :2] / places[..., 2:]
-        radius = np.linalg.norm(xy - disc.centre_mm, axis=-1)
-        out = (xy - disc.centre_mm) / radius[..., None]
+        grid = _grid(side)
+        X, Y, W = (four[..., axis].T @ grid for axis in range(3))
+        x, y = X / W, Y / W
+        out_x, out_y = x - disc.centre_mm[0], y - disc.centre_mm[1]
+        radius = np.hypot(out_x, out_y)
+        out_x, out_y = out_x / radius, out_y / radius
         along_x = (four[1] - four[0] + four[3] - four[2]) / (2 * side)
         along_y = (four[2] - four[0] + four[3] - four[1]) / (2 * side)
-        steps = [
-            (step[:, None, :2] - xy * step[:, None, 2:]) / places[..., 2:]
-            for step in (along_x, along_y)
-        ]
-        slopes = np.abs([(out * step).sum(-1) for step in steps])
-        bends = sum((step**2).sum(-1) for step in steps) - (slopes**2).sum(0)
-        steep, flat = slopes.max(0), slopes.min(0)
+        slopes, bends = [], np.zeros_like(radius)
+        for step_x, step_y, step_w in (along_x.T[..., None], along_y.T[..., None]):
+            dx, dy = (step_x - x * step_w) / W, (step_y - y * step_w) / W
+            slope = out_x * dx + out_y * dy
+            bends += dx * dx + dy * dy - slope * slope
+            slopes.append(np.abs(slope))
+        steep, flat = np.maximum(*slopes), np.minimum(*slopes)
         distance = (radius + bends / (24 * radius) - disc.radius_mm) / steep
         share = _positive_share(distance.astype(np.float32), (flat / steep).astype(np.float32))
         white = disc.inside + (disc.outside - disc.inside) * share
