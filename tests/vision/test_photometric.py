@@ -13,9 +13,11 @@ from fakes.pictures import Band, Look, Placed, Spot, draw, pinhole
 from vgrd.geometry import Pose
 from vgrd.geometry.camera import CameraModel
 from vgrd.model import TagSpec
+from vgrd.vision import edges
 from vgrd.vision.board_fit import fit_charuco, fit_tag_board
 from vgrd.vision.boards import Charuco
 from vgrd.vision.codes import square_corners
+from vgrd.vision.homography import apply
 from vgrd.vision.planar import planar_poses
 from vgrd.vision.quality import disturbance
 from vgrd.vision.raster import tag_raster
@@ -152,7 +154,7 @@ def test_without_a_camera_the_corners_of_a_distant_lens_are_as_good():
 def test_pictures_that_may_be_written_and_those_that_may_not_share_the_compiled_loops():
     from numba.core.registry import CPUDispatcher
 
-    from vgrd.vision import edges, gathering, kernels, photometric, shares, tags
+    from vgrd.vision import gathering, kernels, photometric, shares, tags
 
     tags.warm_up()
     modules = (edges, gathering, kernels, photometric, shares)
@@ -191,3 +193,26 @@ def test_no_loop_is_compiled_in_the_first_picture():
         added = fresh.submit(loops_compiled_after_warming_up).result()
     assert len(added) > 3
     assert {name for name, count in added.items() if count} == set()
+
+
+def test_a_fit_that_one_long_edge_leads_astray_never_seeks_edges_far_outside(monkeypatch):
+    farthest = []
+
+    def watched(picture, raster, frame, q_from_target, *, wide):
+        farthest.append(np.abs(apply(q_from_target, raster.corners)).max())
+        return edge_offsets(picture, raster, frame, q_from_target, wide=wide)
+
+    edge_offsets = edges.edge_offsets
+    monkeypatch.setattr(edges, "edge_offsets", watched)
+    rng = np.random.default_rng(2)
+    raster = tag_raster("36h11", 0, 8.0)
+    square = np.array([[-1, -1], [1, -1], [1, 1], [-1, 1.0]])
+    for _ in range(400):
+        light = np.where(np.arange(480) < rng.integers(50, 400), 140.0, 30.0)
+        picture = np.clip(light + rng.normal(0, 2, (480, 480)), 0, 255).astype(np.uint8)
+        corners = (
+            rng.uniform(100, 380, 2) + square * rng.uniform(15, 90) + rng.normal(0, 6, (4, 2))
+        )
+        refine(picture, raster, corners, lens_vector(None))
+    assert len(farthest) > 400
+    assert max(farthest) < 1000

@@ -44,7 +44,7 @@ class EdgeFit:
 def fit_edges(
     picture: Grey, raster: Raster, frame: LocalFrame, q_from_target: Array, *, coarse: bool
 ) -> EdgeFit | None:
-    """Fit all black-and-white edges; None when too few are there.
+    """Fit all black-and-white edges; None when too few are there. Ends where it has strayed.
 
     coarse: the start may be off by a third of a cell, else by 2 px.
     """
@@ -60,10 +60,22 @@ def fit_edges(
         except np.linalg.LinAlgError:
             return None
         H = moved(H, change[:8], scale)
+        if has_strayed(H, raster, corners):
+            break
         if coarse and np.abs(change[:8]).max() * scale < _STILL_PX:
             break
     corners_px, covariance = to_pixels(frame, apply(H, raster.corners), covariance[:8, :8], scale)
     return EdgeFit(corners_px, covariance, H, rms, agreeing / len(segments))
+
+
+def has_strayed(q_from_target: Array, raster: Raster, start: Array) -> bool:
+    """Whether a corner went farther from where it started, (4, 2) in the q plane, than the tag's half.
+
+    No longer a step of a fit: edges would be sought far outside of the picture, and for very long.
+    """
+    extent = float(np.abs(start - start.mean(0)).max())
+    shift = float(np.abs(apply(q_from_target, raster.corners) - start).max())
+    return not shift <= extent
 
 
 def edge_offsets(

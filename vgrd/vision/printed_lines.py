@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from vgrd.devices import Grey
 from vgrd.geometry import Array
-from vgrd.vision.edges import edge_offsets, edge_segments, edge_slopes
+from vgrd.vision.edges import edge_offsets, edge_segments, edge_slopes, has_strayed
 from vgrd.vision.homography import apply, moved, normalised
 from vgrd.vision.raster import Raster
 from vgrd.vision.warp import LocalFrame
@@ -32,6 +32,7 @@ def with_printed_lines(
     None where too few edges are seen or a line would be off by a quarter of a cell.
     """
     printed, H = raster, normalised(q_from_target)
+    start = apply(H, raster.corners)
     for _ in range(_ROUNDS):
         try:
             step = _step(picture, raster, printed, frame, H)
@@ -40,6 +41,8 @@ def with_printed_lines(
         if step is None:
             return None
         printed, H = step
+        if has_strayed(H, raster, start):
+            return None
     off = max(np.abs(printed.x - raster.x).max(), np.abs(printed.y - raster.y).max())
     return None if off > _WORST_CELL * raster.smallest_cell else (printed, H)
 

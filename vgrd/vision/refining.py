@@ -7,8 +7,8 @@ import numpy as np
 
 from vgrd.devices import Grey
 from vgrd.geometry import Array
-from vgrd.vision.edges import EdgeFit, fit_edges
-from vgrd.vision.homography import from_points
+from vgrd.vision.edges import EdgeFit, fit_edges, has_strayed
+from vgrd.vision.homography import apply, from_points
 from vgrd.vision.noise import Noise
 from vgrd.vision.photometric import PhotometricFit, align
 from vgrd.vision.printed_lines import with_printed_lines
@@ -58,6 +58,8 @@ def refine(
         return None
     coarse = fit_edges(picture, raster, frame, H, coarse=True)
     start = H if coarse is None else coarse.q_from_target
+    if has_strayed(start, raster, apply(H, raster.corners)):
+        return None
     fit = align(picture, raster, frame, start, noise)
     if fit is not None and fit.chi2 > WORST_CHI2:
         fit = _as_printed(picture, raster, fit, noise)
@@ -66,6 +68,8 @@ def refine(
         return Refined(fit.corners_px, covariance, Method.PHOTOMETRIC, fit, coarse)
     edges = fit_edges(picture, raster, frame, start, coarse=False)
     if edges is None or not _is_useful(edges, raster):
+        return None
+    if has_strayed(edges.q_from_target, raster, apply(start, raster.corners)):
         return None
     return Refined(edges.corners_px, edges.covariance, Method.EDGES, fit, edges)
 
