@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from fakes.layout import Layout
-from fakes.patterns import tag_cells
+from fakes.patterns import tag_cells, tag_pattern
+from fakes.pictures import Look, Placed, draw, pinhole
 from fakes.poses import frozen_snapshot, look_poses, retracted_pose, touch_pose
 from fakes.render import Renderer
 from fakes.world import WorldSnapshot
@@ -245,3 +246,27 @@ def tilted(picture):
     at_depth = np.column_stack([lean[:, 0], lean[:, 1], (0.0, 0.0, 1.2)])
     homography = matrix @ at_depth @ np.linalg.inv(matrix)
     return cv2.warpPerspective(picture, homography, (800, 600), borderValue=200)
+
+
+def test_a_tag_that_moved_a_little_is_never_taken_for_where_it_was():
+    rng = np.random.default_rng(9)
+    spec, size = TagSpec("36h11", 5, 20.0), (700, 700)
+    matrix = np.array([[2500.0, 0, 350], [0, 2500.0, 350], [0, 0, 1]])
+    camera = pinhole(matrix, np.zeros(5), size)
+
+    def picture(pose):
+        placed = Placed(tag_pattern(spec), pose)
+        return draw(camera, [placed], Look(), seed=rng, margin_px=30).in_frame(size)
+
+    with TagDetector(matrix, np.zeros(5), [spec], size) as detector:
+        for _ in range(60):
+            tilt = rng.uniform(-0.5, 0.5, 3)
+            before = Pose.from_rotvec(tilt, (rng.uniform(-15, 15), rng.uniform(-15, 15), 400.0))
+            known = detector.detect(picture(before))
+            step = (*rng.uniform(-4, 4, 2), 0.0)
+            moved = Pose.from_rotvec((0.0, 0.0, rng.uniform(-0.3, 0.3)), step) @ before
+            sight = detector.examine(picture(moved), known)[spec.id]
+            assert sight.observation is not None, sight.findings
+            mm, rad = sight.observation.camera_from_tag.distance(moved)
+            assert mm < 0.2
+            assert rad < 0.01

@@ -96,7 +96,8 @@ def _is_useful(edges: EdgeFit, raster: Raster) -> bool:
     """Whether the corners are known better than the coarse detection knew them."""
     side = float(np.linalg.norm(edges.corners_px[1] - edges.corners_px[0]))
     cell = side * raster.smallest_cell / float(np.ptp(raster.corners[:, 0]))
-    return bool(np.sqrt(np.diag(edges.covariance).max()) < _USEFUL_CELL * cell)
+    variances = np.diag(edges.covariance)
+    return bool(variances.min() > 0 and variances.max() < (_USEFUL_CELL * cell) ** 2)
 
 
 def trusted(fit: PhotometricFit) -> bool:

@@ -25,7 +25,7 @@ from vgrd.vision.pictures import as_8_bit
 from vgrd.vision.planar import PlanarPose, planar_poses
 from vgrd.vision.quality import disturbance
 from vgrd.vision.raster import Raster, tag_raster
-from vgrd.vision.refining import Refined, refine
+from vgrd.vision.refining import Method, Refined, refine
 from vgrd.vision.warp import lens_vector
 
 _WORST_RMS_PX = 0.5
@@ -40,6 +40,12 @@ class Sighting:
     observation: TagObservation | None
     refined: Refined | None
     findings: tuple[Finding, ...]
+
+    @property
+    def is_of_all_pixels(self) -> bool:
+        """True for an observation that the photometric fit made."""
+        is_photometric = self.refined is not None and self.refined.method is Method.PHOTOMETRIC
+        return self.observation is not None and is_photometric
 
 
 class TagDetector:
@@ -122,10 +128,13 @@ class TagDetector:
         return dict(sorted(sightings.items()))
 
     def _track(self, grey: Grey, earlier: TagObservation) -> Sighting | None:
-        """Look for a tag where it was, first without searching for it."""
+        """Look for a tag where it was, first without searching for it.
+
+        A moved tag can lead the fit of edges to a wrong place: only all its pixels tell that it is there.
+        """
         tag = self._tags[earlier.tag.id]
         seen = self._measured(grey, tag, earlier.corners_px)
-        if seen is not None:
+        if seen is not None and seen.is_of_all_pixels:
             return seen
         found = tags_within(grey, {(tag.family, tag.id)}, earlier.corners_px, _REGION_MARGIN)
         if len(found) != 1 or found[0].hamming:
