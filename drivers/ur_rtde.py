@@ -85,9 +85,10 @@ class UrRobot:
             raise BadReading(
                 f"the controller's clock went back from {previous_s:.3f} s to {controller_s:.3f} s"
             )
+        base_from_tcp = pose_from_wire(tcp)
         running, inputs = self._running(), int(self._receiver.getActualDigitalInputBits())
         offset = self._offset(controller_s, tcp, max(0.0, deadline_s - self._clock.monotonic()))
-        base_from_tcp, wrist_from_tcp = (pose_from_wire(tcp), pose_from_wire(offset))
+        wrist_from_tcp = pose_from_wire(offset)
         return FlangeReading(
             base_from_wrist=base_from_tcp @ wrist_from_tcp.inverse(),
             wrist_from_tcp=wrist_from_tcp,

@@ -19,7 +19,6 @@ from vgrd.geometry.least_squares import Report, minimize, require_convergence
 _UNDETERMINED_MM = 500.0
 _UNDETERMINED_RAD = 1.0
 _ROUNDS = 8
-_HOLD = 1e-2
 _SETTLED_MM = 2e-2
 _SETTLED_SIGMA = 1e-3
 _TOLERANCE = 1e-6
@@ -44,18 +43,23 @@ class Optimum:
 
 
 def settle(raw: JointData, layout: Layout, state: JointState) -> Optimum:
-    """Most likely state near the one given. Raises DidNotConverge."""
+    """Most likely state near the one given, which keeps what nothing determines as it was.
+
+    Raises DidNotConverge.
+    """
     for _ in range(_ROUNDS):
         data = raw.refined(state.refined)
         _, factor = arm_noise(state, data)
+        frozen = _frozen(state, data, layout, factor)
         minimum = minimize(
-            partial(_held, data=data, layout=layout, factor=factor),
+            partial(_held, data=data, layout=layout, factor=factor, frozen=frozen),
             partial(_retract, layout=layout),
             state,
             tolerance=_TOLERANCE,
         )
         before, state = state, minimum.state
-        if _is_settled(before, state, data):
+        as_frozen = len(_frozen(state, data, layout, factor)) == len(frozen)
+        if as_frozen and _is_settled(before, state, data):
             break
     require_convergence(minimum.report, "joint estimate")
     state = _polished(state, minimum.residuals, minimum.jacobian, layout)
@@ -95,10 +99,9 @@ def information_inverse(jacobian: Array, layout: Layout) -> tuple[Array, Array]:
     A direction is undetermined when the data leave it uncertain by more than 500 mm or 1 rad.
     """
     scales = units(layout)
-    R = np.linalg.qr(jacobian * scales, mode="r")
-    _, s, Vt = np.linalg.svd(R, full_matrices=True)
-    rank = int(np.sum(s > 1.0))
-    half = scales[:, None] * Vt[:rank].T / s[:rank]
+    s, Vt = _spectrum(jacobian, layout)
+    rank = len(s)
+    half = scales[:, None] * Vt[:rank].T / s
     return half @ half.T, scales[:, None] * Vt[rank:].T
 
 
@@ -119,16 +122,27 @@ def unknown_in_words(layout: Layout, undetermined: Array) -> str:
     return ", ".join(name for name, part in names.items() if (size[part] > 0.05).any())
 
 
+def _spectrum(jacobian: Array, layout: Layout) -> tuple[Array, Array]:
+    """Singular values (k,) that count as determined, and all right vectors (n, n), in `units`."""
+    R = np.linalg.qr(jacobian * units(layout), mode="r")
+    _, s, Vt = np.linalg.svd(R, full_matrices=True)
+    return s[s > 1.0], Vt
+
+
+def _frozen(state: JointState, data: JointData, layout: Layout, factor: Array) -> Array:
+    """Directions (z, n) in `units` along which no step is taken: costs would lead nowhere there."""
+    s, Vt = _spectrum(whiten_arm(factor, linearize(state, data, layout)[1]), layout)
+    return Vt[len(s) :]
+
+
 def _held(
-    state: JointState, data: JointData, layout: Layout, factor: Array
+    state: JointState, data: JointData, layout: Layout, factor: Array, frozen: Array
 ) -> tuple[Array, Array]:
-    """Whitened residuals and derivative; rows of zero residual hold what nothing determines."""
+    """Whitened residuals and derivative across what is frozen, which rows of zero residual hold."""
     r, J = linearize(state, data, layout)
-    hold = np.diag(_HOLD / units(layout))
-    return (
-        np.concatenate([whiten_arm(factor, r), np.zeros(layout.size)]),
-        np.vstack([whiten_arm(factor, J), hold]),
-    )
+    J = whiten_arm(factor, J) * units(layout)
+    J = np.vstack([J - J @ frozen.T @ frozen, frozen]) / units(layout)
+    return np.concatenate([whiten_arm(factor, r), np.zeros(len(frozen))]), J
 
 
 def _retract(state: JointState, step: Array, layout: Layout) -> JointState:
