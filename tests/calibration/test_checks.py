@@ -15,6 +15,7 @@ from vgrd.calibration.checks import (
 from vgrd.calibration.checks.acceptance import confidence_of
 from vgrd.calibration.checks.readings import Turns, reread_candidates
 from vgrd.calibration.motion import turned_axes
+from vgrd.calibration.system import calibrate_system
 from vgrd.errors import InputError
 from vgrd.geometry import Pose, exp_rotation
 from vgrd.geometry.covariance import radius95
@@ -297,7 +298,34 @@ def test_a_touch_that_is_5_mm_off_is_the_only_one_named(plan):
     touches[2] = replace(touches[2], base_from_wrist=moved)
     (found,) = bad_touches(replace(recording, touches=tuple(touches)))
     assert found.code == "touch_outlier"
+    assert found.fatal
     assert found.message.startswith("touch 3 (P3)")
+
+
+@pytest.mark.parametrize("plan", [Plan.UNIVERSAL, Plan.SPECIAL])
+def test_two_bad_touches_are_both_named_in_the_verdict_and_undoing_them_is_enough(plan):
+    _, recording = session(23, plan=plan)
+    touches = list(recording.touches)
+    for i, offset in ((1, (4.0, -3.0, 2.0)), (6, (-4.0, 4.0, 1.0))):
+        pose = touches[i].base_from_wrist
+        moved = Pose(pose.rotation, pose.translation + np.array(offset))
+        touches[i] = replace(touches[i], base_from_wrist=moved)
+    verdict = calibrate_system(replace(recording, touches=tuple(touches))).verdict
+    named = [one.message[:12] for one in verdict.findings if one.code == "touch_outlier"]
+    assert named == ["touch 2 (P2)", "touch 7 (P1)"]
+    assert not verdict.ok
+    left = tuple(touch for i, touch in enumerate(touches) if i not in (1, 6))
+    assert bad_touches(replace(recording, touches=left)) == ()
+
+
+def test_of_four_touches_that_contradict_each_other_the_worst_is_named():
+    _, recording = session(23, plan=Plan.SPECIAL, touches=4)
+    pose = recording.touches[0].base_from_wrist
+    moved = Pose(pose.rotation, pose.translation + np.array([3.0, 4.0, 0.0]))
+    bad = replace(recording.touches[0], base_from_wrist=moved)
+    found = bad_touches(replace(recording, touches=(bad, *recording.touches[1:])))
+    assert len(found) == 1
+    assert found[0].fatal
 
 
 def test_a_touch_of_an_unknown_target_is_refused_with_the_known_ones():

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from vgrd.calibration.checks.bad_touches import bad_touches
 from vgrd.calibration.coordinates import expected_coordinate
 from vgrd.calibration.hand_eye import HandEyeResult
 from vgrd.calibration.reference import Reference
@@ -14,8 +15,6 @@ from vgrd.errors import InputError, NotObservable
 from vgrd.geometry.covariance import radius95, rms
 from vgrd.model import Calibration, Finding, Motion, Plan, Policy, Recording, Touch
 
-OUTLIER_SIGMA = 3.5
-WRONG_SIGMA = 6.0
 _NOISY = 3.0
 _FEW_SPINS = 4
 _FEW_DEGREES = 25.0
@@ -39,7 +38,7 @@ class Evidence:
 def judge(evidence: Evidence) -> tuple[list[Finding], dict[str, float]]:
     """Findings and the residuals they rest on."""
     findings = [
-        *_touches(evidence),
+        *bad_touches(evidence.recording),
         *_method(evidence),
         *_hand_eye(evidence),
         *_spins(evidence),
@@ -91,26 +90,6 @@ def _work_offset(calibration: Calibration, touch: Touch) -> np.ndarray:
     """Verifications touch with the touch tip, expected coordinates are for the work tip."""
     offset = touch.base_from_wrist.rotation @ calibration.facts.tool.work_from_touch_mm
     return np.asarray(-offset)
-
-
-def _touches(evidence: Evidence) -> list[Finding]:
-    findings = []
-    for i in np.argsort(-evidence.taught.scores):
-        score = float(evidence.taught.scores[i])
-        if score <= OUTLIER_SIGMA:
-            break
-        touch = evidence.recording.touches[i]
-        off = float(np.linalg.norm(evidence.taught.residuals_mm[i]))
-        findings.append(
-            Finding(
-                "touch_outlier",
-                f"touch {i + 1} ({touch.target}) does not fit: {off:.2f} mm, {score:.1f} sigma; "
-                "undo it and touch that target again",
-                fatal=score > WRONG_SIGMA,
-            )
-        )
-        break
-    return findings
 
 
 def _method(evidence: Evidence) -> list[Finding]:

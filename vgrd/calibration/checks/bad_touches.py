@@ -1,4 +1,7 @@
-"""Touches that do not belong to the others: robust weights and leaving them out have to agree."""
+"""Touches that do not belong to the others: robust weights and leaving them out have to agree.
+
+The paper's methods fit all touches, so one that is far off refuses their calibration.
+"""
 
 from dataclasses import dataclass
 
@@ -6,14 +9,14 @@ import numpy as np
 
 from vgrd.calibration.cad_fit import fit_cad
 from vgrd.calibration.motion import Axes, turned_axes
-from vgrd.calibration.robust import fit_without_outliers
+from vgrd.calibration.robust import OUTLIER_SIGMA, fit_without_outliers
 from vgrd.calibration.teaching import arm_touches
 from vgrd.calibration.touches import TouchSet
 from vgrd.calibration.universal import UniversalProblem, calibrate_universal
 from vgrd.geometry import Array
 from vgrd.model import Finding, Recording
 
-_MIN_TOUCHES = 5
+_WRONG_SIGMA = 6.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -29,12 +32,11 @@ class _Fitted:
 def bad_touches(recording: Recording) -> tuple[Finding, ...]:
     """All touches that contradict the rest, at most a third of them, with how far they are off.
 
-    By the universal method where the wrists varied, else by the rigid fit to CAD. Nothing below 5
-    touches. Raises what the method raises for all touches (`vgrd.calibration.teaching.teach`).
+    By the universal method where the wrists varied, else by the rigid fit to CAD. Where it cannot be
+    told which ones are bad, the worst of all. Fatal beyond 6 sigma. Raises what the method raises
+    for all touches (`vgrd.calibration.teaching.teach`).
     """
     touches = recording.touches
-    if len(touches) < _MIN_TOUCHES:
-        return ()
     targets = recording.facts.object.targets
     points = np.array([targets[touch.target].point_in_object for touch in touches])
     arrays = arm_touches(touches, recording)
@@ -42,13 +44,18 @@ def bad_touches(recording: Recording) -> tuple[Finding, ...]:
     solve = _rigid if axes is Axes.NONE else _universal
     fit = fit_without_outliers(lambda w: solve(points, arrays.weighted(w)), len(touches))
     off = np.linalg.norm(fit.result.off_mm, axis=1)
+    bad = np.flatnonzero(~fit.used)
+    worst = int(np.argmax(fit.scores))
+    if not bad.size and fit.scores[worst] > OUTLIER_SIGMA:
+        bad = np.array([worst])
     return tuple(
         Finding(
             "touch_outlier",
             f"touch {i + 1} ({touches[i].target}) does not belong to the others: {off[i]:.2f} mm, "
             f"{fit.scores[i]:.1f} sigma off; undo it and touch that target again",
+            fatal=bool(fit.scores[i] > _WRONG_SIGMA),
         )
-        for i in np.flatnonzero(~fit.used)
+        for i in bad
     )
 
 
