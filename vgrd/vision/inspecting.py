@@ -14,7 +14,7 @@ from vgrd.vision.codes import marker_cells, square_corners
 from vgrd.vision.drawing import TagMark, axes_px
 from vgrd.vision.finding import FoundTag, find_tags
 from vgrd.vision.pictures import Picture, as_8_bit
-from vgrd.vision.planar import PlanarPose, planar_poses
+from vgrd.vision.planar import PlanarPose, is_ambiguous, planar_poses
 from vgrd.vision.quality import disturbance
 from vgrd.vision.raster import tag_raster
 from vgrd.vision.refining import Refined, refine
@@ -26,7 +26,6 @@ _LEAST_CONTRAST = 40.0
 _LEAST_TILT_DEG = 10.0
 _MOST_BLUR_PX = 2.0
 _CLIPPED, _CLIPPED_SHARE = 254, 0.2
-_BRANCH_MARGIN = 25.0  # chi-square by which the second pose must be worse
 _MOST_MISFIT_PX = 0.5
 
 
@@ -62,8 +61,7 @@ class TagReport:
         }
         if self.poses:
             out["camera_from_tag"] = self.poses[0].pose.matrix().tolist()
-            best = self.poses[0]
-            out["covariance"] = (best.covariance * _inflation(best)).tolist()
+            out["covariance"] = self.poses[0].inflated_covariance.tolist()
         return out
 
     def residual_map(self, shape: tuple[int, int]) -> tuple[tuple[slice, slice], Array] | None:
@@ -95,7 +93,7 @@ class TagReport:
         if fit is not None:
             out |= {"chi2": fit.chi2, "blur_px": _blur_px(fit.blur), "bloom_px": fit.bloom_px}
         if self.poses:
-            out["tilt_deg"] = tilt_deg(self.poses[0].pose)
+            out["tilt_deg"] = self.poses[0].tilt_deg
         return out | {"findings": _as_json(self.findings)}
 
 
@@ -149,13 +147,6 @@ def inspect_picture(
     return PictureReport(tags, tuple(findings), camera, size_mm)
 
 
-def tilt_deg(camera_from_tag: Pose) -> float:
-    """Angle between the tag's normal and the line of sight to its centre."""
-    sight = camera_from_tag.translation / np.linalg.norm(camera_from_tag.translation)
-    cosine = abs(float(sight @ camera_from_tag.rotation[:, 2]))
-    return float(np.degrees(np.arccos(min(cosine, 1.0))))
-
-
 def _measured(
     grey: Grey, tag: FoundTag, size_mm: float | None, camera: CameraModel | None, count: int
 ) -> TagReport:
@@ -170,8 +161,7 @@ def _measured(
         square = square_corners(size_mm)
         poses = tuple(planar_poses(camera, square, corners, covariance))
         if poses:
-            off = camera.project(poses[0].pose @ square) - corners
-            misfit_px = float(np.sqrt(np.mean(off**2)))
+            misfit_px = poses[0].misfit_px(camera, square, corners)
     findings = tuple(
         Finding(code, f"tag {tag.id}: {message}")
         for code, message in [
@@ -222,22 +212,17 @@ def _pose_remarks(
     if not poses:
         return []
     out = []
-    best, tilt = poses[0], tilt_deg(poses[0].pose)
+    tilt = poses[0].tilt_deg
     if misfit_px > _MOST_MISFIT_PX:
         off = f"its corners are off a square by {misfit_px:.2f} px"
         out.append(("misfit", f"{off}: is the camera file right, the tag flat?"))
-    if len(poses) > 1 and poses[1].cost - best.cost < _BRANCH_MARGIN * _inflation(best):
+    if is_ambiguous(poses):
         remedy = "tilt it by 10" if tilt < _LEAST_TILT_DEG else "use a larger tag or come nearer"
         out.append(("ambiguous", f"two poses fit (tilt {tilt:.0f} degrees): {remedy}"))
     elif tilt < _LEAST_TILT_DEG:
         side = f"{tag.side_px:.0f} px, tilt {tilt:.0f} degrees"
         out.append(("frontal", f"{side}: too frontal, tilt it by 10"))
     return out
-
-
-def _inflation(pose: PlanarPose) -> float:
-    """By how much the corners scatter more than their covariance says: 2 degrees of freedom."""
-    return max(pose.cost / 2, 1.0)
 
 
 def _clipped_share(grey: Grey, corners_px: Array) -> float:

@@ -6,6 +6,7 @@ pose is chi-square with two degrees of freedom.
 """
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import cv2
@@ -20,6 +21,7 @@ from vgrd.vision.warp import lens_vector, project, slopes
 _STEPS = 12
 _STILL = 1e-6  # chi-square
 _SAME_RAD = np.radians(0.01)
+_BRANCH_MARGIN = 25.0  # chi-square by which the second solution must be worse: 5 sigma
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -29,6 +31,33 @@ class PlanarPose:
     pose: Pose
     cost: float
     covariance: Array
+
+    @property
+    def inflation(self) -> float:
+        """By how much the corners scatter more than their covariance says, per degree of freedom; at least 1."""
+        return max(self.cost / 2, 1.0)
+
+    @property
+    def inflated_covariance(self) -> Array:
+        """The covariance (6, 6), with what the corners scatter more than theirs says."""
+        return self.covariance * self.inflation
+
+    @property
+    def tilt_deg(self) -> float:
+        """Angle between the target's normal and the line of sight to its origin."""
+        sight = self.pose.translation / np.linalg.norm(self.pose.translation)
+        cosine = abs(float(sight @ self.pose.rotation[:, 2]))
+        return float(np.degrees(np.arccos(min(cosine, 1.0))))
+
+    def misfit_px(self, camera: CameraModel, corners_in_target: Array, corners_px: Array) -> float:
+        """Root mean square of by how much the corners (4, 3) are off those that were seen (4, 2)."""
+        off = camera.project(self.pose @ corners_in_target) - corners_px
+        return float(np.sqrt(np.mean(off**2)))
+
+
+def is_ambiguous(poses: Sequence[PlanarPose]) -> bool:
+    """Whether two poses explain the picture; poses as `planar_poses` gives them."""
+    return len(poses) > 1 and poses[1].cost - poses[0].cost < _BRANCH_MARGIN * poses[0].inflation
 
 
 def planar_poses(

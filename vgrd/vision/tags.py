@@ -22,14 +22,13 @@ from vgrd.model import Finding, TagObservation, TagSpec, frozen_array
 from vgrd.vision.codes import SQUARE_FAMILIES, code_count, square_corners
 from vgrd.vision.finding import FoundTag, read_tag, search_tags, tags_within
 from vgrd.vision.pictures import as_8_bit
-from vgrd.vision.planar import PlanarPose, planar_poses
+from vgrd.vision.planar import PlanarPose, is_ambiguous, planar_poses
 from vgrd.vision.quality import disturbance
 from vgrd.vision.raster import Raster, tag_raster
 from vgrd.vision.refining import Method, Refined, refine
 from vgrd.vision.warp import lens_vector
 
 _WORST_RMS_PX = 0.5
-_BRANCH_MARGIN = 25.0  # chi-square by which the second solution must be worse: 5 sigma
 _REGION_MARGIN = 0.25  # of a tag's extent, around where it was
 
 
@@ -176,18 +175,16 @@ class TagDetector:
         if not poses:
             return Sighting(None, refined, (*findings, *_unfit().findings))
         best = poses[0]
-        inflation = max(best.cost / 2, 1.0)  # eight coordinates leave two degrees of freedom
-        seen = self._camera.project(best.pose.apply(square_corners(tag.size_mm)))
-        rms = float(np.sqrt(np.mean((seen - refined.corners_px) ** 2)))
+        rms = best.misfit_px(self._camera, square_corners(tag.size_mm), refined.corners_px)
         if rms > _WORST_RMS_PX:
             return Sighting(None, refined, (*findings, *_unfit().findings))
-        if len(poses) > 1 and poses[1].cost - best.cost < _BRANCH_MARGIN * inflation:
+        if is_ambiguous(poses):
             two = Finding("ambiguous", "two poses fit it: tilt it by 10 degrees")
             return Sighting(None, refined, (*findings, two))
         observation = TagObservation(
             tag,
             best.pose,
-            frozen_array(best.covariance * inflation, 6, 6),
+            frozen_array(best.inflated_covariance, 6, 6),
             frozen_array(refined.corners_px, 4, 2),
             rms,
             1.0 if refined.fit is None else refined.fit.chi2,
