@@ -3,6 +3,7 @@
 from dataclasses import replace
 from pathlib import Path
 
+import cv2
 import numpy as np
 import pytest
 
@@ -13,13 +14,16 @@ from fakes.rehearsal import Rehearsal, facts_of
 from fakes.world import World
 from vgrd.calibration.system import calibrate_system, expected_coordinate
 from vgrd.cell import hole_sightings
+from vgrd.cell.hole_pictures import draw_searched
 from vgrd.cell.hole_sightings import HolesSeen, see_holes
 from vgrd.cell.solver import solve_session
 from vgrd.clock import SystemClock
 from vgrd.devices import CameraImage
+from vgrd.errors import InputError
 from vgrd.geometry.camera import CameraModel
 from vgrd.model import Calibration, Plan, Policy, Recording, frozen_array
 from vgrd.store.sessions import SampleKind, SessionWriter
+from vgrd.vision.drawing import DOUBTFUL, GOOD, Bgr
 
 LOOKS, SPINS = 4, 3
 
@@ -156,10 +160,67 @@ def test_a_stored_session_is_solved_with_the_holes_in_its_pictures(taught, tmp_p
     monkeypatch.setattr(hole_sightings, "PICTURES", 2)
     searched: list[tuple[int, int]] = []
     folder = stored(taught, tmp_path)
-    told = solve_session(folder, report=lambda done, total: searched.append((done, total)))
+    told = solve_session(
+        folder,
+        report=lambda done, total: searched.append((done, total)),
+        draw=tmp_path / "new" / "drawn",
+    )
     assert told["holes"]["seen"] == told["residuals"]["holes_used"] >= 6
     assert told["warnings"] == []
     assert searched[:2] == [(1, 2), (2, 2)]
+    names = [Path(file).name for file in told["drawn"]]
+    assert len(names) == len(searched)
+    assert names[:2] == ["holes-01-spin-1.png", "holes-02-touched.png"]
+    assert sorted(file.name for file in (tmp_path / "new" / "drawn").iterdir()) == names
+
+
+def colours(path: Path, colour: Bgr) -> int:
+    return int((np.abs(cv2.imread(str(path)).astype(int) - colour) < 50).all(axis=-1).sum())
+
+
+def test_drawn_pictures_show_every_fit_and_a_covered_hole_with_the_reason(
+    taught, tmp_path, monkeypatch
+):
+    monkeypatch.setattr(hole_sightings, "PICTURES", 2)
+    optics = taught.world.layout.optics
+    camera = CameraModel(optics.matrix, optics.distortion, optics.size_px)
+
+    def place(name: str, spin: int | None) -> np.ndarray:
+        angle = 0.0 if spin is None else 2 * np.pi * spin / SPINS
+        at = taught.world.layout.target_in_base(name, angle)
+        return camera.project(taught.world.layout.base_from_camera.inverse() @ at[None])[0]
+
+    def covered(stamps):
+        """Half of hole P3 under a sheet of paper."""
+        for image in taught.rehearsal.images(stamps):
+            pixels = image.pixels.copy()
+            spin = image.frame - LOOKS
+            x, y = np.rint(place("P3", spin if 0 <= spin < SPINS else None)).astype(int)
+            pixels[y - 30 : y + 30, x : x + 30] = 200
+            yield CameraImage(pixels, image.stamp_s, image.frame)
+
+    seen = see_holes(taught.recording, [one for one, _ in taught.kept], covered)
+    assert "partly hidden" in seen.unseen["P3"]
+    files = draw_searched(seen.pictures, covered, tmp_path)
+    assert len(files) == len(seen.pictures)
+    for path, picture in zip(files, seen.pictures, strict=True):
+        for one in picture.found:
+            truth = place(one.target, picture.spin)
+            assert np.linalg.norm(one.hole.outline_px.mean(axis=0) - truth) < 0.5
+            apart = one.hole.rim_px[:, None] - one.hole.outline_px
+            assert np.linalg.norm(apart, axis=2).min(axis=1).max() < 2.0
+        assert colours(path, GOOD) >= 300 * len(picture.found)
+        assert (colours(path, DOUBTFUL) > 100) == bool(picture.missed)
+        for name, missed in picture.missed.items():
+            truth = place(name, picture.spin)
+            assert np.linalg.norm(missed.outline_px.mean(axis=0) - truth) < 8
+    assert {name for picture in seen.pictures for name in picture.missed} == {"P3"}
+
+
+def test_a_folder_for_pictures_that_cannot_be_made_is_refused_before_the_work(taught, tmp_path):
+    (tmp_path / "file").write_text("")
+    with pytest.raises(InputError, match=r"--draw .*file: cannot be made"):
+        solve_session(tmp_path / "no session", draw=tmp_path / "file")
 
 
 @pytest.mark.parametrize("plan", [Plan.JOINT, Plan.SPECIAL])

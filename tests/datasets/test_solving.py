@@ -1,9 +1,14 @@
 """Datasets with known truth, solved."""
 
+import sys
+
 import cv2
 import numpy as np
 import pytest
+from rich.console import Console
 
+from vgrd import cli
+from vgrd.commands import solving
 from vgrd.datasets import solve_dataset
 from vgrd.datasets.half_turns import turn_alike
 from vgrd.errors import CalibrationError, ConfigError, NotObservable, TooFewObservations
@@ -179,6 +184,21 @@ def test_progress_counts_up_to_the_end(tmp_path, recording):
     assert calls[0][0] == 0
     assert calls[-1][0] == calls[-1][1]
     assert calls == sorted(calls)
+
+
+def test_the_command_prints_the_transforms_with_their_units(
+    tmp_path, recording, capsys, monkeypatch
+):
+    path = recording.write_points(tmp_path)
+    monkeypatch.setattr(sys, "argv", ["vgrd", "solve", str(path)])
+    monkeypatch.setattr(solving, "console", Console(width=200))
+    with pytest.raises(SystemExit):
+        cli.main()
+    out = capsys.readouterr().out
+    x, y, z = recording.X.translation
+    assert f"{x:.2f} {y:.2f} {z:.2f} mm" in out
+    for what in ("base_from_camera", "leave-one-out", "8 of 8 used", "verdict"):
+        assert what in out
 
 
 def test_the_summary_names_units(tmp_path, recording):

@@ -21,10 +21,12 @@ from vgrd.geometry import Array, Pose
 from vgrd.geometry.camera import CameraModel
 from vgrd.model import Motion, Observation, Recording, TagObservation
 from vgrd.vision.holes import HoleSighting, HoleSpec, sight_holes
+from vgrd.vision.holes_view import ring, turn_angles
 
 SAME_PLACE_PX = 0.5
 PICTURES, SEARCHES = 8, 64
 _FEWEST_PICTURES = 2
+_OUTLINE = 64
 _TOOL_WITHIN = 2.0  # diameters of the hole
 _NOT_SHOWN = "no picture shows its place without the tool"
 
@@ -34,11 +36,30 @@ Report = Callable[[int, int], None]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+class Missed:
+    """A hole that was looked for in vain: why, and its outline (m, 2) px where it should have been."""
+
+    reason: str
+    outline_px: Array
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SearchedPicture:
+    """What came of the search in the picture of a stamp; spin: index of the object's, None: as touched."""
+
+    stamp_s: float
+    spin: int | None
+    found: tuple[HoleSighting, ...]
+    missed: Mapping[str, Missed]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
 class HolesSeen:
-    """sightings for the joint estimate; unseen: by target, why no picture showed its hole."""
+    """sightings: for the joint estimate; unseen: by target, why; pictures: all that were searched."""
 
     sightings: tuple[Sighting, ...] = ()
     unseen: Mapping[str, str] = field(default_factory=dict)
+    pictures: tuple[SearchedPicture, ...] = ()
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -90,7 +111,7 @@ def see_holes(
     if search.unseen and search.found:
         again = calibrate_joint(usable, search.sightings())
         search.look(images, report, again.state)
-    return HolesSeen(search.sightings(), search.unseen)
+    return HolesSeen(search.sightings(), search.unseen, tuple(search.pictures))
 
 
 def _without_holes(recording: Recording, holes: Mapping[str, HoleSpec]) -> JointState:
@@ -113,6 +134,7 @@ class _Search:
         self._shots = _shots(recording, seen)
         self.holes = holes_of(recording)
         self.found: list[tuple[_View, HoleSighting]] = []
+        self.pictures: list[SearchedPicture] = []
         self.unseen = dict.fromkeys(self.holes, _NOT_SHOWN)
 
     def look(self, images: Images, report: Report | None, state: JointState) -> None:
@@ -152,9 +174,20 @@ class _Search:
             image.pixels, self._camera, view.camera_from_tag_b, object_from_tag_b, holes
         )
         self.found += [(view, hole) for hole in seen]
+        missed = {
+            name: Missed(why, self._expected_px(view, name)) for name, why in missing.items()
+        }
+        self.pictures.append(SearchedPicture(view.stamp_s, view.spin, tuple(seen), missed))
         for hole in seen:
             self.unseen.pop(hole.target, None)
         self.unseen.update((name, why) for name, why in missing.items() if name in self.unseen)
+
+    def _expected_px(self, view: _View, name: str) -> Array:
+        """Outline (m, 2) of a hole where it should be, parallel to the object's xy plane."""
+        hole = self.holes[name]
+        flat = np.column_stack([ring(turn_angles(_OUTLINE)), np.zeros(_OUTLINE)])
+        rim = hole.point_in_object + hole.radius_mm * flat
+        return self._camera.project(view.camera_from_object @ rim)
 
     def _may_show(self, view: _View, name: str) -> bool:
         """Whether the place of a hole is in the picture and the tool not in it."""

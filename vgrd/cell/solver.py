@@ -16,6 +16,7 @@ import structlog
 
 from vgrd import logs
 from vgrd.calibration.system import calibrate_system
+from vgrd.cell.hole_pictures import draw_searched, folder_for_pictures
 from vgrd.cell.hole_sightings import HolesSeen, Report, holes_of, see_holes
 from vgrd.clock import Clock, SystemClock
 from vgrd.errors import CalibrationError, StoreError, VgrdError
@@ -34,15 +35,20 @@ def solve_session(
     tolerance_mm: float | None = None,
     policy: Policy = Policy.FIXED,
     report: Report | None = None,
+    draw: Path | None = None,
 ) -> dict[str, object]:
     """Solve a session folder and store the calibration if `state_dir` is given; JSON-able summary.
 
     tolerance_mm: 95 % of the misses under the policy must be predicted within it. Plan joint: holes
-    of the object in the stored pictures are evidence too; report: called with (done, total) of these.
+    of the object in the stored pictures are evidence too; report: called with (done, total) of these;
+    draw: folder for a picture of each of these. Raises what `calibrate_system` does, StoreError, and
+    InputError for a folder that cannot be written.
     """
     clock = clock or SystemClock()
+    pictures = None if draw is None else folder_for_pictures(draw)
     stored = load_session(folder)
     holes, warnings = _holes_in(folder, stored.recording, report)
+    drawn = {} if pictures is None else _drawn(folder, holes, pictures)
     calibration = calibrate_system(stored.recording, tolerance_mm, policy, holes.sightings)
     calibration = replace(calibration, created_unix_s=clock.wall())
     name = None
@@ -52,8 +58,15 @@ def solve_session(
         "calibration": name,
         **summary(calibration),
         "holes": {"seen": len(holes.sightings), "unseen": dict(holes.unseen)},
+        **drawn,
         "warnings": [*stored.warnings, *warnings],
     }
+
+
+def _drawn(folder: Path, holes: HolesSeen, pictures: Path) -> dict[str, object]:
+    """Files of the pictures for people, drawn before anything can refuse the session."""
+    files = draw_searched(holes.pictures, partial(iterate_images, folder), pictures)
+    return {"drawn": [str(file) for file in files]}
 
 
 def _holes_in(

@@ -40,13 +40,21 @@ def solve(
         float | None,
         typer.Option(help="Session folders only: reject what is predicted to miss by more."),
     ] = None,
+    draw: Annotated[
+        Path | None,
+        typer.Option(help="Session folders only: folder for pictures of the holes looked for."),
+    ] = None,
     config: ConfigOption = None,
     socket: SocketOption = None,
     json_to: JsonOption = None,
 ) -> None:
     """Solve a dataset, a recorded session, or the daemon's last session; nothing becomes active."""
-    if method is not None and (source is None or source.is_dir()):
+    is_session = source is not None and source.is_dir()
+    if method is not None and (source is None or is_session):
         raise InputError("--method is for datasets: name a DATASET.toml")
+    for option, value in (("--tolerance-mm", tolerance_mm), ("--draw", draw)):
+        if value is not None and not is_session:
+            raise InputError(f"{option} is for recorded sessions: name a SESSION_FOLDER")
     if source is None:
         result = ask(config, socket, "solve", SOLVE_TIMEOUT_S)
         _print_calibration(result, json_to, "solved")
@@ -54,7 +62,7 @@ def solve(
         from vgrd.cell.solver import solve_session
 
         with progress("looking for holes") as report:
-            result = solve_session(source, tolerance_mm=tolerance_mm, report=report)
+            result = solve_session(source, tolerance_mm=tolerance_mm, report=report, draw=draw)
         _print_calibration(result, json_to, f"{source.name} solved")
     else:
         _solve_dataset(source, method, json_to)
@@ -84,9 +92,7 @@ def _solve_dataset(source: Path, method: str | None, json_to: str | None) -> Non
                 ],
             )
         )
-        keys = ("undetermined", "leave_one_out", "target_scale", "verdict")
-        rows = [(key, result[key]) for key in keys if key in result]
-        console.print(table("hand-eye", ("what", "value"), list(flat(dict(rows)))))
+        console.print(table("hand-eye", ("what", "value"), solution.summary_rows()))
 
     print_result(solution.to_json(), json_to, show)
 

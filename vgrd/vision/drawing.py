@@ -90,7 +90,12 @@ def draw_residuals(picture: Pixels, residuals: Array, limit: float, unit: str) -
 
 
 def draw_hole(
-    picture: Pixels, rim_px: Array, outline_px: Array, center_px: Array, label: str
+    picture: Pixels,
+    rim_px: Array,
+    outline_px: Array,
+    center_px: Array,
+    label: str,
+    colour: Bgr = GOOD,
 ) -> Colour:
     """A hole enlarged: edge points (n, 2) that were used, fitted outline (m, 2), centre (2,)."""
     low = np.floor(outline_px.min(0) - 0.25 * np.ptp(outline_px, axis=0).max()).astype(int)
@@ -105,14 +110,14 @@ def draw_hole(
     def place(points: Array) -> Array:
         return np.asarray((points - [x0, y0] + 0.5) * scale - 0.5)
 
-    cv2.polylines(out, [_fixed(place(outline_px))], True, GOOD, 1, cv2.LINE_AA, _SHIFT)
+    cv2.polylines(out, [_fixed(place(outline_px))], True, colour, 1, cv2.LINE_AA, _SHIFT)
     for point in place(rim_px):
         circle_at(out, point, 2.0, BLUE, 1)
     center = place(center_px[None])[0]
     for arm in (np.array([9.0, 0]), np.array([0, 9.0])):
         cross = _fixed(np.array([center - arm, center + arm]))
         cv2.polylines(out, [cross], False, RED, 1, cv2.LINE_AA, _SHIFT)
-    _label(out, label, np.array([6.0, 26.0]), 18, GOOD)
+    _label(out, label, np.array([6.0, 26.0]), 18, colour)
     return out
 
 

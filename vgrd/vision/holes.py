@@ -19,7 +19,7 @@ from vgrd.geometry.camera import CameraModel
 from vgrd.model import frozen_array
 from vgrd.vision.holes_rim import Rim, measure_rim
 from vgrd.vision.holes_seed import circles_near, rims_around
-from vgrd.vision.holes_view import Circle, PlaneView
+from vgrd.vision.holes_view import Circle, Outline, PlaneView, on_circle, turn_angles
 
 RIM_HEIGHT_SIGMA_MM = 0.02
 RADIUS_TOLERANCE = 0.15
@@ -28,6 +28,7 @@ _WIDEST_GAP_RAD = np.radians(100)
 _SAME_SIGN = 0.95
 _OFF_PX = 1.5  # of a sector that fits no circle: scratches and shades move it less
 _WORST_CHI2 = 9.0
+_OUTLINE = 64
 _OTHER_RIM = 0.3  # contrast of a second rim against that of the first
 
 
@@ -38,7 +39,8 @@ class HoleObservation:
     center_px (2,): projection of the circle's centre (not the centre of its image); pixel_covariance
     (2, 2), px^2, of the rim alone. center_in_plane (2,) mm and covariance (2, 2) mm^2, which holds rim,
     rim height and the plane's pose. radius_mm with radius_sigma_mm. rim: share of it that was seen;
-    chi2: of the rim's sectors per degree of freedom; findings: sentences for the operator.
+    chi2: of the rim's sectors per degree of freedom; findings: sentences for the operator. outline_px
+    (m, 2): image of the fitted circle; rim_px (n, 2): edges of the sectors that were used.
     """
 
     center_px: Array
@@ -50,6 +52,8 @@ class HoleObservation:
     rim: float
     chi2: float
     blur_px: float
+    outline_px: Array
+    rim_px: Array
     findings: tuple[str, ...] = ()
 
 
@@ -225,8 +229,19 @@ def _observation(
         rim=float((rim.weights > 0).mean()),
         chi2=rim.chi2,
         blur_px=rim.blur_px,
+        outline_px=view.image_of(on_circle(rim.circle, turn_angles(_OUTLINE)))[0],
+        rim_px=_edges_of(view, rim),
         findings=tuple(findings),
     )
+
+
+def _edges_of(view: PlaneView, rim: Rim) -> Array:
+    """Pixels (n, 2) of the edges of the sectors that belong to the circle."""
+    used = rim.weights > 0
+    angles = turn_angles(len(used))[used]
+    outline = Outline.of(view, rim.circle)
+    edges = outline.at(angles) + rim.offsets_px[used] * outline.normals(angles)
+    return np.column_stack([edges.real, edges.imag])
 
 
 def _change(function: Callable[[Array], Array], n: int, step: float = 1e-6) -> Array:
