@@ -214,7 +214,7 @@ def test_drawn_pictures_show_every_fit_and_a_covered_hole_with_the_reason(
         for name, missed in picture.missed.items():
             truth = place(name, picture.spin)
             assert np.linalg.norm(missed.outline_px.mean(axis=0) - truth) < 8
-    assert {name for picture in seen.pictures for name in picture.missed} == {"P3"}
+    assert sum("P3" in picture.missed for picture in seen.pictures) >= 3
 
 
 def test_a_folder_for_pictures_that_cannot_be_made_is_refused_before_the_work(taught, tmp_path):
