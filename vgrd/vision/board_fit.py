@@ -1,9 +1,11 @@
 """Boards as one photometric target: ChArUco boards and grids of tags, all of their pixels at once.
 
-The raster ends at the board's rim; nothing is assumed about what lies around it.
+The raster ends at the board's rim; nothing is assumed about what lies around it. What contradicts the
+board as it is stated is refused: a homography would follow a wrong board without a word.
 """
 
-from collections.abc import Mapping
+from collections import Counter
+from collections.abc import Iterable, Mapping, Sequence, Set
 from dataclasses import dataclass
 
 import cv2
@@ -14,24 +16,56 @@ from vgrd.errors import TagNotSeen
 from vgrd.geometry import Array
 from vgrd.geometry.camera import CameraModel
 from vgrd.model import TagSpec
+from vgrd.vision.board_sizes import marker_excess
 from vgrd.vision.boards import Charuco, detect_board
 from vgrd.vision.codes import marker_cells
-from vgrd.vision.finding import find_tags
+from vgrd.vision.finding import FoundTag, find_tags
 from vgrd.vision.homography import apply
 from vgrd.vision.planar import PlanarPose, planar_poses
 from vgrd.vision.raster import Raster, joined
 from vgrd.vision.refining import Refined, refine
+from vgrd.vision.targets import TagGrid
 from vgrd.vision.warp import lens_vector
 
+MeasurableBoard = Charuco | TagGrid
+
 _LEAST_POINTS = 4
+_POINT_PX = 2.0  # by which a point that was only detected may be off
+_AGREEING = 0.9  # share of the points that must be where the board has them
+_MOST_EXCESS = 0.005  # of the markers' size: the pose is wrong by as much of its distance
+_EXCESS_SIGMAS = 5.0
+_MOST_SIGMA_PX = 1.0  # of the outline: beyond it a pose is not linear in the corners
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class BoardFit:
-    """A measured board: its refined outer corners and all poses, best first."""
+    """A measured board: its refined outer corners and all poses, best first.
+
+    outline (4, 3): those corners in the board's frame, mm.
+    """
 
     refined: Refined
     poses: list[PlanarPose]
+    outline: Array
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Layout:
+    """How a board may be printed: its raster, and its markers (n, 2, 2), lowest and highest (x, y), mm."""
+
+    raster: Raster
+    markers: Array
+
+
+def fit_board(picture: Grey, board: MeasurableBoard, camera: CameraModel) -> BoardFit:
+    """Measure a board, as `fit_charuco` or `fit_tag_board` do. Raises TagNotSeen."""
+    if isinstance(board, Charuco):
+        return fit_charuco(picture, board, camera)
+    centres = {
+        TagSpec(board.dictionary, tag_id, board.size_mm): corners[:, :2].mean(0)
+        for tag_id, corners in board.corners().items()
+    }
+    return fit_tag_board(picture, centres, board.cell_mm, camera)
 
 
 def charuco_raster(board: Charuco, *, legacy: bool = False) -> Raster:
@@ -39,61 +73,91 @@ def charuco_raster(board: Charuco, *, legacy: bool = False) -> Raster:
 
     legacy: OpenCV's layout before 4.6, which differs for an even number of rows.
     """
-    shift = 1 if legacy and board.rows % 2 == 0 else 0
-    squares: Array = (np.indices((board.rows, board.columns)).sum(0) + shift) % 2 * 1.0
-    x = board.square_mm * np.arange(board.columns + 1.0)
-    y = board.square_mm * np.arange(board.rows + 1.0)
-    parts: list[tuple[Array, Array, Array]] = [(squares, x, y)]
-    inset = (board.square_mm - board.marker_mm) / 2
-    for marker, (row, column) in enumerate(np.argwhere(squares == 1).tolist()):
-        corner = board.square_mm * np.array([column, row]) + inset
-        parts.append(_part(board.dictionary, marker, board.marker_mm, corner))
-    return joined(parts, (x[[0, -1]], y[[0, -1]]))
+    return _charuco_layout(board, legacy=legacy).raster
 
 
 def tag_board_raster(tags: Mapping[TagSpec, Array], margin_mm: float) -> Raster:
     """Raster of tags at the places of their centres (2,) mm, with white paper of `margin_mm` around."""
-    parts = [
-        _part(tag.family, tag.id, tag.size_mm, np.asarray(centre) - tag.size_mm / 2)
-        for tag, centre in tags.items()
-    ]
-    x = np.array(
-        [min(p[1][0] for p in parts) - margin_mm, max(p[1][-1] for p in parts) + margin_mm]
-    )
-    y = np.array(
-        [min(p[2][0] for p in parts) - margin_mm, max(p[2][-1] for p in parts) + margin_mm]
-    )
-    return joined(parts, (x, y))
+    return _tags_layout(tags, margin_mm).raster
 
 
 def fit_charuco(picture: Grey, board: Charuco, camera: CameraModel) -> BoardFit:
-    """Measure a ChArUco board, in either of OpenCV's layouts. Raises TagNotSeen."""
-    seen = detect_board(picture, board)
-    return _fitted(
-        picture,
-        camera,
-        seen.points_in_target[:, :2],
-        seen.pixels,
-        [charuco_raster(board, legacy=legacy) for legacy in (False, True)],
-    )
+    """Measure a ChArUco board, in either of OpenCV's layouts.
+
+    Raises TagNotSeen when it is not there, too little of it is seen, it is there twice, or what is
+    seen contradicts its sizes.
+    """
+    wanted = {(board.dictionary, i) for i in range((board.columns * board.rows + 1) // 2)}
+    _single(find_tags(picture, [board.dictionary]), wanted)
+    try:
+        seen = detect_board(picture, board)
+    except TagNotSeen as error:
+        remedy = "show more of it, or correct columns, rows and dictionary of its file"
+        raise TagNotSeen(f"{error}: {remedy}") from error
+    both = (False, True) if board.rows % 2 == 0 else (False,)
+    layouts = [_charuco_layout(board, legacy=legacy) for legacy in both]
+    return _fitted(picture, camera, seen.points_in_target[:, :2], seen.pixels, layouts)
 
 
 def fit_tag_board(
     picture: Grey, tags: Mapping[TagSpec, Array], margin_mm: float, camera: CameraModel
 ) -> BoardFit:
-    """Measure a board of tags at the places of their centres. Raises TagNotSeen."""
+    """Measure a board of tags at the places of their centres (2,) mm. Raises as `fit_charuco`."""
     place = {(tag.family, tag.id): (tag, np.asarray(centre)) for tag, centre in tags.items()}
     points, pixels = [], []
-    for found in find_tags(picture, sorted({tag.family for tag in tags})):
-        if (found.family, found.id) in place and not found.mirrored:
-            tag, centre = place[found.family, found.id]
-            unit = np.array([[-1, -1], [1, -1], [1, 1], [-1, 1.0]])
-            points.append(centre + tag.size_mm / 2 * unit)
-            pixels.append(found.corners_px)
+    found = find_tags(picture, sorted({tag.family for tag in tags}))
+    for seen in _single(found, place.keys()):
+        tag, centre = place[seen.family, seen.id]
+        unit = np.array([[-1, -1], [1, -1], [1, 1], [-1, 1.0]])
+        points.append(centre + tag.size_mm / 2 * unit)
+        pixels.append(seen.corners_px)
     if not points:
-        raise TagNotSeen("none of the board's tags is in the picture")
-    raster = tag_board_raster(tags, margin_mm)
-    return _fitted(picture, camera, np.concatenate(points), np.concatenate(pixels), [raster])
+        raise TagNotSeen("none of the board's tags is in the picture: is its file the right one?")
+    layout = _tags_layout(tags, margin_mm)
+    return _fitted(picture, camera, np.concatenate(points), np.concatenate(pixels), [layout])
+
+
+def _single(found: Iterable[FoundTag], wanted: Set[tuple[str, int]]) -> list[FoundTag]:
+    """The markers of a board, each of which is in the picture once, and not in a mirror."""
+    own = [tag for tag in found if (tag.family, tag.id) in wanted]
+    upright = [tag for tag in own if not tag.mirrored]
+    if own and not upright:
+        raise TagNotSeen("the board is seen as in a mirror: printed wrongly, or a flipped picture")
+    counts = Counter(tag.id for tag in upright)
+    twice = [str(tag_id) for tag_id, count in sorted(counts.items()) if count > 1]
+    if twice:
+        raise TagNotSeen(
+            f"markers of the board are in the picture several times (ids {', '.join(twice)}): "
+            "cover or remove the others"
+        )
+    return upright
+
+
+def _charuco_layout(board: Charuco, *, legacy: bool) -> _Layout:
+    shift = 1 if legacy and board.rows % 2 == 0 else 0
+    squares: Array = (np.indices((board.rows, board.columns)).sum(0) + shift) % 2 * 1.0
+    x = board.square_mm * np.arange(board.columns + 1.0)
+    y = board.square_mm * np.arange(board.rows + 1.0)
+    inset = (board.square_mm - board.marker_mm) / 2
+    markers = [
+        _part(
+            board.dictionary, i, board.marker_mm, board.square_mm * np.array([column, row]) + inset
+        )
+        for i, (row, column) in enumerate(np.argwhere(squares == 1).tolist())
+    ]
+    raster = joined([(squares, x, y), *markers], (x[[0, -1]], y[[0, -1]]))
+    return _Layout(raster, _extents(markers))
+
+
+def _tags_layout(tags: Mapping[TagSpec, Array], margin_mm: float) -> _Layout:
+    parts = [
+        _part(tag.family, tag.id, tag.size_mm, np.asarray(centre) - tag.size_mm / 2)
+        for tag, centre in tags.items()
+    ]
+    extents = _extents(parts)
+    low, high = extents[:, 0].min(0) - margin_mm, extents[:, 1].max(0) + margin_mm
+    rim = (np.array([low[0], high[0]]), np.array([low[1], high[1]]))
+    return _Layout(joined(parts, rim), extents)
 
 
 def _part(family: str, tag_id: int, size_mm: float, corner: Array) -> tuple[Array, Array, Array]:
@@ -102,10 +166,14 @@ def _part(family: str, tag_id: int, size_mm: float, corner: Array) -> tuple[Arra
     return cells, corner[0] + lines, corner[1] + lines
 
 
+def _extents(parts: Sequence[tuple[Array, Array, Array]]) -> Array:
+    return np.array([[[x[0], y[0]], [x[-1], y[-1]]] for _, x, y in parts])
+
+
 def _fitted(
-    picture: Grey, camera: CameraModel, points: Array, pixels: Array, rasters: list[Raster]
+    picture: Grey, camera: CameraModel, points: Array, pixels: Array, layouts: Sequence[_Layout]
 ) -> BoardFit:
-    """Refine from rough points (n, 2) mm seen at pixels (n, 2), with the raster that fits best."""
+    """Refine from rough points (n, 2) mm seen at pixels (n, 2), with the layout that fits best."""
     if len(points) < _LEAST_POINTS:
         raise TagNotSeen(f"{len(points)} points of the board are seen, {_LEAST_POINTS} are needed")
     H, _ = cv2.findHomography(
@@ -113,18 +181,51 @@ def _fitted(
     )
     if H is None:
         raise TagNotSeen("the points seen of the board do not lie on a plane")
-    best: Refined | None = None
-    for raster in rasters:
-        rays = apply(np.asarray(H, dtype=np.float64), raster.corners)
-        corners = camera.project(np.column_stack([rays, np.ones(4)]))
-        refined = refine(picture, raster, corners, lens_vector(camera))
-        if refined is not None and (best is None or _better(refined, best)):
-            best = refined
-    if best is None:
+    rays_from_board = np.asarray(H, dtype=np.float64)
+    _require_agreement(_seen_by(camera, rays_from_board, points) - pixels)
+    lens = lens_vector(camera)
+    fits: list[tuple[Refined, _Layout]] = []
+    for layout in layouts:
+        corners = _seen_by(camera, rays_from_board, layout.raster.corners)
+        refined = refine(picture, layout.raster, corners, lens, lines_are_sure=True)
+        if refined is not None:
+            fits.append((refined, layout))
+    if not fits:
         raise TagNotSeen("the board is in the picture, but too blurred or covered to be measured")
-    corners_in_board = np.column_stack([rasters[0].corners, np.zeros(4)])
-    return BoardFit(best, planar_poses(camera, corners_in_board, best.corners_px, best.covariance))
+    best, layout = min(fits, key=lambda fit: float(np.trace(fit[0].covariance)))
+    sigma = float(np.sqrt(np.diag(best.covariance).max()))
+    if sigma > _MOST_SIGMA_PX:
+        raise TagNotSeen(
+            f"too little of the board is seen: its outline is uncertain by {sigma:.1f} px; "
+            "uncover it, or bring it into the picture"
+        )
+    _require_proportions(
+        *marker_excess(picture, layout.raster, layout.markers, best.corners_px, lens)
+    )
+    outline = np.column_stack([layout.raster.corners, np.zeros(4)])
+    return BoardFit(best, planar_poses(camera, outline, best.corners_px, best.covariance), outline)
 
 
-def _better(one: Refined, other: Refined) -> bool:
-    return bool(np.trace(one.covariance) < np.trace(other.covariance))
+def _seen_by(camera: CameraModel, rays_from_board: Array, points: Array) -> Array:
+    """Pixels (n, 2) of points (n, 2) mm of the board."""
+    return camera.project(np.column_stack([apply(rays_from_board, points), np.ones(len(points))]))
+
+
+def _require_agreement(off: Array) -> None:
+    """Refuse a board whose points are seen elsewhere, by off (n, 2) px, than on one plane."""
+    agreeing = np.linalg.norm(off, axis=1) < _POINT_PX
+    if agreeing.mean() < _AGREEING:
+        raise TagNotSeen(
+            f"{np.sum(~agreeing)} of {len(off)} points of the board are not where its file has them: "
+            "are columns, rows and sizes those of this board, is it flat, is the camera file right?"
+        )
+
+
+def _require_proportions(excess: float, sigma: float) -> None:
+    """Refuse a board whose markers are larger or smaller than stated, against their distances."""
+    if abs(excess) > max(_MOST_EXCESS, _EXCESS_SIGMAS * sigma):
+        larger = "larger" if excess > 0 else "smaller"
+        raise TagNotSeen(
+            f"the board's markers are about {abs(excess):.1%} {larger}, against their distances, than its "
+            "file says: measure the markers and their distances, and correct the file"
+        )

@@ -61,7 +61,7 @@ def _step(
     J = np.hstack([edge_slopes(q, normal, scale), by_lines])
     sigma = _OFF_CELL * raster.smallest_cell
     so_far = np.concatenate([(printed.x - raster.x)[columns], (printed.y - raster.y)[rows]])
-    change = _robust(J, offset, sigma, so_far)
+    change = robust_step(J, offset, sigma, so_far)[0]
     lines = change[9:]
     x, y = printed.x.copy(), printed.y.copy()
     x[columns] += lines[: len(columns)]
@@ -108,19 +108,25 @@ def _by_lines(
     return J
 
 
-def _robust(J: Array, offset: Array, sigma_mm: float, so_far: Array) -> Array:
-    """Weighted least squares, lines held by what printers do."""
+def robust_step(
+    J: Array, offset: Array, sigma: float, so_far: Array
+) -> tuple[Array, Array, Array]:
+    """Weighted least squares over `edge_slopes` and more columns, those held near zero by sigma.
+
+    J (n, 9 + k), so_far (k,): where the k unknowns are already. Returns the step (9 + k,), the
+    residuals (n,) and their weights (n,).
+    """
     change: Array = np.zeros(J.shape[1])
-    r = offset.copy()
+    r, weight = offset.copy(), np.ones(len(offset))
     for _ in range(_REWEIGHTINGS):
         spread = max(1.4826 * float(np.median(np.abs(r))), 0.02)
         weight = 1 / (1 + (r / (3 * spread)) ** 2) ** 2
         A = (J.T * weight) @ J
         b = (J.T * weight) @ offset
-        hold = (spread / sigma_mm) ** 2
+        hold = (spread / sigma) ** 2
         A[8, 8] += (spread / _BLOOM_PX) ** 2
         A[9:, 9:] += hold * np.eye(len(so_far))
         b[9:] -= hold * so_far
         change = np.asarray(np.linalg.solve(A, b), dtype=np.float64)
         r = offset - J @ change
-    return change
+    return change, r, weight

@@ -45,10 +45,13 @@ def refine(
     corners_px: Array,
     lens: Array,
     noise: Noise | None = None,
+    *,
+    lines_are_sure: bool = False,
 ) -> Refined | None:
     """Refine corners (4, 2) that are good to a third of a cell; None when nothing fits.
 
-    lens: `lens_vector` of the camera, or `NO_LENS`.
+    lens: `lens_vector` of the camera, or `NO_LENS`. lines_are_sure: do not ask where the inner lines
+    were printed.
     """
     picture = read_only(picture)
     frame = LocalFrame.around(lens, corners_px.mean(0))
@@ -61,7 +64,7 @@ def refine(
     if has_strayed(start, raster, apply(H, raster.corners)):
         return None
     fit = align(picture, raster, frame, start, noise)
-    if fit is not None and fit.chi2 > WORST_CHI2:
+    if fit is not None and fit.chi2 > WORST_CHI2 and not lines_are_sure:
         fit = _as_printed(picture, raster, fit, noise)
     if fit is not None and trusted(fit):
         covariance = fit.covariance * max(fit.chi2, 1.0)
