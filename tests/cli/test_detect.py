@@ -7,8 +7,12 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from fakes.patterns import grid_pattern
+from fakes.pictures import Placed, draw, pinhole
 from vgrd.geometry import Pose
+from vgrd.model import TagSpec
 from vgrd.vision.codes import marker_cells, square_corners
+from vgrd.vision.targets import TagGrid, config_lines
 
 K = np.array([[2000.0, 0, 402], [0, 2000, 298], [0, 0, 1]])
 SIZE = (800, 600)
@@ -194,6 +198,80 @@ def test_wrong_options_are_told_before_any_picture_is_read(vgrd, tmp_path):
         (("--dictionary", "36h12"), "known: 16h5"),
         (("--size-mm", -1), "edge of the black square"),
         (("--camera", tmp_path / "none.yaml"), "no such file"),
+    ):
+        done = vgrd("detect", tmp_path / "a.png", *words)
+        assert done.code == 65
+        assert message in done.err
+
+
+BOARD = TagGrid("36h11", 3, 2, 24.0, 6.0, first_id=10)
+BOARD_POSE = Pose.from_rotvec([0.3, -0.2, 0.3], [-40.0, -30.0, 420.0])
+
+
+@pytest.fixture
+def board(tmp_path):
+    path = tmp_path / "board.toml"
+    path.write_text("[target]\n" + "\n".join(config_lines(BOARD)))
+    return path
+
+
+@pytest.fixture
+def board_picture(tmp_path):
+    tags = [TagSpec(BOARD.dictionary, tag_id, BOARD.size_mm) for tag_id in BOARD.corners()]
+    first_tag = Pose.from_rotvec([0, 0, 0], [BOARD.size_mm / 2, BOARD.size_mm / 2, 0])
+    figure = Placed(grid_pattern(tags, BOARD.columns, BOARD.gap_mm), BOARD_POSE @ first_tag)
+    path = tmp_path / "seen.png"
+    cv2.imwrite(str(path), draw(pinhole(K, np.zeros(4), SIZE), [figure], seed=2).in_frame(SIZE))
+    return path
+
+
+def test_a_board_is_measured_as_one_target_and_drawn(vgrd, tmp_path, camera, board, board_picture):
+    out, drawn = tmp_path / "out.json", tmp_path / "drawn"
+    words = ("--board", board, "--camera", camera, "--draw", drawn, "--json", out)
+    done = vgrd("detect", board_picture, *words)
+    assert done.code == 0, done.err
+    assert "1 sigma mm" in done.out
+    (image,) = json.loads(out.read_text())["images"]
+    assert image["tags"] == image["findings"] == []
+    (seen_board,) = image["boards"]
+    assert seen_board["board"] == str(board)
+    assert seen_board["findings"] == []
+    assert seen_board["misfit_px"] < 0.05
+    assert seen_board["origin_sigma_mm"] < 0.02
+    found = Pose.from_matrix(np.array(seen_board["camera_from_board"]))
+    xi = (found @ BOARD_POSE.inverse()).log()
+    assert xi @ np.linalg.solve(np.array(seen_board["covariance"]), xi) < 40
+    assert BOARD_POSE.distance(found)[0] < 0.02
+    outline = BOARD_POSE @ np.array([[0, 0, 0], [84, 0, 0], [84, 54, 0], [0, 54, 0.0]])
+    expected = outline[:, :2] / outline[:, 2:] * 2000 + K[:2, 2]
+    np.testing.assert_allclose(seen_board["corners_px"], expected, atol=0.02)
+    plain, marked = cv2.imread(str(board_picture)), cv2.imread(str(drawn / "seen.png"))
+    assert 500 < np.any(plain != marked, axis=2).sum() < 40_000
+    assert (drawn / "seen-0-board.png").is_file()
+
+
+def test_single_tags_beside_a_board_are_looked_for_on_request(vgrd, camera, board, board_picture):
+    words = ("--board", board, "--camera", camera, "--dictionary", "36h11", "--json", "-")
+    (image,) = vgrd("detect", board_picture, *words).result["images"]
+    assert image["tags"] == image["findings"] == []
+    assert "camera_from_board" in image["boards"][0]
+
+
+def test_a_board_that_is_not_in_the_picture_is_said_in_words(vgrd, tmp_path, camera, board):
+    path = tmp_path / "tag.png"
+    cv2.imwrite(str(path), seen())
+    done = vgrd("detect", path, "--board", board, "--camera", camera)
+    assert done.code == 0
+    assert "none of the board's tags is in the picture" in " ".join(done.out.split())
+
+
+def test_what_a_board_needs_is_told_before_any_picture_is_read(vgrd, tmp_path, camera, board):
+    chess = tmp_path / "chess.toml"
+    chess.write_text('type = "chessboard"\ncolumns = 5\nrows = 4\nsquare_mm = 10\n')
+    for words, message in (
+        (("--board", board), "--board needs --camera"),
+        (("--board", chess, "--camera", camera), "ChArUco boards and boards of tags"),
+        (("--board", "charuco", "--camera", camera), "ends with .toml"),
     ):
         done = vgrd("detect", tmp_path / "a.png", *words)
         assert done.code == 65

@@ -1,22 +1,28 @@
-"""The command that finds tags in pictures and says how good they are."""
+"""The command that finds tags and boards in pictures and says how good they are."""
 
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from vgrd.commands.boards import board_in_file
 from vgrd.errors import InputError
 from vgrd.printing import JsonOption, Result, console, print_result, table
 
 if TYPE_CHECKING:
     from vgrd.geometry.camera import CameraModel
+    from vgrd.vision.board_fit import MeasurableBoard
     from vgrd.vision.inspecting import PictureReport
+    from vgrd.vision.photometric import PhotometricFit
     from vgrd.vision.pictures import Picture
 
 _DEFAULT_DICTIONARY = "36h11"
 _RESIDUAL_SIGMAS = 5.0  # that are shown in full colour
+
+_BOARD_COLUMNS = ("board", "sigma px", "misfit px", "x, y, z mm", "1 sigma mm", "quality")
+_TAG_COLUMNS = ("dictionary", "id", "px", "sigma px", "tilt deg", "x, y, z mm", "quality")
 
 
 def register(app: typer.Typer) -> None:
@@ -28,10 +34,20 @@ def detect(
     images: Annotated[list[Path], typer.Argument(metavar="IMAGE...", help="Pictures.")],
     dictionary: Annotated[
         list[str] | None,
-        typer.Option(help="AprilTag family or ArUco dictionary; may be repeated. Default: 36h11."),
+        typer.Option(
+            help="AprilTag family or ArUco dictionary of single tags; may be repeated. Default: 36h11, "
+            "with --board none."
+        ),
     ] = None,
     size_mm: Annotated[
         float | None, typer.Option("--size-mm", help="Edge of the tags' black square, measured.")
+    ] = None,
+    board: Annotated[
+        list[Path] | None,
+        typer.Option(
+            metavar="FILE.toml",
+            help="Board file, as for intrinsics; may be repeated. Needs --camera.",
+        ),
     ] = None,
     camera: Annotated[
         Path | None, typer.Option(help="Camera file: OpenCV, ROS camera_info or a cell file.")
@@ -41,21 +57,33 @@ def detect(
     ] = None,
     json_to: JsonOption = None,
 ) -> None:
-    """Find tags in pictures: corners, quality, and with --size-mm and --camera their poses."""
+    """Find tags in pictures: corners, quality, and with --size-mm and --camera their poses.
+
+    With --board and --camera the poses of whole boards, each measured as one target.
+    """
     from vgrd.vision.codes import family_named
 
     if size_mm is not None and not size_mm > 0:
         raise InputError(f"--size-mm {size_mm:g}: give the edge of the black square in mm")
-    families = [family_named(name) for name in dictionary or [_DEFAULT_DICTIONARY]]
+    only_boards = board and not dictionary and size_mm is None
+    names = [] if only_boards else dictionary or [_DEFAULT_DICTIONARY]
+    families = list(dict.fromkeys(family_named(name) for name in names))
+    if board and camera is None:
+        raise InputError(
+            "--board needs --camera: a board is measured through a known lens; "
+            "vgrd intrinsics makes the camera file from pictures of the board"
+        )
+    boards = {str(path): _measurable(path) for path in board or ()}
     if camera is not None:
         _camera_of(camera, (1, 1))  # a fault of the file is told once, not for every picture
     rows, failures = [], []
     for image, drawn in zip(images, _drawn_files(images, draw), strict=True):
         try:
-            rows.append(_one(image, list(dict.fromkeys(families)), size_mm, camera, drawn))
+            rows.append(_one(image, families, size_mm, camera, boards, drawn))
         except InputError as error:
             failures.append(str(error))
-            rows.append({"file": str(image), "tags": [], "findings": [_failure(image, error)]})
+            told = [_failure(image, error)]
+            rows.append({"file": str(image), "boards": [], "tags": [], "findings": told})
     print_result({"images": rows}, json_to, _show)
     if failures:
         raise InputError("\n".join(failures))
@@ -66,6 +94,7 @@ def _one(
     families: list[str],
     size_mm: float | None,
     camera_file: Path | None,
+    boards: Mapping[str, "MeasurableBoard"],
     drawn: Path | None,
 ) -> dict[str, object]:
     from vgrd.vision.inspecting import inspect_picture
@@ -79,10 +108,23 @@ def _one(
             f"{image}: has {width} x {height} px, the camera of {camera_file} has "
             f"{camera.size_px[0]} x {camera.size_px[1]}: give the camera file of this picture"
         )
-    report = inspect_picture(picture, families, size_mm, camera)
+    report = inspect_picture(picture, families, size_mm, camera, boards)
     if drawn is not None:
         _draw(drawn, picture, report)
     return {"file": str(image), "width": width, "height": height} | report.to_json()
+
+
+def _measurable(path: Path) -> "MeasurableBoard":
+    from vgrd.vision.boards import Charuco
+    from vgrd.vision.targets import TagGrid
+
+    board = board_in_file(path)
+    if not isinstance(board, Charuco | TagGrid):
+        raise InputError(
+            f"--board {path}: poses are measured of ChArUco boards and boards of tags; "
+            "vgrd target draws both"
+        )
+    return board
 
 
 def _camera_of(path: Path, size_px: tuple[int, int]) -> "CameraModel":
@@ -107,16 +149,26 @@ def _drawn_files(images: Sequence[Path], folder: Path | None) -> Sequence[Path |
 
 
 def _draw(path: Path, picture: "Picture", report: "PictureReport") -> None:
-    from vgrd.vision.drawing import draw_residuals, draw_tags, write_picture
+    from vgrd.vision.drawing import draw_tags, write_picture
 
     write_picture(path, draw_tags(picture.pixels, report.marks()))
     for number, tag in enumerate(report.tags):
-        found = tag.residual_map(picture.pixels.shape)
-        if found is not None:
-            region, residuals = found
-            drawn = draw_residuals(picture.pixels[region], residuals, _RESIDUAL_SIGMAS, "sigma")
+        if tag.refined is not None:
             name = f"{path.stem}-{number}-tag{tag.found.id}.png"
-            write_picture(path.with_name(name), drawn)
+            _draw_residuals(path.with_name(name), picture, tag.refined.fit)
+    for number, board in enumerate(report.boards):
+        if board.fit is not None:
+            name = f"{path.stem}-{number}-board.png"
+            _draw_residuals(path.with_name(name), picture, board.fit.refined.fit)
+
+
+def _draw_residuals(path: Path, picture: "Picture", fit: "PhotometricFit | None") -> None:
+    from vgrd.vision.drawing import draw_residuals, write_picture
+
+    if fit is not None:
+        region, residuals = fit.residual_map(picture.pixels.shape)
+        drawn = draw_residuals(picture.pixels[region], residuals, _RESIDUAL_SIGMAS, "sigma")
+        write_picture(path, drawn)
 
 
 def _failure(image: Path, error: InputError) -> dict[str, str]:
@@ -126,14 +178,29 @@ def _failure(image: Path, error: InputError) -> dict[str, str]:
 def _show(result: Result) -> None:
     for image in result["images"]:
         size = f" ({image['width']} x {image['height']} px)" if "width" in image else ""
-        rows = [_row(tag) for tag in image["tags"]]
-        columns = ("dictionary", "id", "px", "sigma px", "tilt deg", "x, y, z mm", "quality")
-        if rows:
-            console.print(table(f"{image['file']}{size}", columns, rows))
-        else:
-            console.print(f"{image['file']}{size}", highlight=False, markup=False)
-        for remark in (*_remarks(image["tags"]), *(f["message"] for f in image["findings"])):
+        title = f"{image['file']}{size}"
+        if image["boards"]:
+            console.print(table(title, _BOARD_COLUMNS, list(map(_board_row, image["boards"]))))
+        if image["tags"]:
+            console.print(table(title, _TAG_COLUMNS, list(map(_row, image["tags"]))))
+        if not (image["boards"] or image["tags"]):
+            console.print(title, highlight=False, markup=False)
+        findings = [f for part in (*image["boards"], image) for f in part["findings"]]
+        for remark in (*_remarks(image["tags"]), *(f["message"] for f in findings)):
             console.print(f"  {remark}", highlight=False, markup=False)
+
+
+def _board_row(board: Result) -> list[object]:
+    sigma, misfit = board.get("corner_sigma_px"), board.get("misfit_px")
+    pose, at = board.get("camera_from_board"), board.get("origin_sigma_mm")
+    return [
+        Path(board["board"]).stem,
+        None if sigma is None else f"{sigma:.2g}",
+        None if misfit is None else f"{misfit:.2g}",
+        None if pose is None else [row[3] for row in pose[:3]],
+        None if at is None else f"{at:.2g}",
+        ", ".join(finding["code"] for finding in board["findings"]) or "good",
+    ]
 
 
 def _row(tag: Result) -> list[object]:

@@ -62,7 +62,7 @@ def draw_tags(picture: Pixels, marks: Sequence[TagMark]) -> Colour:
                 line = _fixed(np.array([mark.axes_px[0], tip]))
                 cv2.polylines(out, [line], False, axis, thickness + 1, cv2.LINE_AA, _SHIFT)
         low = mark.corners_px.min(0) - np.array([0, 0.15 * side + 4])
-        _label(out, mark.label, low, max(0.22 * side, 9.0), colour)
+        _label(out, mark.label, low, max(min(0.22 * side, 10 * _line(out)), 9.0), colour)
     return out
 
 

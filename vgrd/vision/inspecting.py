@@ -1,18 +1,28 @@
-"""What a picture holds, for a person: tags with corners, poses, and remarks that name the remedy."""
+"""What a picture holds, for a person: tags and boards, poses, and remarks that name the remedy."""
 
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from types import MappingProxyType
 
+import cv2
 import numpy as np
 
 from vgrd.devices import Grey
+from vgrd.errors import InputError
 from vgrd.geometry import Array, Pose
 from vgrd.geometry.camera import CameraModel
 from vgrd.model import Finding
+from vgrd.vision.board_fit import MeasurableBoard
 from vgrd.vision.codes import marker_cells, square_corners
 from vgrd.vision.drawing import TagMark, axes_px
 from vgrd.vision.finding import FoundTag, find_tags
+from vgrd.vision.inspecting_boards import (
+    MOST_MISFIT_PX,
+    BoardReport,
+    findings_json,
+    inspect_board,
+)
 from vgrd.vision.pictures import Picture, as_8_bit
 from vgrd.vision.planar import PlanarPose, is_ambiguous, planar_poses
 from vgrd.vision.quality import disturbance
@@ -26,7 +36,7 @@ _LEAST_CONTRAST = 40.0
 _LEAST_TILT_DEG = 10.0
 _MOST_BLUR_PX = 2.0
 _CLIPPED, _CLIPPED_SHARE = 254, 0.2
-_MOST_MISFIT_PX = 0.5
+_NO_BOARDS: Mapping[str, MeasurableBoard] = MappingProxyType({})
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -64,23 +74,6 @@ class TagReport:
             out["covariance"] = self.poses[0].inflated_covariance.tolist()
         return out
 
-    def residual_map(self, shape: tuple[int, int]) -> tuple[tuple[slice, slice], Array] | None:
-        """Part (rows, columns) of a picture of this shape (h, w), and there picture minus model in sigmas.
-
-        NaN where no pixel was compared; None where no model was fitted.
-        """
-        fit = None if self.refined is None else self.refined.fit
-        if fit is None:
-            return None
-        x, y = np.rint(fit.frame.pixels_of(fit.q)).astype(int).T
-        region = (
-            slice(max(y.min(), 0), min(y.max() + 1, shape[0])),
-            slice(max(x.min(), 0), min(x.max() + 1, shape[1])),
-        )
-        out = np.full(shape, np.nan)
-        out[y, x] = fit.residuals
-        return region, out[region]
-
     def _quality(self) -> dict[str, object]:
         sigma = float(np.sqrt(np.diag(self.corner_covariance).max()))
         out: dict[str, object] = {
@@ -94,13 +87,14 @@ class TagReport:
             out |= {"chi2": fit.chi2, "blur_px": _blur_px(fit.blur), "bloom_px": fit.bloom_px}
         if self.poses:
             out["tilt_deg"] = self.poses[0].tilt_deg
-        return out | {"findings": _as_json(self.findings)}
+        return out | {"findings": findings_json(self.findings)}
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PictureReport:
-    """All tags of a picture, and remarks on the whole of it."""
+    """All tags of a picture, its boards, and remarks on the whole of it."""
 
+    boards: tuple[BoardReport, ...]
     tags: tuple[TagReport, ...]
     findings: tuple[Finding, ...]
     camera: CameraModel | None
@@ -109,13 +103,15 @@ class PictureReport:
     def to_json(self) -> dict[str, object]:
         """As `vgrd detect --json` writes it."""
         return {
+            "boards": [board.to_json() for board in self.boards],
             "tags": [tag.to_json() for tag in self.tags],
-            "findings": _as_json(self.findings),
+            "findings": findings_json(self.findings),
         }
 
     def marks(self) -> list[TagMark]:
-        """The tags as they are drawn."""
-        return [
+        """The boards and the tags as they are drawn."""
+        boards = [mark for board in self.boards if (mark := board.mark()) is not None]
+        return boards + [
             TagMark(str(tag.found.id), tag.corners_px, self._axes(tag), bool(tag.findings))
             for tag in self.tags
         ]
@@ -128,23 +124,37 @@ class PictureReport:
 
 
 def inspect_picture(
-    picture: Picture, families: Sequence[str], size_mm: float | None, camera: CameraModel | None
+    picture: Picture,
+    families: Sequence[str],
+    size_mm: float | None,
+    camera: CameraModel | None,
+    boards: Mapping[str, MeasurableBoard] = _NO_BOARDS,
 ) -> PictureReport:
-    """Find and measure all tags of the families; poses where size_mm and camera are given."""
+    """Find and measure all tags of the families; poses where size_mm and camera are given.
+
+    boards: by name, measured as wholes; the markers inside of one that is found are no tags of the
+    picture. Raises InputError for boards without a camera.
+    """
     grey = as_8_bit(picture.pixels)
-    found = find_tags(grey, families)
+    if boards and camera is None:
+        raise InputError("a board is measured through a known lens: give its camera")
+    reports = tuple(
+        inspect_board(grey, name, board, camera) for name, board in boards.items() if camera
+    )
+    everything = find_tags(grey, families) if families else []
+    found = [tag for tag in everything if not any(_is_within(tag, board) for board in reports)]
     counts = Counter((tag.family, tag.id) for tag in found)
     tags = tuple(
         _measured(grey, tag, size_mm, camera, counts[tag.family, tag.id]) for tag in found
     )
     findings = []
-    if not tags:
+    if families and not everything:
         findings.append(Finding("no_tag", f"no tag found; looked for {', '.join(families)}"))
     if picture.turned:
         findings.append(
             Finding("turned", "the file asks viewers to turn it; pixels here are as stored")
         )
-    return PictureReport(tags, tuple(findings), camera, size_mm)
+    return PictureReport(reports, tags, tuple(findings), camera, size_mm)
 
 
 def _measured(
@@ -213,7 +223,7 @@ def _pose_remarks(
         return []
     out = []
     tilt = poses[0].tilt_deg
-    if misfit_px > _MOST_MISFIT_PX:
+    if misfit_px > MOST_MISFIT_PX:
         off = f"its corners are off a square by {misfit_px:.2f} px"
         out.append(("misfit", f"{off}: is the camera file right, the tag flat?"))
     if is_ambiguous(poses):
@@ -223,6 +233,14 @@ def _pose_remarks(
         side = f"{tag.side_px:.0f} px, tilt {tilt:.0f} degrees"
         out.append(("frontal", f"{side}: too frontal, tilt it by 10"))
     return out
+
+
+def _is_within(tag: FoundTag, board: BoardReport) -> bool:
+    """Whether a tag lies in the outline of a board that was measured."""
+    if board.fit is None:
+        return False
+    outline, (x, y) = board.fit.refined.corners_px.astype(np.float32), tag.corners_px.mean(0)
+    return cv2.pointPolygonTest(outline, (float(x), float(y)), measureDist=False) > 0
 
 
 def _clipped_share(grey: Grey, corners_px: Array) -> float:
@@ -240,7 +258,3 @@ def _is_small(tag: FoundTag) -> bool:
 def _blur_px(blur: Array) -> float:
     """The larger standard deviation of the point spread."""
     return float(np.sqrt(np.linalg.eigvalsh(blur)[-1]))
-
-
-def _as_json(findings: Sequence[Finding]) -> list[dict[str, str]]:
-    return [{"code": finding.code, "message": finding.message} for finding in findings]

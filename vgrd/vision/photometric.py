@@ -75,6 +75,17 @@ class PhotometricFit:
         flat = self.residuals[self.edge_pixels :]
         return self._beyond_noise(float(np.mean(flat**2)) if flat.size else 0.0)
 
+    def residual_map(self, shape: tuple[int, int]) -> tuple[tuple[slice, slice], Array]:
+        """Part (rows, columns) of a picture of this shape (h, w), and there the residuals; NaN elsewhere."""
+        x, y = np.rint(self.frame.pixels_of(self.q)).astype(int).T
+        region = (
+            slice(max(y.min(), 0), min(y.max() + 1, shape[0])),
+            slice(max(x.min(), 0), min(x.max() + 1, shape[1])),
+        )
+        out = np.full(shape, np.nan)
+        out[y, x] = self.residuals
+        return region, out[region]
+
     def _beyond_noise(self, chi2: float) -> float:
         level = self.offset[0] + self.gain[0] / 2
         variance = self.noise.shot * level + self.noise.read

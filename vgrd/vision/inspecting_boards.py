@@ -1,0 +1,126 @@
+"""What a picture shows of a board, for a person: outline, pose, and remarks that name the remedy."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from vgrd.devices import Grey
+from vgrd.errors import TagNotSeen
+from vgrd.geometry import Array
+from vgrd.geometry.camera import CameraModel
+from vgrd.geometry.pose import hat
+from vgrd.model import Finding
+from vgrd.vision.board_fit import BoardFit, MeasurableBoard, fit_board
+from vgrd.vision.drawing import TagMark, axes_px
+from vgrd.vision.planar import PlanarPose, is_ambiguous
+from vgrd.vision.quality import disturbance
+
+MOST_MISFIT_PX = 0.5
+_WHOLE = 0.9  # share of its edges that are seen of a board that nothing hides
+_AXES_SHARE = 0.3  # of the board's shorter side
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class BoardReport:
+    """A board in a picture.
+
+    fit: None where the board is not measured; pose: camera_from_board, None where it would be a guess;
+    misfit_px: rms of the outline's corners against that pose; axes_px (4, 2), as drawn.
+    """
+
+    name: str
+    fit: BoardFit | None
+    pose: PlanarPose | None
+    misfit_px: float | None
+    axes_px: Array | None
+    findings: tuple[Finding, ...]
+
+    def to_json(self) -> dict[str, object]:
+        """As `vgrd detect --json` writes it."""
+        out: dict[str, object] = {"board": self.name}
+        if self.fit is not None:
+            refined = self.fit.refined
+            out |= {
+                "corners_px": refined.corners_px.tolist(),
+                "corner_covariance_px2": refined.covariance.tolist(),
+                "corner_sigma_px": float(np.sqrt(np.diag(refined.covariance).max())),
+                "method": str(refined.method),
+            }
+            if refined.fit is not None:
+                out["chi2"] = refined.fit.chi2
+        if self.misfit_px is not None:
+            out["misfit_px"] = self.misfit_px
+        if self.pose is not None:
+            out["camera_from_board"] = self.pose.pose.matrix().tolist()
+            out["covariance"] = self.pose.inflated_covariance.tolist()
+            out["origin_sigma_mm"] = _origin_sigma_mm(self.pose)
+        return out | {"findings": findings_json(self.findings)}
+
+    def mark(self) -> TagMark | None:
+        """The board as it is drawn."""
+        if self.fit is None:
+            return None
+        corners = self.fit.refined.corners_px
+        return TagMark(Path(self.name).stem, corners, self.axes_px, bool(self.findings))
+
+
+def inspect_board(
+    grey: Grey, name: str, board: MeasurableBoard, camera: CameraModel
+) -> BoardReport:
+    """Find and measure a board in a grey 8-bit picture (h, w)."""
+    try:
+        fit = fit_board(grey, board, camera)
+    except TagNotSeen as error:
+        told = Finding("not_measured", f"{Path(name).name}: {error}")
+        return BoardReport(name, None, None, None, None, (told,))
+    best = fit.poses[0] if fit.poses else None
+    misfit_px = (
+        None if best is None else best.misfit_px(camera, fit.outline, fit.refined.corners_px)
+    )
+    doubts = _doubts(fit, misfit_px)
+    trouble = _hidden(fit) or disturbance(fit.refined)
+    findings = tuple(
+        Finding(code, f"{Path(name).name}: {message}")
+        for code, message in ([*doubts, trouble] if trouble else doubts)
+    )
+    if best is None or doubts:
+        return BoardReport(name, fit, None, misfit_px, None, findings)
+    length_mm = _AXES_SHARE * float(np.ptp(fit.outline[:, :2], axis=0).min())
+    return BoardReport(name, fit, best, misfit_px, axes_px(camera, best.pose, length_mm), findings)
+
+
+def findings_json(findings: Sequence[Finding]) -> list[dict[str, str]]:
+    """Findings of a picture, as `vgrd detect --json` writes them."""
+    return [{"code": finding.code, "message": finding.message} for finding in findings]
+
+
+def _origin_sigma_mm(pose: PlanarPose) -> float:
+    """1 sigma of the board's origin along the direction in which it is worst known."""
+    origin_by_tangent = np.hstack([np.eye(3), -hat(pose.pose.translation)])
+    spread = origin_by_tangent @ pose.inflated_covariance @ origin_by_tangent.T
+    return float(np.sqrt(np.linalg.eigvalsh(spread)[-1]))
+
+
+def _hidden(fit: BoardFit) -> tuple[str, str] | None:
+    """Remark on a board that is seen in part, which looks like a shadow to the fit of its light."""
+    seen = 1.0 if fit.refined.edges is None else fit.refined.edges.used
+    if seen > _WHOLE:
+        return None
+    told = f"only {seen:.0%} of its edges are seen: uncover it, or bring it into the picture"
+    return "partial", told
+
+
+def _doubts(fit: BoardFit, misfit_px: float | None) -> list[tuple[str, str]]:
+    """Why a pose would be a guess."""
+    out = []
+    if misfit_px is None or misfit_px > MOST_MISFIT_PX:
+        off = "" if misfit_px is None else f" by {misfit_px:.2f} px"
+        remedy = "is the camera file right, the board flat?"
+        out.append(("misfit", f"its outline is off a rectangle{off}: {remedy}"))
+    if is_ambiguous(fit.poses):
+        out.append(
+            ("ambiguous", "two poses fit: tilt it by 10 degrees, come nearer, or uncover it")
+        )
+    return out
