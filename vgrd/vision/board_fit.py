@@ -15,6 +15,7 @@ from vgrd.devices import Grey
 from vgrd.errors import TagNotSeen
 from vgrd.geometry import Array
 from vgrd.geometry.camera import CameraModel
+from vgrd.geometry.pose import hat
 from vgrd.model import TagSpec
 from vgrd.vision.board_sizes import marker_excess
 from vgrd.vision.boards import Charuco, detect_board
@@ -30,9 +31,9 @@ from vgrd.vision.warp import lens_vector
 MeasurableBoard = Charuco | TagGrid
 
 _LEAST_POINTS = 4
-_POINT_PX = 2.0  # by which a point that was only detected may be off
+_POINT_PX = 4.0  # by which a point that was only detected, on a bent board, may be off
 _AGREEING = 0.9  # share of the points that must be where the board has them
-_MOST_EXCESS = 0.005  # of the markers' size: the pose is wrong by as much of its distance
+_LEAST_EXCESS, _MOST_EXCESS = 0.002, 0.02  # of the markers' size, told and refused
 _EXCESS_SIGMAS = 5.0
 _MOST_SIGMA_PX = 1.0  # of the outline: beyond it a pose is not linear in the corners
 
@@ -41,12 +42,28 @@ _MOST_SIGMA_PX = 1.0  # of the outline: beyond it a pose is not linear in the co
 class BoardFit:
     """A measured board: its refined outer corners and all poses, best first.
 
-    outline (4, 3): those corners in the board's frame, mm.
+    outline (4, 3): those corners in the board's frame, mm; excess: share by which its markers are
+    larger, against their distances, than stated; 0 where they are not.
     """
 
     refined: Refined
     poses: list[PlanarPose]
     outline: Array
+    excess: float
+
+    @property
+    def covariance(self) -> Array:
+        """Covariance (6, 6) of the best pose, with the outline's scatter and sizes that contradict each other.
+
+        Which of them is wrong nothing tells: distance, place and direction are as uncertain as they
+        differ, in shares of the distance, of the board and of a radian.
+        """
+        best = self.poses[0]
+        t, extent = best.pose.translation, float(np.ptp(self.outline, axis=0).max())
+        by_sizes = np.zeros((6, 7))
+        by_sizes[:3] = np.hstack([t[:, None], extent * np.eye(3), hat(t)])
+        by_sizes[3:, 4:] = np.eye(3)
+        return np.asarray(best.inflated_covariance + self.excess**2 * by_sizes @ by_sizes.T)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -199,11 +216,12 @@ def _fitted(
             f"too little of the board is seen: its outline is uncertain by {sigma:.1f} px; "
             "uncover it, or bring it into the picture"
         )
-    _require_proportions(
+    excess = _significant(
         *marker_excess(picture, layout.raster, layout.markers, best.corners_px, lens)
     )
     outline = np.column_stack([layout.raster.corners, np.zeros(4)])
-    return BoardFit(best, planar_poses(camera, outline, best.corners_px, best.covariance), outline)
+    poses = planar_poses(camera, outline, best.corners_px, best.covariance)
+    return BoardFit(best, poses, outline, excess)
 
 
 def _seen_by(camera: CameraModel, rays_from_board: Array, points: Array) -> Array:
@@ -221,11 +239,18 @@ def _require_agreement(off: Array) -> None:
         )
 
 
-def _require_proportions(excess: float, sigma: float) -> None:
-    """Refuse a board whose markers are larger or smaller than stated, against their distances."""
-    if abs(excess) > max(_MOST_EXCESS, _EXCESS_SIGMAS * sigma):
-        larger = "larger" if excess > 0 else "smaller"
-        raise TagNotSeen(
-            f"the board's markers are about {abs(excess):.1%} {larger}, against their distances, than its "
-            "file says: measure the markers and their distances, and correct the file"
-        )
+def _significant(excess: float, sigma: float) -> float:
+    """The excess of the markers' size, 0 where it is none; refuses a board of other proportions."""
+    if abs(excess) < max(_LEAST_EXCESS, _EXCESS_SIGMAS * sigma):
+        return 0.0
+    if abs(excess) > _MOST_EXCESS:
+        raise TagNotSeen(sizes_remark(excess))
+    return excess
+
+
+def sizes_remark(excess: float) -> str:
+    """What to do about markers that are larger by a share, against their distances, than stated."""
+    return (
+        f"its markers are about {abs(excess):.1%} {'larger' if excess > 0 else 'smaller'}, against "
+        "their distances, than its file says: measure both, and correct the file"
+    )

@@ -8,13 +8,13 @@ import numpy as np
 
 from vgrd.devices import Grey
 from vgrd.errors import TagNotSeen
-from vgrd.geometry import Array
+from vgrd.geometry import Array, Pose
 from vgrd.geometry.camera import CameraModel
 from vgrd.geometry.pose import hat
 from vgrd.model import Finding
-from vgrd.vision.board_fit import BoardFit, MeasurableBoard, fit_board
+from vgrd.vision.board_fit import BoardFit, MeasurableBoard, fit_board, sizes_remark
 from vgrd.vision.drawing import TagMark, axes_px
-from vgrd.vision.planar import PlanarPose, is_ambiguous
+from vgrd.vision.planar import is_ambiguous
 from vgrd.vision.quality import disturbance
 
 MOST_MISFIT_PX = 0.5
@@ -32,7 +32,7 @@ class BoardReport:
 
     name: str
     fit: BoardFit | None
-    pose: PlanarPose | None
+    pose: Pose | None
     misfit_px: float | None
     axes_px: Array | None
     findings: tuple[Finding, ...]
@@ -41,6 +41,9 @@ class BoardReport:
         """As `vgrd detect --json` writes it."""
         out: dict[str, object] = {"board": self.name}
         if self.fit is not None:
+            if self.pose is not None:
+                out["covariance"] = self.fit.covariance.tolist()
+                out["origin_sigma_mm"] = _origin_sigma_mm(self.pose, self.fit.covariance)
             refined = self.fit.refined
             out |= {
                 "corners_px": refined.corners_px.tolist(),
@@ -53,9 +56,7 @@ class BoardReport:
         if self.misfit_px is not None:
             out["misfit_px"] = self.misfit_px
         if self.pose is not None:
-            out["camera_from_board"] = self.pose.pose.matrix().tolist()
-            out["covariance"] = self.pose.inflated_covariance.tolist()
-            out["origin_sigma_mm"] = _origin_sigma_mm(self.pose)
+            out["camera_from_board"] = self.pose.matrix().tolist()
         return out | {"findings": findings_json(self.findings)}
 
     def mark(self) -> TagMark | None:
@@ -80,15 +81,16 @@ def inspect_board(
         None if best is None else best.misfit_px(camera, fit.outline, fit.refined.corners_px)
     )
     doubts = _doubts(fit, misfit_px)
-    trouble = _hidden(fit) or disturbance(fit.refined)
     findings = tuple(
         Finding(code, f"{Path(name).name}: {message}")
-        for code, message in ([*doubts, trouble] if trouble else doubts)
+        for code, message in (*doubts, *_remarks(fit))
     )
     if best is None or doubts:
         return BoardReport(name, fit, None, misfit_px, None, findings)
     length_mm = _AXES_SHARE * float(np.ptp(fit.outline[:, :2], axis=0).min())
-    return BoardReport(name, fit, best, misfit_px, axes_px(camera, best.pose, length_mm), findings)
+    return BoardReport(
+        name, fit, best.pose, misfit_px, axes_px(camera, best.pose, length_mm), findings
+    )
 
 
 def findings_json(findings: Sequence[Finding]) -> list[dict[str, str]]:
@@ -96,20 +98,22 @@ def findings_json(findings: Sequence[Finding]) -> list[dict[str, str]]:
     return [{"code": finding.code, "message": finding.message} for finding in findings]
 
 
-def _origin_sigma_mm(pose: PlanarPose) -> float:
+def _origin_sigma_mm(camera_from_board: Pose, covariance: Array) -> float:
     """1 sigma of the board's origin along the direction in which it is worst known."""
-    origin_by_tangent = np.hstack([np.eye(3), -hat(pose.pose.translation)])
-    spread = origin_by_tangent @ pose.inflated_covariance @ origin_by_tangent.T
+    origin_by_tangent = np.hstack([np.eye(3), -hat(camera_from_board.translation)])
+    spread = origin_by_tangent @ covariance @ origin_by_tangent.T
     return float(np.sqrt(np.linalg.eigvalsh(spread)[-1]))
 
 
-def _hidden(fit: BoardFit) -> tuple[str, str] | None:
-    """Remark on a board that is seen in part, which looks like a shadow to the fit of its light."""
+def _remarks(fit: BoardFit) -> list[tuple[str, str]]:
+    """What makes a pose worse than it could be."""
+    out = [("sizes", sizes_remark(fit.excess))] if fit.excess else []
     seen = 1.0 if fit.refined.edges is None else fit.refined.edges.used
-    if seen > _WHOLE:
-        return None
-    told = f"only {seen:.0%} of its edges are seen: uncover it, or bring it into the picture"
-    return "partial", told
+    if seen < _WHOLE:  # looks like a shadow to the fit of the light
+        told = f"only {seen:.0%} of its edges are seen: uncover it, or bring it into the picture"
+        return [*out, ("partial", told)]
+    trouble = disturbance(fit.refined)
+    return out if trouble is None else [*out, trouble]
 
 
 def _doubts(fit: BoardFit, misfit_px: float | None) -> list[tuple[str, str]]:
