@@ -12,6 +12,7 @@ from fakes.optics import Optics
 from fakes.poses import retracted_pose
 from fakes.rehearsal import Rehearsal, facts_of
 from fakes.world import World
+from vgrd.calibration.joint_problem import Sighting
 from vgrd.calibration.system import calibrate_system, expected_coordinate
 from vgrd.cell import hole_sightings
 from vgrd.cell.hole_pictures import draw_searched
@@ -223,10 +224,34 @@ def test_a_folder_for_pictures_that_cannot_be_made_is_refused_before_the_work(ta
         solve_session(tmp_path / "no session", draw=tmp_path / "file")
 
 
-@pytest.mark.parametrize("plan", [Plan.JOINT, Plan.SPECIAL])
-def test_without_pictures_or_plan_joint_a_session_is_solved_as_before(taught, tmp_path, plan):
-    folder = stored(taught, tmp_path, plan=plan, pictures=plan is not Plan.JOINT)
+def test_holes_give_plan_special_its_centre_where_the_object_never_turned(taught, tmp_path):
+    recording = replace(taught.recording, spins=(), plan=Plan.SPECIAL)
+    told = calibrate_system(recording, sightings=still_ones(taught))
+    misses, told_mm = taught.misses(told)
+    turned, _ = taught.misses(calibrate_system(replace(taught.recording, plan=Plan.SPECIAL)))
+    xy, xy_turned = (np.linalg.norm(m[:, :2], axis=1).mean() for m in (misses, turned))
+    assert xy < 1.1 * xy_turned
+    assert (np.linalg.norm(misses, axis=1) <= told_mm).mean() > 0.9
+
+
+def still_ones(taught: Taught) -> list[Sighting]:
+    return [one for one in taught.holes.sightings if one.spin is None]
+
+
+def test_a_stored_session_of_plan_special_is_solved_with_its_holes(taught, tmp_path, monkeypatch):
+    monkeypatch.setattr(hole_sightings, "PICTURES", 2)
+    told = solve_session(stored(taught, tmp_path, plan=Plan.SPECIAL))
+    assert told["method"] == "special"
+    assert told["holes"]["seen"] == told["residuals"]["holes_used"] >= 6
+
+
+@pytest.mark.parametrize("plan", [Plan.JOINT, Plan.SPECIAL, Plan.UNIVERSAL])
+def test_without_pictures_or_with_plan_universal_a_session_is_solved_as_before(
+    taught, tmp_path, plan
+):
+    folder = stored(taught, tmp_path, plan=plan, pictures=plan is Plan.UNIVERSAL)
     told = solve_session(folder)
     assert told["holes"]["seen"] == 0
     assert "holes_used" not in told["residuals"]
-    assert any("no pictures" in one for one in told["warnings"]) == (plan is Plan.JOINT)
+    warned = any("no pictures" in one for one in told["warnings"])
+    assert warned == (plan is not Plan.UNIVERSAL)

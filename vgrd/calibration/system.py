@@ -14,8 +14,9 @@ from vgrd.calibration.joint_problem import Sighting
 from vgrd.calibration.joint_system import calibrate_jointly
 from vgrd.calibration.reference import find_reference
 from vgrd.calibration.rotation_center import RotationCenter, find_rotation_center
+from vgrd.calibration.rotation_center_hole import HoleCenter, combine, find_hole_center
 from vgrd.calibration.teaching import Taught, teach
-from vgrd.calibration.verdict import Evidence, judge, verify
+from vgrd.calibration.verdict import DISAGREE_MM, Evidence, judge, verify
 from vgrd.errors import DidNotConverge, InputError, NotObservable, TooFewObservations
 from vgrd.geometry import Array
 from vgrd.model import (
@@ -34,6 +35,7 @@ __all__ = ["calibrate_system", "expected_coordinate"]
 
 _REACH_MM = 500.0
 _UNKNOWN_MM = 1000.0
+_APART_SIGMA, _APART_MM = 5.0, 0.1
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -55,7 +57,8 @@ def calibrate_system(
 
     Plan joint: everything in one estimate, holes that the camera saw (`sightings`) included, see
     `calibrate_jointly`. The other plans are the paper's methods, step by step: universal where the
-    wrists varied, else special from CAD-fitted flange positions. Doubts are findings of the verdict.
+    wrists varied, else special from CAD-fitted flange positions; the holes then tell the rotation
+    centre, see `find_hole_center`. Doubts are findings of the verdict.
     Raises TooFewObservations, NotObservable (what is missing, in words), InputError or
     DidNotConverge.
     """
@@ -68,7 +71,7 @@ def calibrate_system(
     found = examine(recording, policy)
     try:
         if recording.plan is not Plan.JOINT:
-            calibration = _calibrate_in_steps(recording)
+            calibration = _calibrate_in_steps(recording, sightings)
         else:
             calibration = calibrate_jointly(recording, tolerance_mm, policy, sightings)
     except DidNotConverge as err:
@@ -82,18 +85,21 @@ def calibrate_system(
     )
 
 
-def _calibrate_in_steps(recording: Recording) -> Calibration:
+def _calibrate_in_steps(recording: Recording, sightings: Sequence[Sighting]) -> Calibration:
     taught = teach(recording)
     center, doubts = _center(recording)
+    holes = _hole_center(recording, sightings, doubts)
     needs_rotation_only = (
-        taught.method == "special" and center is not None and taught.pivot_in_base is not None
+        taught.method == "special"
+        and taught.pivot_in_base is not None
+        and (center is not None or holes is not None)
     )
     hand_eye = calibrate_hand_eye(
         _hand_eye_problem(recording, may_be_free=int(needs_rotation_only))
     )
     doubts += free_findings(recording.facts.mount, hand_eye.free)
     reference = find_reference(recording.touches)
-    pivot = _pivot(taught, center, hand_eye, doubts)
+    pivot = _pivot(taught, center, holes, hand_eye, doubts)
     calibration = Calibration(
         id="",
         session=recording.session,
@@ -116,6 +122,8 @@ def _calibrate_in_steps(recording: Recording) -> Calibration:
     )
     evidence = Evidence(recording, taught, hand_eye, reference, center, pivot is not None)
     findings, residuals = judge(evidence)
+    if holes is not None:
+        residuals["holes_used"] = float(holes.used)
     verdict = Verdict((*doubts, *findings))
     return replace(calibration, residuals=residuals, verdict=verdict)
 
@@ -163,14 +171,30 @@ def _with_tag_b(observations: Sequence[Observation]) -> list[Observation]:
     return [seen for seen in observations if seen.tag_b is not None]
 
 
+def _hole_center(
+    recording: Recording,
+    sightings: Sequence[Sighting],
+    doubts: list[Finding],
+) -> HoleCenter | None:
+    """CAD's centre in tag B by the holes that were seen, or a doubt that says why not."""
+    if not sightings or recording.facts.object.center_in_object is None:
+        return None
+    try:
+        return find_hole_center(recording, sightings, find_reference(recording.touches))
+    except (NotObservable, TooFewObservations, DidNotConverge) as fault:
+        doubts.append(Finding("holes_unusable", f"no rotation centre by holes: {fault}"))
+        return None
+
+
 def _pivot(
     taught: Taught,
     center: RotationCenter | None,
+    holes: HoleCenter | None,
     hand_eye: HandEyeResult,
     doubts: list[Finding],
 ) -> _Pivot | None:
     """Bring the centre in tag B and the centre in CAD together, at the same height if possible."""
-    if center is None:
+    if center is None and holes is None:
         return None
     if taught.pivot_in_base is None:
         doubts.append(
@@ -181,12 +205,36 @@ def _pivot(
             )
         )
         return None
-    in_tag = center.center_in_tag
-    if taught.tcp_in_wrist is not None:
-        wanted = hand_eye.mount_from_camera.inverse() @ taught.pivot_in_base
-        in_tag, _ = center.at_height(wanted)
+    if holes is not None:
+        in_tag, covariance = _by_holes(holes, center, doubts)
+    elif center is not None:
+        in_tag, covariance = center.center_in_tag, center.covariance[:3, :3]
+        if taught.tcp_in_wrist is not None:
+            wanted = hand_eye.mount_from_camera.inverse() @ taught.pivot_in_base
+            in_tag, _ = center.at_height(wanted)
     return _Pivot(
         frozen_array(in_tag, 3),
         frozen_array(taught.pivot_in_base, 3),
-        frozen_array(center.covariance[:3, :3], 3, 3),
+        frozen_array(covariance, 3, 3),
     )
+
+
+def _by_holes(
+    holes: HoleCenter, center: RotationCenter | None, doubts: list[Finding]
+) -> tuple[Array, Array]:
+    """The centre (3,) in tag B and its covariance, together with the axis where they agree."""
+    if center is None:
+        return holes.center_in_tag, holes.covariance
+    both = combine(holes, center)
+    if both.apart_sigmas <= _APART_SIGMA or both.apart_mm <= _APART_MM:
+        return both.center_in_tag, both.covariance
+    doubts.append(
+        Finding(
+            "pivot_disagrees",
+            f"holes and turning see the rotation centre {both.apart_mm:.2f} mm "
+            f"({both.apart_sigmas:.0f} sigma) apart, that of the holes is used: check [object] "
+            "center_mm and the CAD points, and that tag B did not shift on the object",
+            fatal=both.apart_mm > DISAGREE_MM,
+        )
+    )
+    return holes.center_in_tag, holes.covariance

@@ -20,7 +20,7 @@ _FEW_SPINS = 4
 _FEW_DEGREES = 25.0
 _SPIN_SIGMA = 5.0
 _SPIN_MM = 0.2
-_DISAGREE_MM = 3.0
+DISAGREE_MM = 3.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -188,7 +188,7 @@ def _pivot_disagrees(evidence: Evidence, center: RotationCenter) -> list[Finding
     apart = B @ center.center_in_camera - pivot
     axis = B.rotation @ center.axis_in_camera
     off = float(np.linalg.norm(apart - axis * float(axis @ apart)))
-    if off <= _DISAGREE_MM:
+    if off <= DISAGREE_MM:
         return []
     return [
         Finding(

@@ -39,10 +39,10 @@ def solve_session(
 ) -> dict[str, object]:
     """Solve a session folder and store the calibration if `state_dir` is given; JSON-able summary.
 
-    tolerance_mm: 95 % of the misses under the policy must be predicted within it. Plan joint: holes
-    of the object in the stored pictures are evidence too; report: called with (done, total) of these;
-    draw: folder for a picture of each of these. Raises what `calibrate_system` does, StoreError, and
-    InputError for a folder that cannot be written.
+    tolerance_mm: 95 % of the misses under the policy must be predicted within it. Plans joint and
+    special: holes of the object in the stored pictures are evidence too; report: called with (done,
+    total) of these; draw: folder for a picture of each of these. Raises what `calibrate_system` does,
+    StoreError, and InputError for a folder that cannot be written.
     """
     clock = clock or SystemClock()
     pictures = None if draw is None else folder_for_pictures(draw)
@@ -73,7 +73,7 @@ def _holes_in(
     folder: Path, recording: Recording, report: Report | None
 ) -> tuple[HolesSeen, list[str]]:
     """Holes in the pictures of a session, where its plan uses them; warnings say what was not read."""
-    if recording.plan is not Plan.JOINT or not holes_of(recording):
+    if recording.plan not in (Plan.JOINT, Plan.SPECIAL) or not holes_of(recording):
         return HolesSeen(), []
     try:
         seen = list(iterate_observations(folder))
