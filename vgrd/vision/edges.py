@@ -20,7 +20,7 @@ from vgrd.vision.warp import LocalFrame, project
 
 _WIDEST_PX, _FINE_PX = 7.0, 3.0
 _OF_CELL = 0.42  # of the smallest cell that a profile may reach into
-_STEP_PX = 1.5  # between profiles along an edge
+_STEP_PX, _COARSE_STEP_PX = 1.5, 4.0  # between profiles along an edge
 _CORNER_PX = 2.5  # kept free of profiles at the ends of an edge
 _FEWEST_EDGES = 8
 _REWEIGHTINGS = 4
@@ -41,18 +41,38 @@ class EdgeFit:
     used: float
 
 
-def fit_edges(
-    picture: Grey, raster: Raster, frame: LocalFrame, q_from_target: Array, *, coarse: bool
-) -> EdgeFit | None:
-    """Fit all black-and-white edges; None when too few are there. Ends where it has strayed.
+def coarse_homography(
+    picture: Grey, raster: Raster, frame: LocalFrame, q_from_target: Array
+) -> Array | None:
+    """The homography from a start that may be off by a third of a cell; None with too few edges."""
+    found = _fit(picture, raster, frame, q_from_target, (True, True, False))
+    return None if found is None else found[0]
 
-    coarse: the start may be off by a third of a cell, else by 2 px.
+
+def fit_edges(
+    picture: Grey, raster: Raster, frame: LocalFrame, q_from_target: Array
+) -> EdgeFit | None:
+    """Fit all black-and-white edges from a start good to 2 px; None when too few are there.
+
+    Ends where it has strayed.
     """
-    H, segments = normalised(q_from_target), edge_segments(raster)
+    found = _fit(picture, raster, frame, q_from_target, (False, False))
+    if found is None:
+        return None
+    H, scale, covariance, rms, agreeing = found
+    corners_px, covariance = to_pixels(frame, apply(H, raster.corners), covariance[:8, :8], scale)
+    return EdgeFit(corners_px, covariance, H, rms, agreeing / len(edge_segments(raster)))
+
+
+def _fit(
+    picture: Grey, raster: Raster, frame: LocalFrame, q_from_target: Array, wide: tuple[bool, ...]
+) -> tuple[Array, float, Array, float, float] | None:
+    """Homography after a step for each of `wide`; scale of the steps, what `_step` tells of the last."""
+    H = normalised(q_from_target)
     corners = apply(H, raster.corners)
-    scale = float(np.abs(corners - corners.mean(0)).max())
-    for wide in (True, True, False) if coarse else (False, False):
-        found = edge_offsets(picture, raster, frame, H, wide=wide)
+    scale = _extent(corners)
+    for is_wide in wide:
+        found = edge_offsets(picture, raster, frame, H, wide=is_wide)
         if len(np.unique(found[3])) < _FEWEST_EDGES:
             return None
         try:
@@ -62,10 +82,14 @@ def fit_edges(
         H = moved(H, change[:8], scale)
         if has_strayed(H, raster, corners):
             break
-        if coarse and np.abs(change[:8]).max() * scale < _STILL_PX:
+        if is_wide and np.abs(change[:8]).max() * scale < _STILL_PX:
             break
-    corners_px, covariance = to_pixels(frame, apply(H, raster.corners), covariance[:8, :8], scale)
-    return EdgeFit(corners_px, covariance, H, rms, agreeing / len(segments))
+    return H, scale, covariance, rms, agreeing
+
+
+def _extent(corners: Array) -> float:
+    """Largest distance of corners (4, 2) from their middle along an axis, px."""
+    return float(np.abs(corners - corners.mean(0)).max())
 
 
 def has_strayed(q_from_target: Array, raster: Raster, start: Array) -> bool:
@@ -73,9 +97,8 @@ def has_strayed(q_from_target: Array, raster: Raster, start: Array) -> bool:
 
     No longer a step of a fit: edges would be sought far outside of the picture, and for very long.
     """
-    extent = float(np.abs(start - start.mean(0)).max())
     shift = float(np.abs(apply(q_from_target, raster.corners) - start).max())
-    return not shift <= extent
+    return not shift <= _extent(start)
 
 
 def edge_offsets(
@@ -87,11 +110,12 @@ def edge_offsets(
     """
     cell = _cell_px(raster, H)
     width = max(min(_FINE_PX, _OF_CELL * cell), 1.5)
+    step = _COARSE_STEP_PX if wide else _STEP_PX
     if wide:
         width = max(min(_WIDEST_PX, _OF_CELL * cell), width)
     Fi = np.asarray(np.linalg.inv(frame.F), dtype=np.float64)
     free, segments = min(_CORNER_PX, 0.25 * cell), edge_segments(raster)
-    return _profiles(picture, frame.lens, frame.r0, Fi, H, segments, width, free)
+    return _profiles(picture, frame.lens, frame.r0, Fi, H, segments, width, free, step)
 
 
 def _cell_px(raster: Raster, H: Array) -> float:
@@ -110,7 +134,9 @@ def edge_slopes(q: Array, normal: Array, scale: float) -> Array:
         x, y = q[i, 0] / scale, q[i, 1] / scale
         u, v = normal[i, 0] * scale, normal[i, 1] * scale
         along = u * x + v * y
-        J[i] = np.array([u * x, u * y, u, v * x, v * y, v, -along * x, -along * y, 1.0])
+        J[i, 0], J[i, 1], J[i, 2] = u * x, u * y, u
+        J[i, 3], J[i, 4], J[i, 5] = v * x, v * y, v
+        J[i, 6], J[i, 7], J[i, 8] = -along * x, -along * y, 1.0
     return J
 
 
@@ -133,20 +159,27 @@ def _step(
         A = JW.T @ J
         change = change + np.linalg.solve(A, JW.T @ r)
         r = offset - J @ change
+    meat, agreeing = _meat(J, r, weight, edge)
+    rms = math.sqrt(np.sum(weight * r * r) / np.sum(weight))
+    bread = np.linalg.inv(A)
+    return change, bread @ meat @ bread, rms, agreeing
+
+
+@compiled
+def _meat(J: Array, r: Array, weight: Array, edge: NDArray[np.intp]) -> tuple[Array, float]:
+    """Scatter (9, 9) of the scores of whole edges, and how many edges agree."""
     meat, score, total = np.zeros((9, 9)), np.zeros(9), np.zeros(9)
-    agreeing, squares, heaviest = 0, 0.0, 0.0
-    for i in range(n):
-        score += J[i] * weight[i] * r[i]
-        total += J[i] * weight[i]
-        squares += weight[i] * r[i] * r[i]
+    agreeing, heaviest = 0, 0.0
+    for i in range(len(r)):
+        for m in range(9):
+            score[m] += J[i, m] * weight[i] * r[i]
+            total[m] += J[i, m] * weight[i]
         heaviest = max(heaviest, weight[i])
-        if i == n - 1 or edge[i + 1] != edge[i]:
+        if i == len(r) - 1 or edge[i + 1] != edge[i]:
             meat += np.outer(score, score) + np.outer(total, total) * _EDGE_FLOOR_PX**2
             agreeing += heaviest > 0.25
-            score, total, heaviest = np.zeros(9), np.zeros(9), 0.0
-    bread = np.linalg.inv(A)
-    rms = math.sqrt(squares / np.sum(weight))
-    return change, bread @ meat @ bread, rms, float(agreeing)
+            score[:], total[:], heaviest = 0.0, 0.0, 0.0
+    return meat, float(agreeing)
 
 
 @lru_cache(maxsize=64)
@@ -200,6 +233,7 @@ def _profiles(
     segments: Array,
     width: float,
     free: float,
+    step: float,
 ) -> tuple[Array, Array, Array, NDArray[np.intp]]:
     """Measure edges along their normals: points q (n, 2), normals to white (n, 2), offsets (n,), edge (n,)."""
     height, columns = picture.shape
@@ -211,7 +245,7 @@ def _profiles(
             w = 1.0 / (H[2, 0] * X + H[2, 1] * Y + H[2, 2])
             ends[k, 2 * m] = (H[0, 0] * X + H[0, 1] * Y + H[0, 2]) * w
             ends[k, 2 * m + 1] = (H[1, 0] * X + H[1, 1] * Y + H[1, 2]) * w
-        room += 2 + int(math.hypot(ends[k, 2] - ends[k, 0], ends[k, 3] - ends[k, 1]) / _STEP_PX)
+        room += 2 + int(math.hypot(ends[k, 2] - ends[k, 0], ends[k, 3] - ends[k, 1]) / step)
     q, normal, offset = np.empty((room, 2)), np.empty((room, 2)), np.empty(room)
     edge = np.empty(room, np.intp)
     half = int(2 * width)
@@ -220,7 +254,7 @@ def _profiles(
     for k in range(len(segments)):
         dx, dy = ends[k, 2] - ends[k, 0], ends[k, 3] - ends[k, 1]
         length = math.hypot(dx, dy)
-        pieces = int((length - 2 * free) / _STEP_PX)
+        pieces = int((length - 2 * free) / step)
         if pieces < 1:
             continue
         nx, ny = -dy / length, dx / length

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from vgrd.devices import Grey
 from vgrd.geometry import Array
 from vgrd.vision.compiling import compiled, inlined
-from vgrd.vision.lines import gaps, line_table, strip_of
+from vgrd.vision.lines import line_table, strip_around
 from vgrd.vision.warp import project, ray, slopes
 
 Cells = NDArray[np.intp]
@@ -16,7 +16,7 @@ Cells = NDArray[np.intp]
 _BLOCK, _PART = 16, 4  # px; blocks and their parts without an edge are passed over
 _PAPER_PX = 2.0  # paper used beyond the reach of the outer edges
 _AWAY, _FLAT, _MIXED = 0, 1, 2
-_EXACT = 2  # steps that make a block's linear map exact: q moves as pixels do
+_TO_CORNER = math.sqrt(0.5)  # of a square's side
 
 
 @compiled
@@ -29,9 +29,8 @@ def gather(
     Hi: Array,
     raster: tuple[Array, Array, Array],
     reach: float,
-    stride: int,
 ) -> tuple[Array, Array, Cells, int, int, Array]:
-    """Choose the pixels of a target: all within `reach` px of an edge, then every stride-th flat one.
+    """Choose the pixels of a target: all within `reach` px of an edge, then one flat one per part.
 
     raster: x lines, y lines, cells. Returns q (n, 2), level (n,), cell (n, 2) as (column, row), the
     number of edge pixels, the number of places outside the picture, and (m, 3) colour, level and second
@@ -47,7 +46,7 @@ def gather(
     for by in range(top, bottom, _BLOCK):
         for bx in range(left, right, _BLOCK):
             local = _local_map(lens, r0, F, bx + 0.5 * (_BLOCK - 1), by + 0.5 * (_BLOCK - 1))
-            kind = _kind(U, V, cells, local[0], local[1], 0.7072 * _BLOCK + reach)
+            kind = _kind(U, V, cells, local[0], local[1], _TO_CORNER * (_BLOCK - 1) + reach)
             if kind == _AWAY:
                 continue
             for py in range(by, by + _BLOCK, _PART):
@@ -58,24 +57,12 @@ def gather(
                     qy = local[1] + local[4] * dx + local[5] * dy
                     part = kind
                     if kind == _MIXED:
-                        part = _kind(U, V, cells, qx, qy, 0.7072 * _PART + reach)
+                        part = _kind(U, V, cells, qx, qy, _TO_CORNER * (_PART - 1) + reach)
                     if part != _AWAY:
-                        step = 1 if part == _MIXED else stride
                         around = (qx, qy, local[2], local[3], local[4], local[5])
+                        is_flat = part == _FLAT
                         found = _scan(
-                            U,
-                            V,
-                            cells,
-                            around,
-                            px,
-                            py,
-                            step,
-                            reach,
-                            stride,
-                            place,
-                            spot,
-                            flat,
-                            found,
+                            U, V, cells, around, px, py, is_flat, reach, place, spot, flat, found
                         )
     return _read(picture, lens, r0, F, place, spot, flat, found, cells)
 
@@ -128,7 +115,8 @@ def _local_map(
 def _kind(U: Array, V: Array, cells: Array, qx: float, qy: float, radius: float) -> int:
     """Whether the surroundings of a place are off the raster, of one colour, or mixed."""
     rows, columns = cells.shape
-    ku, kv = strip_of(U, qx, qy, columns // 2), strip_of(V, qx, qy, rows // 2)
+    ku, left, right = strip_around(U, qx, qy, columns // 2)
+    kv, above, below = strip_around(V, qx, qy, rows // 2)
     if not (0 <= ku < columns and 0 <= kv < rows):
         for table in (U, V):
             first = table[0, 0] * qx + table[0, 1] * qy + table[0, 2]
@@ -136,8 +124,6 @@ def _kind(U: Array, V: Array, cells: Array, qx: float, qy: float, radius: float)
             if first < -radius or last > radius:
                 return _AWAY
         return _MIXED
-    left, right = gaps(U, ku, qx, qy)
-    above, below = gaps(V, kv, qx, qy)
     near = (left < radius, right < radius, above < radius, below < radius)
     if (near[0] and ku == 0) or (near[1] and ku == columns - 1):
         return _MIXED
@@ -154,9 +140,8 @@ def _scan(
     around: tuple[float, float, float, float, float, float],
     px: int,
     py: int,
-    step: int,
+    is_flat: bool,
     reach: float,
-    stride: int,
     place: Array,
     spot: Cells,
     flat: NDArray[np.intp],
@@ -164,30 +149,30 @@ def _scan(
 ) -> int:
     """Add the pixels of a part of a block: q, (x, y, column, row), flat; returns how many there are now.
 
-    flat: 0 near an edge, 1 for a flat pixel, `stride` for the first pixel of a part that is all flat.
+    flat: 0 near an edge, 1 for a flat pixel, 2 for the first pixel of a part that is all flat.
     """
     rows, columns = cells.shape
     ku, kv = columns // 2, rows // 2
     middle = 0.5 * (_PART - 1)
-    for j in range(0, _PART, step):
-        for i in range(0, _PART, step):
+    side = 1 if is_flat else _PART
+    for j in range(side):
+        for i in range(side):
             dx, dy = i - middle, j - middle
             qx = around[0] + around[2] * dx + around[3] * dy
             qy = around[1] + around[4] * dx + around[5] * dy
-            ku, kv = strip_of(U, qx, qy, ku), strip_of(V, qx, qy, kv)
+            ku, left, right = strip_around(U, qx, qy, ku)
+            kv, above, below = strip_around(V, qx, qy, kv)
             if not (0 <= ku < columns and 0 <= kv < rows):
                 continue
-            left, right = gaps(U, ku, qx, qy)
-            above, below = gaps(V, kv, qx, qy)
             near = (left < reach, right < reach, above < reach, below < reach)
-            edge = step == 1 and _varies(cells, ku, kv, near)
-            if step == 1 and not edge and ((px + i) % stride != 0 or (py + j) % stride != 0):
+            edge = not is_flat and _varies(cells, ku, kv, near)
+            if not edge and (i > 0 or j > 0):
                 continue
             if _usable(ku, columns, left, right, reach) and _usable(kv, rows, above, below, reach):
                 place[found, 0], place[found, 1] = qx, qy
                 spot[found, 0], spot[found, 1] = px + i, py + j
                 spot[found, 2], spot[found, 3] = ku, kv
-                flat[found] = 0 if edge else step
+                flat[found] = 0 if edge else 2 if is_flat else 1
                 found += 1
     return found
 
@@ -205,16 +190,17 @@ def _usable(k: int, strips: int, low: float, high: float, reach: float) -> bool:
 
 @inlined
 def _varies(cells: Array, ku: int, kv: int, near: tuple[bool, bool, bool, bool]) -> bool:
-    """Whether cells of different colour lie within reach."""
+    """Whether cells of different colour lie within reach (left, right, above, below)."""
     rows, columns = cells.shape
     here = cells[kv, ku]
-    for v in range(kv - 1 if near[2] and kv > 0 else kv, min(kv + (2 if near[3] else 1), rows)):
-        for u in range(
-            ku - 1 if near[0] and ku > 0 else ku, min(ku + (2 if near[1] else 1), columns)
-        ):
-            if cells[v, u] != here:
-                return True
-    return False
+    v0 = kv - 1 if near[2] and kv > 0 else kv
+    v1 = kv + 1 if near[3] and kv < rows - 1 else kv
+    u0 = ku - 1 if near[0] and ku > 0 else ku
+    u1 = ku + 1 if near[1] and ku < columns - 1 else ku
+    across = cells[kv, u0] != here or cells[kv, u1] != here
+    along = cells[v0, ku] != here or cells[v1, ku] != here
+    corners = (cells[v0, u0], cells[v0, u1], cells[v1, u0], cells[v1, u1])
+    return across or along or corners != (here, here, here, here)
 
 
 @compiled
@@ -244,12 +230,10 @@ def _read(
                 lost += 1
                 continue
             x, y = place[i, 0], place[i, 1]
-            for _ in range(_EXACT):
-                u, v = project(
-                    lens, r0[0] + Fi[0, 0] * x + Fi[0, 1] * y, r0[1] + Fi[1, 0] * x + Fi[1, 1] * y
-                )
-                x, y = x + (px - u), y + (py - v)
-            q[total, 0], q[total, 1] = x, y
+            u, v = project(
+                lens, r0[0] + Fi[0, 0] * x + Fi[0, 1] * y, r0[1] + Fi[1, 0] * x + Fi[1, 1] * y
+            )
+            q[total, 0], q[total, 1] = x + (px - u), y + (py - v)  # q moves as pixels do
             level[total] = picture[py, px]
             cell[total, 0], cell[total, 1] = spot[i, 2], spot[i, 3]
             total += 1
@@ -271,7 +255,7 @@ def _bend(
     first, last = (px, px + 1) if side == 1 else (px + 1, px + side - 1)
     if first < 1 or last >= width or py + side > height:
         return plain
-    for y in range(py, py + side):
+    for y in range(py, py + side, 2):
         for x in range(first, last):
             here = float(picture[y, x])
             bends[plain, 0], bends[plain, 1] = colour, here

@@ -62,19 +62,23 @@ def node_table(U: Array, V: Array, S: Array) -> Array:
 
 
 @inlined
-def strip_of(table: Array, qx: float, qy: float, start: int) -> int:
-    """Index of the strip between two lines that holds q; -1 and the number of strips outside."""
+def strip_around(table: Array, qx: float, qy: float, start: int) -> tuple[int, float, float]:
+    """Index of the strip between two lines that holds q, and the distances, px, to both.
+
+    The index is -1 or the number of strips outside, where only one of the distances counts.
+    """
     k, last = min(max(start, 0), len(table) - 2), len(table) - 1
-    while k >= 0 and table[k, 0] * qx + table[k, 1] * qy + table[k, 2] < 0:
-        k -= 1
-    while k < last and table[k + 1, 0] * qx + table[k + 1, 1] * qy + table[k + 1, 2] >= 0:
-        k += 1
-    return k
+    low, high = distance(table, k, qx, qy), -distance(table, k + 1, qx, qy)
+    while low < 0 and k >= 0:
+        k, high = k - 1, -low
+        low = distance(table, k, qx, qy) if k >= 0 else 0.0
+    while high <= 0 and k < last:
+        k, low = k + 1, -high
+        high = -distance(table, k + 1, qx, qy) if k < last else 0.0
+    return k, low, high
 
 
 @inlined
-def gaps(table: Array, k: int, qx: float, qy: float) -> tuple[float, float]:
-    """Distances, px, to the two lines of strip k, both positive inside."""
-    low = table[k, 0] * qx + table[k, 1] * qy + table[k, 2]
-    high = table[k + 1, 0] * qx + table[k + 1, 1] * qy + table[k + 1, 2]
-    return low, -high
+def distance(table: Array, k: int, qx: float, qy: float) -> float:
+    """Signed distance, px, of q from a line."""
+    return float(table[k, 0] * qx + table[k, 1] * qy + table[k, 2])

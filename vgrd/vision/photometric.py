@@ -21,10 +21,10 @@ from vgrd.vision.warp import LocalFrame
 _SIGMA_PX = 0.8  # blur to start from
 _REACH_SIGMAS = 3.4
 _MARGIN_PX = 0.5  # by which the start may be off
-_FLAT_STRIDE = 4
 _QUADRATIC_LIGHT_PX = 400.0  # larger targets need a light that bends
 _MAX_STEPS = 14
 _SPARSE, _MANY, _FEWEST = 4, 4000, 60  # every fourth pixel while there are many; too few to fit
+_ENOUGH_FOR_LIGHT = 1500
 _SETTLED_PX, _STILL_PX, _FARTHEST_PX = 0.2, 0.01, 6.0  # a step squared is what a step leaves
 _LEAST_CONTRAST = 6.0
 _ANISOTROPY_PX2 = 0.5  # believed difference of the variances of the blur along two directions
@@ -147,7 +147,6 @@ class _Iteration:
             inverse(self.H),
             (raster.x, raster.y, raster.cells),
             self.reach,
-            _FLAT_STRIDE,
         )
         self.residual = np.zeros(len(self.level))
         self.outside = lost / max(len(self.level) + lost, 1)
@@ -217,7 +216,7 @@ class _Iteration:
         if self.edges < _FEWEST:
             return False
         self.gain, self.offset = np.zeros(self.terms), np.zeros(self.terms)
-        A, g, _, _ = self._normal_equations(self._sparse)
+        A, g, _, _ = self._normal_equations(max(len(self.level) // _ENOUGH_FOR_LIGHT, 1))
         light = _solved(A[LIGHT:, LIGHT:], g[LIGHT:])
         if light is None:
             return False

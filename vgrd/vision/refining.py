@@ -7,7 +7,7 @@ import numpy as np
 
 from vgrd.devices import Grey
 from vgrd.geometry import Array
-from vgrd.vision.edges import EdgeFit, fit_edges, has_strayed
+from vgrd.vision.edges import EdgeFit, coarse_homography, fit_edges, has_strayed
 from vgrd.vision.homography import apply, from_points
 from vgrd.vision.noise import Noise
 from vgrd.vision.photometric import PhotometricFit, align
@@ -36,7 +36,6 @@ class Refined:
     covariance: Array
     method: Method
     fit: PhotometricFit | None
-    edges: EdgeFit | None
 
 
 def refine(
@@ -59,8 +58,8 @@ def refine(
         H = from_points(raster.corners, frame.q_of(corners_px))
     except np.linalg.LinAlgError:
         return None
-    coarse = fit_edges(picture, raster, frame, H, coarse=True)
-    start = H if coarse is None else coarse.q_from_target
+    coarse = coarse_homography(picture, raster, frame, H)
+    start = H if coarse is None else coarse
     if has_strayed(start, raster, apply(H, raster.corners)):
         return None
     fit = align(picture, raster, frame, start, noise)
@@ -68,13 +67,13 @@ def refine(
         fit = _as_printed(picture, raster, fit, noise)
     if fit is not None and trusted(fit):
         covariance = fit.covariance * max(fit.chi2, 1.0)
-        return Refined(fit.corners_px, covariance, Method.PHOTOMETRIC, fit, coarse)
-    edges = fit_edges(picture, raster, frame, start, coarse=False)
+        return Refined(fit.corners_px, covariance, Method.PHOTOMETRIC, fit)
+    edges = fit_edges(picture, raster, frame, start)
     if edges is None or not _is_useful(edges, raster):
         return None
     if has_strayed(edges.q_from_target, raster, apply(start, raster.corners)):
         return None
-    return Refined(edges.corners_px, edges.covariance, Method.EDGES, fit, edges)
+    return Refined(edges.corners_px, edges.covariance, Method.EDGES, fit)
 
 
 def read_only(picture: Grey) -> Grey:
