@@ -20,7 +20,8 @@ from vgrd.vision.warp import LocalFrame, project
 
 _WIDEST_PX, _FINE_PX = 7.0, 3.0
 _OF_CELL = 0.42  # of the smallest cell that a profile may reach into
-_STEP_PX, _COARSE_STEP_PX = 1.5, 4.0  # between profiles along an edge
+_STEP_PX = 1.5  # between profiles along an edge
+_COARSE_STEP = 0.25  # of the smallest cell, where only a start is wanted
 _CORNER_PX = 2.5  # kept free of profiles at the ends of an edge
 _FEWEST_EDGES = 8
 _REWEIGHTINGS = 4
@@ -43,10 +44,13 @@ class EdgeFit:
 
 def coarse_homography(
     picture: Grey, raster: Raster, frame: LocalFrame, q_from_target: Array
-) -> Array | None:
-    """The homography from a start that may be off by a third of a cell; None with too few edges."""
+) -> tuple[Array, float] | None:
+    """The homography from a start that may be off by a third of a cell, and the share of edges seen.
+
+    None when too few are there.
+    """
     found = _fit(picture, raster, frame, q_from_target, (True, True, False))
-    return None if found is None else found[0]
+    return None if found is None else (found[0], found[-1] / len(edge_segments(raster)))
 
 
 def fit_edges(
@@ -110,7 +114,7 @@ def edge_offsets(
     """
     cell = _cell_px(raster, H)
     width = max(min(_FINE_PX, _OF_CELL * cell), 1.5)
-    step = _COARSE_STEP_PX if wide else _STEP_PX
+    step = max(_STEP_PX, _COARSE_STEP * cell) if wide else _STEP_PX
     if wide:
         width = max(min(_WIDEST_PX, _OF_CELL * cell), width)
     Fi = np.asarray(np.linalg.inv(frame.F), dtype=np.float64)
@@ -254,9 +258,9 @@ def _profiles(
     for k in range(len(segments)):
         dx, dy = ends[k, 2] - ends[k, 0], ends[k, 3] - ends[k, 1]
         length = math.hypot(dx, dy)
-        pieces = int((length - 2 * free) / step)
-        if pieces < 1:
+        if length - 2 * free < _STEP_PX:
             continue
+        pieces = max(int((length - 2 * free) / step), 1)
         nx, ny = -dy / length, dx / length
         X, Y = segments[k, 0] + segments[k, 4] * 1e-3, segments[k, 1] + segments[k, 5] * 1e-3
         w = 1.0 / (H[2, 0] * X + H[2, 1] * Y + H[2, 2])

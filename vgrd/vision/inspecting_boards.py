@@ -108,7 +108,7 @@ def _origin_sigma_mm(camera_from_board: Pose, covariance: Array) -> float:
 def _remarks(fit: BoardFit) -> list[tuple[str, str]]:
     """What makes a pose worse than it could be."""
     out = [("sizes", sizes_remark(fit.excess))] if fit.excess else []
-    seen = 1.0 if fit.refined.edges is None else fit.refined.edges.used
+    seen = fit.refined.edges_seen
     if seen < _WHOLE:  # looks like a shadow to the fit of the light
         told = f"only {seen:.0%} of its edges are seen: uncover it, or bring it into the picture"
         return [*out, ("partial", told)]

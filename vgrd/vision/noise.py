@@ -8,7 +8,7 @@ from vgrd.geometry import Array
 from vgrd.vision.compiling import compiled
 
 _LEAST_VARIANCE = 1 / 12  # rounding to whole grey levels
-_FEW_PIXELS = 60
+_FEW_PIXELS = 30
 _DIRTY = 25.0  # squared sigmas
 
 

@@ -30,12 +30,16 @@ class Method(StrEnum):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Refined:
-    """Corners (4, 2) px with covariance (8, 8), the fit they come from, and the photometric fit if there is one."""
+    """Corners (4, 2) px with covariance (8, 8), the fit they come from, and the photometric fit if there is one.
+
+    edges_seen: share of the edges that agree with a fit of edges.
+    """
 
     corners_px: Array
     covariance: Array
     method: Method
     fit: PhotometricFit | None
+    edges_seen: float
 
 
 def refine(
@@ -59,7 +63,7 @@ def refine(
     except np.linalg.LinAlgError:
         return None
     coarse = coarse_homography(picture, raster, frame, H)
-    start = H if coarse is None else coarse
+    start, seen = (H, 0.0) if coarse is None else coarse
     if has_strayed(start, raster, apply(H, raster.corners)):
         return None
     fit = align(picture, raster, frame, start, noise)
@@ -67,13 +71,13 @@ def refine(
         fit = _as_printed(picture, raster, fit, noise)
     if fit is not None and trusted(fit):
         covariance = fit.covariance * max(fit.chi2, 1.0)
-        return Refined(fit.corners_px, covariance, Method.PHOTOMETRIC, fit)
+        return Refined(fit.corners_px, covariance, Method.PHOTOMETRIC, fit, seen)
     edges = fit_edges(picture, raster, frame, start)
     if edges is None or not _is_useful(edges, raster):
         return None
     if has_strayed(edges.q_from_target, raster, apply(start, raster.corners)):
         return None
-    return Refined(edges.corners_px, edges.covariance, Method.EDGES, fit)
+    return Refined(edges.corners_px, edges.covariance, Method.EDGES, fit, edges.used)
 
 
 def read_only(picture: Grey) -> Grey:

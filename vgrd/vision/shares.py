@@ -9,6 +9,7 @@ import math
 
 from vgrd.geometry import Array
 from vgrd.vision.compiling import inlined
+from vgrd.vision.lines import distance
 
 _NEAR = 4.2  # sigma beyond which an edge is not felt
 _PER_TURN = 0.15915494309189535
@@ -63,11 +64,6 @@ def _crossing(
 
 
 @inlined
-def _distance(table: Array, k: int, qx: float, qy: float) -> float:
-    return float(table[k, 0] * qx + table[k, 1] * qy + table[k, 2])
-
-
-@inlined
 def share(
     cells: Array,
     ku: int,
@@ -84,8 +80,8 @@ def share(
     rows, columns = cells.shape
     u0, v0 = max(ku - 1, 0), max(kv - 1, 0)
     u2, v2 = min(ku + 1, columns - 1), min(kv + 1, rows - 1)
-    dl, dr = _distance(U, ku, qx, qy), _distance(U, ku + 1, qx, qy)
-    dt, db = _distance(V, kv, qx, qy), _distance(V, kv + 1, qx, qy)
+    dl, dr = distance(U, ku, qx, qy), distance(U, ku + 1, qx, qy)
+    dt, db = distance(V, kv, qx, qy), distance(V, kv + 1, qx, qy)
     near_l, near_r = dl * U[ku, 3] < _NEAR, dr * U[ku + 1, 3] > -_NEAR
     near_t, near_b = dt * V[kv, 3] < _NEAR, db * V[kv + 1, 3] > -_NEAR
     a0, a1, a2 = cells[v0, u0], cells[v0, ku], cells[v0, u2]
