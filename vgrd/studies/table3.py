@@ -44,6 +44,7 @@ _BARS = (
     (HOLES, SPECIAL, 0.44),
     (HOLES_3, SPECIAL, 0.62),
     (SERVED, SPECIAL_CAD, None),
+    (SERVED, CONVENTIONAL, None),
 )
 _EVERYTHING = Session(Plan.JOINT, points=10, looks=8, spins=10)
 
