@@ -28,7 +28,7 @@ from vgrd.model import TagSpec
 from vgrd.vision.board_fit import charuco_raster, tag_board_raster
 from vgrd.vision.boards import Charuco
 from vgrd.vision.codes import dictionary_of, square_corners
-from vgrd.vision.planar import PlanarPose, planar_poses
+from vgrd.vision.planar import PlanarPose, is_ambiguous, planar_poses
 from vgrd.vision.quality import disturbance
 from vgrd.vision.raster import Raster, tag_raster
 from vgrd.vision.refining import Refined, refine
@@ -38,7 +38,6 @@ from vgrd.vision.warp import lens_vector
 SHARE = float(os.environ.get("VGRD_BENCH_SHARE", "0.05"))
 TILTS = (0, 20, 40, 60)
 ROUGH_PX = 0.7  # error of the corners that a fit starts from
-AMBIGUOUS = 25.0
 
 
 def rows() -> list[Row]:
@@ -255,11 +254,9 @@ def _flips() -> list[Row]:
     for k in range(n):
         pose = random_pose(NARROW, rng, rng.uniform(0, 2 if k % 2 else 60))
         _, poses, _ = _measured(shot(NARROW, tag_pattern(tag), pose, rng), raster, pose, rng)
-        if len(poses) > 1:
-            sure = poses[1].cost - poses[0].cost >= AMBIGUOUS
-            unsure += not sure
-            wrong = poses[1].pose.distance(pose)[1] < poses[0].pose.distance(pose)[1]
-            flips += sure and wrong
+        unsure += is_ambiguous(poses)
+        if len(poses) > 1 and not is_ambiguous(poses):
+            flips += poses[1].pose.distance(pose)[1] < poses[0].pose.distance(pose)[1]
     return [
         Row.at_most("vision_flips", flips, "", 0, f"{n} pictures, {unsure} said to be ambiguous")
     ]

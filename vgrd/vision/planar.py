@@ -18,7 +18,7 @@ from vgrd.geometry.covariance import whitener
 from vgrd.vision.compiling import compiled
 from vgrd.vision.warp import lens_vector, project, slopes
 
-_STEPS = 12
+_STEPS = 60
 _STILL = 1e-6  # chi-square
 _SAME_RAD = np.radians(0.01)
 _BRANCH_MARGIN = 25.0  # chi-square by which the second solution must be worse: 5 sigma
