@@ -1,6 +1,11 @@
 import csv
 import json
+import os
+import select
+import signal
+import subprocess
 import sys
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -50,6 +55,17 @@ def test_results_are_bit_identical_for_one_and_two_workers(name, tmp_path):
         )
         files.append(outcome.files[0].read_bytes())
     assert files[0] == files[1]
+
+
+@pytest.mark.parametrize("how", [signal.SIGTERM, signal.SIGKILL])
+def test_no_worker_outlives_a_study_that_is_killed(how):
+    argv = [sys.executable, str(Path(__file__).with_name("endless_study.py"))]
+    with subprocess.Popen(argv, stdout=subprocess.PIPE, text=True) as study:
+        workers = [os.pidfd_open(int(study.stdout.readline())) for _ in range(2)]
+        study.send_signal(how)
+    for worker in workers:
+        assert select.select([worker], [], [], 10.0)[0], "it is still there after 10 s"
+        os.close(worker)
 
 
 def test_a_dask_cluster_gives_the_same_rows_as_this_process():

@@ -3,9 +3,8 @@
 python -m vgrd.cell.solver SESSION_FOLDER STATE_DIR TOLERANCE_MM POLICY
 """
 
-import ctypes
 import json
-import signal
+import os
 import sys
 from dataclasses import replace
 from functools import partial
@@ -21,6 +20,7 @@ from vgrd.cell.hole_sightings import HolesSeen, Report, holes_of, see_holes
 from vgrd.clock import Clock, SystemClock
 from vgrd.errors import CalibrationError, StoreError, VgrdError
 from vgrd.model import Calibration, Plan, Policy, Recording
+from vgrd.orphans import die_with
 from vgrd.store.calibrations import CalibrationStore
 from vgrd.store.sessions import iterate_images, iterate_observations, load_session
 
@@ -110,15 +110,10 @@ def _log_progress(done: int, total: int) -> None:
     log.info("looking_for_holes", picture=done, of=total)
 
 
-def _die_with_the_cell() -> None:
-    """PDEATHSIG: no solver outlives the process that asked for it."""
-    ctypes.CDLL(None).prctl(1, signal.SIGKILL)
-
-
 def main(argv: list[str] | None = None) -> int:
     """Entry point of the solver process: one JSON line on standard output."""
     folder, state_dir, tolerance_mm, policy = (argv or sys.argv)[1:]
-    _die_with_the_cell()
+    die_with(os.getppid())
     logs.configure("solver")
     try:
         result = solve_session(

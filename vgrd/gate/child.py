@@ -6,16 +6,16 @@ GIL: a child that hangs in a vendor's library dies with the gate, however that e
 """
 
 import asyncio
-import ctypes
 import os
 import signal
 import subprocess
 from collections.abc import Mapping, Sequence
+from functools import partial
 from typing import Final
 
-_PR_SET_PDEATHSIG: Final = 1
+from vgrd.orphans import die_with
+
 _NOT_FOR_CHILDREN: Final = ("NOTIFY_SOCKET", "WATCHDOG_USEC", "WATCHDOG_PID")
-_libc = ctypes.CDLL(None)
 
 
 class Child:
@@ -26,20 +26,13 @@ class Child:
     ) -> None:
         """Start it. Raises OSError when that is not possible."""
         inherited = {k: v for k, v in os.environ.items() if k not in _NOT_FOR_CHILDREN}
-        parent = os.getpid()
-
-        def die_with_gate() -> None:
-            _libc.prctl(_PR_SET_PDEATHSIG, signal.SIGKILL)
-            if os.getppid() != parent:
-                os._exit(1)
-
         self._process = subprocess.Popen(
             list(argv),
             env={**inherited, **env},
             stdin=subprocess.DEVNULL,
             pass_fds=pass_fds,
             start_new_session=True,
-            preexec_fn=die_with_gate,
+            preexec_fn=partial(die_with, os.getpid()),
         )
         self.pid = self._process.pid
         self._pidfd = os.pidfd_open(self.pid)

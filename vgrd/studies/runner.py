@@ -12,10 +12,12 @@ from dataclasses import dataclass
 from functools import partial
 from importlib import import_module
 from multiprocessing import get_context
+from os import getpid
 
 from numpy.random import SeedSequence
 
 from vgrd.errors import CalibrationError, DeviceUnavailable, InputError
+from vgrd.orphans import die_with
 from vgrd.studies.study import REFUSED, Parameters, Row, Study, Trials
 
 _CHUNKS_PER_WORKER = 16
@@ -95,7 +97,10 @@ def _executor(workers: int, dask: str | None) -> Iterator[Executor | None]:
     elif workers == 1:
         yield None
     else:
-        with ProcessPoolExecutor(workers, mp_context=get_context("spawn")) as pool:
+        ours = get_context("spawn")
+        with ProcessPoolExecutor(
+            workers, ours, initializer=die_with, initargs=(getpid(),)
+        ) as pool:
             yield pool
 
 
