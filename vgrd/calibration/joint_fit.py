@@ -58,8 +58,9 @@ def settle(raw: JointData, layout: Layout, state: JointState) -> Optimum:
             tolerance=_TOLERANCE,
         )
         before, state = state, minimum.state
-        as_frozen = len(_frozen(state, data, layout, factor)) == len(frozen)
-        if as_frozen and _is_settled(before, state, data):
+        if _is_settled(before, state, data) and (
+            not len(frozen) or len(_frozen(state, data, layout, factor)) == len(frozen)
+        ):
             break
     require_convergence(minimum.report, "joint estimate")
     state = _polished(state, minimum.residuals, minimum.jacobian, layout)
@@ -140,9 +141,12 @@ def _held(
 ) -> tuple[Array, Array]:
     """Whitened residuals and derivative across what is frozen, which rows of zero residual hold."""
     r, J = linearize(state, data, layout)
-    J = whiten_arm(factor, J) * units(layout)
+    r, J = whiten_arm(factor, r), whiten_arm(factor, J)
+    if not len(frozen):
+        return r, J
+    J = J * units(layout)
     J = np.vstack([J - J @ frozen.T @ frozen, frozen]) / units(layout)
-    return np.concatenate([whiten_arm(factor, r), np.zeros(len(frozen))]), J
+    return np.concatenate([r, np.zeros(len(frozen))]), J
 
 
 def _retract(state: JointState, step: Array, layout: Layout) -> JointState:
