@@ -12,7 +12,10 @@ from fakes.optics import Optics
 from fakes.poses import retracted_pose
 from fakes.rehearsal import Rehearsal, facts_of
 from fakes.world import World
+from vgrd.calibration.joint_fit import information_inverse, settle
+from vgrd.calibration.joint_gather import gather
 from vgrd.calibration.joint_problem import Sighting
+from vgrd.calibration.joint_state import guess, layout_of
 from vgrd.calibration.system import calibrate_system, expected_coordinate
 from vgrd.cell import hole_sightings
 from vgrd.cell.hole_pictures import draw_searched
@@ -91,6 +94,20 @@ def stored(taught: Taught, state: Path, *, plan: Plan = Plan.JOINT, pictures: bo
             writer.observation(seen)
             writer.image(CameraImage(picture, seen.stamp_s, frame))
     return writer.path
+
+
+@pytest.mark.parametrize("seed", [1, 2, 8])
+def test_what_one_wrist_leaves_open_keeps_its_first_value_and_costs_no_steps(seed, tmp_path):
+    world = World(small_layout(), seed)
+    rehearsal = Rehearsal(world, facts_of(world, tmp_path))
+    data = gather(rehearsal.teach(looks=LOOKS, spins=SPINS, tilted=0, points=0))
+    layout, first = layout_of(data), guess(data)
+    found = settle(data, layout, first)
+    _, undetermined = information_inverse(found.jacobian, layout)
+    moved = found.state.tcp_in_wrist - first.tcp_in_wrist
+    assert np.abs(undetermined).max() > 1
+    assert np.abs(moved).max() < 500
+    assert found.report.steps < 20
 
 
 def test_every_sighting_is_where_the_hole_truly_is(taught):
