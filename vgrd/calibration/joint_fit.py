@@ -71,8 +71,7 @@ def fit_at(raw: JointData, layout: Layout, state: JointState, report: Report) ->
     """The fit as it looks at a state."""
     data = raw.refined(state.refined)
     G, factor = arm_noise(state, data)
-    r, J = linearize(state, data, layout)
-    r, J = whiten_arm(factor, r), whiten_arm(factor, J)
+    r, J = _whitened(state, data, layout, factor)
     return Optimum(data, layout, state, r, J, G, factor, report)
 
 
@@ -123,6 +122,14 @@ def unknown_in_words(layout: Layout, undetermined: Array) -> str:
     return ", ".join(name for name, part in names.items() if (size[part] > 0.05).any())
 
 
+def _whitened(
+    state: JointState, data: JointData, layout: Layout, factor: Array
+) -> tuple[Array, Array]:
+    """Residuals (r,) and derivative (r, n) in sigmas, noise of the arm included."""
+    r, J = linearize(state, data, layout)
+    return whiten_arm(factor, r), whiten_arm(factor, J)
+
+
 def _spectrum(jacobian: Array, layout: Layout) -> tuple[Array, Array]:
     """Singular values (k,) that count as determined, and all right vectors (n, n), in `units`."""
     R = np.linalg.qr(jacobian * units(layout), mode="r")
@@ -132,7 +139,7 @@ def _spectrum(jacobian: Array, layout: Layout) -> tuple[Array, Array]:
 
 def _frozen(state: JointState, data: JointData, layout: Layout, factor: Array) -> Array:
     """Directions (z, n) in `units` along which no step is taken: costs would lead nowhere there."""
-    s, Vt = _spectrum(whiten_arm(factor, linearize(state, data, layout)[1]), layout)
+    s, Vt = _spectrum(_whitened(state, data, layout, factor)[1], layout)
     return Vt[len(s) :]
 
 
@@ -140,8 +147,7 @@ def _held(
     state: JointState, data: JointData, layout: Layout, factor: Array, frozen: Array
 ) -> tuple[Array, Array]:
     """Whitened residuals and derivative across what is frozen, which rows of zero residual hold."""
-    r, J = linearize(state, data, layout)
-    r, J = whiten_arm(factor, r), whiten_arm(factor, J)
+    r, J = _whitened(state, data, layout, factor)
     if not len(frozen):
         return r, J
     J = J * units(layout)

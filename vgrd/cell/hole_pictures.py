@@ -7,18 +7,8 @@ import numpy as np
 
 from vgrd.cell.hole_sightings import Images, SearchedPicture
 from vgrd.devices import Pixels
-from vgrd.errors import InputError
 from vgrd.vision.contact_sheet import Tile, contact_sheet
 from vgrd.vision.drawing import DOUBTFUL, draw_hole, write_picture
-
-
-def folder_for_pictures(folder: Path) -> Path:
-    """The folder, made where it is missing; InputError when that cannot be."""
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise InputError(f"--draw {folder}: cannot be made: {error.strerror}") from error
-    return folder
 
 
 def draw_searched(

@@ -15,7 +15,7 @@ import structlog
 
 from vgrd import logs
 from vgrd.calibration.system import calibrate_system
-from vgrd.cell.hole_pictures import draw_searched, folder_for_pictures
+from vgrd.cell.hole_pictures import draw_searched
 from vgrd.cell.hole_sightings import HolesSeen, Report, holes_of, see_holes
 from vgrd.clock import Clock, SystemClock
 from vgrd.errors import CalibrationError, StoreError, VgrdError
@@ -23,6 +23,7 @@ from vgrd.model import Calibration, Plan, Policy, Recording
 from vgrd.orphans import die_with
 from vgrd.store.calibrations import CalibrationStore
 from vgrd.store.sessions import iterate_images, iterate_observations, load_session
+from vgrd.vision.drawing import folder_for_pictures
 
 log = structlog.get_logger()
 

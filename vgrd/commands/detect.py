@@ -137,10 +137,9 @@ def _drawn_files(images: Sequence[Path], folder: Path | None) -> Sequence[Path |
     """Where each picture is drawn; pictures of one name from several folders are numbered."""
     if folder is None:
         return [None] * len(images)
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise InputError(f"--draw {folder}: cannot be made: {error.strerror}") from error
+    from vgrd.vision.drawing import folder_for_pictures
+
+    folder_for_pictures(folder)
     stems = Counter(image.stem for image in images)
     return [
         folder / (f"{image.stem}-{i + 1}.png" if stems[image.stem] > 1 else f"{image.stem}.png")

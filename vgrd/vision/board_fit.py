@@ -19,7 +19,7 @@ from vgrd.geometry.pose import hat
 from vgrd.model import TagSpec
 from vgrd.vision.board_sizes import marker_excess
 from vgrd.vision.boards import Charuco, detect_board
-from vgrd.vision.codes import marker_cells
+from vgrd.vision.codes import marker_cells, square_corners
 from vgrd.vision.finding import FoundTag, find_tags
 from vgrd.vision.homography import apply
 from vgrd.vision.planar import PlanarPose, planar_poses
@@ -125,8 +125,7 @@ def fit_tag_board(
     found = find_tags(picture, sorted({tag.family for tag in tags}))
     for seen in _single(found, place.keys()):
         tag, centre = place[seen.family, seen.id]
-        unit = np.array([[-1, -1], [1, -1], [1, 1], [-1, 1.0]])
-        points.append(centre + tag.size_mm / 2 * unit)
+        points.append(centre + square_corners(tag.size_mm)[:, :2])
         pixels.append(seen.corners_px)
     if not points:
         raise TagNotSeen("none of the board's tags is in the picture: is its file the right one?")

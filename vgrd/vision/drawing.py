@@ -135,6 +135,15 @@ def circle_at(
     cv2.circle(out, (x, y), radius, colour, thickness, cv2.LINE_AA, _SHIFT)
 
 
+def folder_for_pictures(folder: Path) -> Path:
+    """The folder, made where it is missing; InputError when that cannot be."""
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise InputError(f"--draw {folder}: cannot be made: {error.strerror}") from error
+    return folder
+
+
 def write_picture(path: Path, picture: Colour) -> None:
     """Write a PNG or JPEG; InputError when that cannot be."""
     try:

@@ -16,7 +16,7 @@ from vgrd.geometry import Array
 from vgrd.vision.compiling import compiled
 from vgrd.vision.homography import apply, moved, normalised, to_pixels
 from vgrd.vision.raster import Raster
-from vgrd.vision.warp import LocalFrame, project
+from vgrd.vision.warp import LocalFrame, pixel_at, q_at
 
 _WIDEST_PX, _FINE_PX = 7.0, 3.0
 _OF_CELL = 0.42  # of the smallest cell that a profile may reach into
@@ -245,10 +245,8 @@ def _profiles(
     ends = np.empty((len(segments), 4))
     for k in range(len(segments)):
         for m in range(2):
-            X, Y = segments[k, 2 * m], segments[k, 2 * m + 1]
-            w = 1.0 / (H[2, 0] * X + H[2, 1] * Y + H[2, 2])
-            ends[k, 2 * m] = (H[0, 0] * X + H[0, 1] * Y + H[0, 2]) * w
-            ends[k, 2 * m + 1] = (H[1, 0] * X + H[1, 1] * Y + H[1, 2]) * w
+            at = q_at(H, segments[k, 2 * m], segments[k, 2 * m + 1])
+            ends[k, 2 * m], ends[k, 2 * m + 1] = at
         room += 2 + int(math.hypot(ends[k, 2] - ends[k, 0], ends[k, 3] - ends[k, 1]) / step)
     q, normal, offset = np.empty((room, 2)), np.empty((room, 2)), np.empty(room)
     edge = np.empty(room, np.intp)
@@ -263,21 +261,14 @@ def _profiles(
         pieces = max(int((length - 2 * free) / step), 1)
         nx, ny = -dy / length, dx / length
         X, Y = segments[k, 0] + segments[k, 4] * 1e-3, segments[k, 1] + segments[k, 5] * 1e-3
-        w = 1.0 / (H[2, 0] * X + H[2, 1] * Y + H[2, 2])
-        ax = (H[0, 0] * X + H[0, 1] * Y + H[0, 2]) * w - ends[k, 0]
-        ay = (H[1, 0] * X + H[1, 1] * Y + H[1, 2]) * w - ends[k, 1]
-        if ax * nx + ay * ny < 0:
+        ax, ay = q_at(H, X, Y)
+        if (ax - ends[k, 0]) * nx + (ay - ends[k, 1]) * ny < 0:
             nx, ny = -nx, -ny
         for m in range(pieces):
             along = (free + (length - 2 * free) * (m + 0.5) / pieces) / length
             qx, qy = ends[k, 0] + along * dx, ends[k, 1] + along * dy
-            px, py = project(
-                lens, r0[0] + Fi[0, 0] * qx + Fi[0, 1] * qy, r0[1] + Fi[1, 0] * qx + Fi[1, 1] * qy
-            )
-            ox, oy = qx + nx, qy + ny
-            ux, uy = project(
-                lens, r0[0] + Fi[0, 0] * ox + Fi[0, 1] * oy, r0[1] + Fi[1, 0] * ox + Fi[1, 1] * oy
-            )
+            px, py = pixel_at(lens, r0, Fi, qx, qy)
+            ux, uy = pixel_at(lens, r0, Fi, qx + nx, qy + ny)
             ux, uy = ux - px, uy - py
             reach = width + 1.5
             if px < reach or py < reach or px > columns - 2 - reach or py > height - 2 - reach:

@@ -9,7 +9,7 @@ from vgrd.devices import Grey
 from vgrd.geometry import Array
 from vgrd.vision.compiling import compiled, inlined
 from vgrd.vision.lines import line_table, strip_around
-from vgrd.vision.warp import project, ray, slopes
+from vgrd.vision.warp import pixel_at, q_at, ray, slopes
 
 Cells = NDArray[np.intp]
 
@@ -72,16 +72,12 @@ def _bounds(
     lens: Array, r0: Array, F: Array, H: Array, x: Array, y: Array, shape: tuple[int, int]
 ) -> tuple[int, int, int, int]:
     """Rectangle of pixels that holds the raster: left, top, right, bottom, not far outside the picture."""
-    Fi = np.linalg.inv(F)
+    Fi = np.asarray(np.linalg.inv(F), dtype=np.float64)
     low_x, low_y, high_x, high_y = 1e9, 1e9, -1e9, -1e9
     for X in (x[0], x[-1]):
         for Y in (y[0], y[-1]):
-            w = H[2, 0] * X + H[2, 1] * Y + H[2, 2]
-            qx = (H[0, 0] * X + H[0, 1] * Y + H[0, 2]) / w
-            qy = (H[1, 0] * X + H[1, 1] * Y + H[1, 2]) / w
-            px, py = project(
-                lens, r0[0] + Fi[0, 0] * qx + Fi[0, 1] * qy, r0[1] + Fi[1, 0] * qx + Fi[1, 1] * qy
-            )
+            qx, qy = q_at(H, X, Y)
+            px, py = pixel_at(lens, r0, Fi, qx, qy)
             low_x, high_x = min(low_x, px), max(high_x, px)
             low_y, high_y = min(low_y, py), max(high_y, py)
     height, width = shape
@@ -217,7 +213,7 @@ def _read(
 ) -> tuple[Array, Array, Cells, int, int, Array]:
     """Levels and exact q of the chosen pixels, those near edges first."""
     height, width = picture.shape
-    Fi = np.linalg.inv(F)
+    Fi = np.asarray(np.linalg.inv(F), dtype=np.float64)
     q, level, cell = np.empty((found, 2)), np.empty(found), np.empty((found, 2), np.intp)
     bends = np.empty((2 * _PART * found, 3))
     edges, total, lost, plain = 0, 0, 0, 0
@@ -230,9 +226,7 @@ def _read(
                 lost += 1
                 continue
             x, y = place[i, 0], place[i, 1]
-            u, v = project(
-                lens, r0[0] + Fi[0, 0] * x + Fi[0, 1] * y, r0[1] + Fi[1, 0] * x + Fi[1, 1] * y
-            )
+            u, v = pixel_at(lens, r0, Fi, x, y)
             q[total, 0], q[total, 1] = x + (px - u), y + (py - v)  # q moves as pixels do
             level[total] = picture[py, px]
             cell[total, 0], cell[total, 1] = spot[i, 2], spot[i, 3]

@@ -17,14 +17,9 @@ from vgrd.vision.board_fit import MeasurableBoard
 from vgrd.vision.codes import marker_cells, square_corners
 from vgrd.vision.drawing import TagMark, axes_px
 from vgrd.vision.finding import FoundTag, find_tags
-from vgrd.vision.inspecting_boards import (
-    MOST_MISFIT_PX,
-    BoardReport,
-    findings_json,
-    inspect_board,
-)
+from vgrd.vision.inspecting_boards import BoardReport, findings_json, inspect_board
 from vgrd.vision.pictures import Picture, as_8_bit
-from vgrd.vision.planar import PlanarPose, is_ambiguous, planar_poses
+from vgrd.vision.planar import MOST_MISFIT_PX, PlanarPose, is_ambiguous, planar_poses
 from vgrd.vision.quality import disturbance
 from vgrd.vision.raster import tag_raster
 from vgrd.vision.refining import Refined, refine

@@ -14,10 +14,9 @@ from vgrd.geometry.pose import hat
 from vgrd.model import Finding
 from vgrd.vision.board_fit import BoardFit, MeasurableBoard, fit_board, sizes_remark
 from vgrd.vision.drawing import TagMark, axes_px
-from vgrd.vision.planar import is_ambiguous
+from vgrd.vision.planar import MOST_MISFIT_PX, is_ambiguous
 from vgrd.vision.quality import disturbance
 
-MOST_MISFIT_PX = 0.5
 _WHOLE = 0.9  # share of its edges that are seen of a board that nothing hides
 _AXES_SHARE = 0.3  # of the board's shorter side
 

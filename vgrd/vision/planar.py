@@ -21,6 +21,7 @@ from vgrd.vision.warp import lens_vector, project, slopes
 _STEPS = 60
 _STILL = 1e-6  # chi-square
 _SAME_RAD = np.radians(0.01)
+MOST_MISFIT_PX = 0.5  # rms beyond which no pose fits the corners
 _BRANCH_MARGIN = 25.0  # chi-square by which the second solution must be worse: 5 sigma
 
 

@@ -22,13 +22,12 @@ from vgrd.model import Finding, TagObservation, TagSpec, frozen_array
 from vgrd.vision.codes import SQUARE_FAMILIES, code_count, square_corners
 from vgrd.vision.finding import FoundTag, read_tag, search_tags, tags_within
 from vgrd.vision.pictures import as_8_bit
-from vgrd.vision.planar import PlanarPose, is_ambiguous, planar_poses
+from vgrd.vision.planar import MOST_MISFIT_PX, PlanarPose, is_ambiguous, planar_poses
 from vgrd.vision.quality import disturbance
 from vgrd.vision.raster import Raster, tag_raster
 from vgrd.vision.refining import Method, Refined, refine
 from vgrd.vision.warp import lens_vector
 
-_WORST_RMS_PX = 0.5
 _REGION_MARGIN = 0.25  # of a tag's extent, around where it was
 
 
@@ -176,7 +175,7 @@ class TagDetector:
             return Sighting(None, refined, (*findings, *_unfit().findings))
         best = poses[0]
         rms = best.misfit_px(self._camera, square_corners(tag.size_mm), refined.corners_px)
-        if rms > _WORST_RMS_PX:
+        if rms > MOST_MISFIT_PX:
             return Sighting(None, refined, (*findings, *_unfit().findings))
         if is_ambiguous(poses):
             two = Finding("ambiguous", "two poses fit it: tilt it by 10 degrees")

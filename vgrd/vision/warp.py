@@ -37,6 +37,24 @@ def project(lens: Array, x: float, y: float) -> tuple[float, float]:
     return lens[0] * xd + lens[2], lens[1] * yd + lens[3]
 
 
+@inlined
+def q_at(H: Array, X: float, Y: float) -> tuple[float, float]:
+    """Point of the q plane at a point of the target's plane, by the homography H."""
+    w = 1.0 / (H[2, 0] * X + H[2, 1] * Y + H[2, 2])
+    return (
+        (H[0, 0] * X + H[0, 1] * Y + H[0, 2]) * w,
+        (H[1, 0] * X + H[1, 1] * Y + H[1, 2]) * w,
+    )
+
+
+@inlined
+def pixel_at(lens: Array, r0: Array, Fi: Array, qx: float, qy: float) -> tuple[float, float]:
+    """Pixel of a point of the q plane; Fi: inverse of the frame's F."""
+    return project(
+        lens, r0[0] + Fi[0, 0] * qx + Fi[0, 1] * qy, r0[1] + Fi[1, 0] * qx + Fi[1, 1] * qy
+    )
+
+
 @compiled
 def slopes(lens: Array, x: float, y: float) -> tuple[float, float, float, float]:
     """Derivative of the pixel by the ray, row by row (central differences, exact to 1e-9)."""
