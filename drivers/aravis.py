@@ -11,8 +11,9 @@ import numpy as np
 from drivers import settings as driver_settings
 from drivers.aravis_library import PAYLOAD_COMPLETE, AravisError, Library, load
 from drivers.frame_counter import FrameCounter
+from drivers.region_grid import RegionGrid
 from vgrd.clock import Clock
-from vgrd.devices import Camera, CameraImage, Pixels, Settings
+from vgrd.devices import Camera, CameraImage, Pixels, Region, Settings
 from vgrd.errors import BadReading, DeviceRefused, DeviceUnavailable
 
 _BUFFERS = 3
@@ -99,6 +100,8 @@ class AravisCamera:
         self._lost = False
         self._half_exposure_s = 0.5 * exposure_s
         self._frames = FrameCounter(wrap_at=0xFFFF)
+        self._grid = _region_grid(library, camera)
+        self._region: Region | None = None
         payload = library.call("arv_camera_get_payload", camera)
         self._stream = library.call("arv_camera_create_stream", camera, None, None, None)
         if library.call("arv_camera_is_gv_device", camera):
@@ -110,10 +113,11 @@ class AravisCamera:
             library.call("arv_stream_push_buffer", self._stream, buffer)
         library.call("arv_camera_start_acquisition", camera)
 
-    def grab(self, timeout_s: float) -> CameraImage:
+    def grab(self, timeout_s: float, region: Region | None = None) -> CameraImage:
         """Take a picture; as `vgrd.devices.Camera.grab`."""
         if self._camera is None:
             raise DeviceUnavailable("the driver was closed")
+        self._aim(region)
         self._drop_leftovers()
         sent_s, acknowledged_s = self._trigger(timeout_s)
         wait_us = max(0, int(1e6 * (timeout_s - (acknowledged_s - sent_s))))
@@ -124,9 +128,29 @@ class AravisCamera:
             )
         try:
             stamp_s = 0.5 * (sent_s + acknowledged_s) + self._half_exposure_s
-            return CameraImage(self._pixels(buffer), stamp_s, self._number(buffer))
+            pixels = self._pixels(buffer)
+            return CameraImage(pixels, stamp_s, self._number(buffer), self._region)
         finally:
             self._library.call("arv_stream_push_buffer", self._stream, buffer)
+
+    def _aim(self, region: Region | None) -> None:
+        """Let the camera send a region, or the whole picture; it changes only while it stands still."""
+        wanted = None if self._grid is None or region is None else self._grid.around(region)
+        if self._grid is None or wanted == self._region:
+            return
+        part = wanted or self._grid.whole
+        call, camera = self._library.call, self._camera
+        try:
+            call("arv_camera_stop_acquisition", camera)
+            call("arv_camera_set_region", camera, part.x, part.y, part.width, part.height)
+            call("arv_camera_start_acquisition", camera)
+        except AravisError as error:
+            self._lost = True
+            raise DeviceUnavailable(
+                f"the camera at {self._address} does not take region {part}: {error}"
+            ) from error
+        self._region = wanted
+        self._frames.restart()
 
     def _trigger(self, timeout_s: float) -> tuple[float, float]:
         """Send the trigger command; when it was sent and acknowledged (cell clock).
@@ -172,6 +196,8 @@ class AravisCamera:
             raise BadReading(f"pixel format {pixel_format:#010x} of {self._address} is not grey")
         height = call("arv_buffer_get_image_height", buffer)
         width = call("arv_buffer_get_image_width", buffer)
+        if self._region and (width, height) != (self._region.width, self._region.height):
+            raise BadReading(f"{width} x {height} px from {self._address}, asked: {self._region}")
         pixels = np.empty((height, width), _MONO[pixel_format])
         size = ctypes.c_size_t()
         data = call("arv_buffer_get_data", buffer, ctypes.byref(size))
@@ -192,3 +218,19 @@ class AravisCamera:
             self._library.call("arv_camera_stop_acquisition", camera)
         self._library.call("g_object_unref", self._stream)
         self._library.call("g_object_unref", camera)
+
+
+def _region_grid(library: Library, camera: object) -> RegionGrid | None:
+    """What regions the camera can send; None where it has no such mode."""
+    try:
+        if not library.call("arv_camera_is_region_offset_available", camera):
+            return None
+        numbers = [ctypes.c_int() for _ in range(4)]
+        library.call("arv_camera_get_region", camera, *(ctypes.byref(n) for n in numbers))
+        steps = [
+            library.call(f"arv_camera_get_{name}_increment", camera)
+            for name in ("x_offset", "y_offset", "width", "height")
+        ]
+    except AravisError:
+        return None
+    return RegionGrid(Region(*(n.value for n in numbers)), *steps)

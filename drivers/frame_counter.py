@@ -18,7 +18,7 @@ class FrameCounter:
         """
         last, self._last = self._last, frame
         if last is None:
-            self._number = 1
+            self._number += 1
             return self._number
         step = frame - last
         if step < -self._wrap_at // 2:
@@ -27,3 +27,7 @@ class FrameCounter:
             raise BadReading(f"the camera's frame number went from {last} to {frame}")
         self._number += step
         return self._number
+
+    def restart(self) -> None:
+        """Take any next number: many cameras count from 1 again when they start anew."""
+        self._last = None

@@ -9,8 +9,9 @@ from pypylon import genicam, pylon
 
 from drivers import settings as driver_settings
 from drivers.frame_counter import FrameCounter
+from drivers.region_grid import RegionGrid
 from vgrd.clock import Clock
-from vgrd.devices import Camera, CameraImage, Pixels, Settings
+from vgrd.devices import Camera, CameraImage, Pixels, Region, Settings
 from vgrd.errors import BadReading, DeviceRefused, DeviceUnavailable
 
 _GIGE_WRAP = 0xFFFF
@@ -132,14 +133,46 @@ class PylonCamera:
         self._camera = camera
         self._clock = clock
         self._frames = FrameCounter(_GIGE_WRAP)
+        self._grid = _region_grid(camera)
+        self._region: Region | None = None
 
-    def grab(self, timeout_s: float) -> CameraImage:
+    def grab(self, timeout_s: float, region: Region | None = None) -> CameraImage:
         """Take a picture; as `vgrd.devices.Camera.grab`."""
+        self._aim(region)
         pixels, stamp_s, number = take(self._camera, timeout_s, self._clock)
-        return CameraImage(pixels, stamp_s, self._frames.advance(number))
+        return CameraImage(pixels, stamp_s, self._frames.advance(number), self._region)
+
+    def _aim(self, region: Region | None) -> None:
+        """Let the camera send a region, or the whole picture; it changes only while it stands still."""
+        wanted = None if self._grid is None or region is None else self._grid.around(region)
+        if self._grid is None or wanted == self._region:
+            return
+        part, camera = wanted or self._grid.whole, self._camera
+        try:
+            camera.StopGrabbing()
+            camera.OffsetX.Value = camera.OffsetY.Value = (
+                0  # else offset + size may pass the sensor
+            )
+            camera.Width.Value, camera.Height.Value = part.width, part.height
+            camera.OffsetX.Value, camera.OffsetY.Value = part.x, part.y
+            camera.StartGrabbing(pylon.GrabStrategy_OneByOne)
+        except genicam.GenericException as error:
+            raise DeviceUnavailable(f"the camera does not take region {part}: {error}") from error
+        self._region = wanted
+        self._frames.restart()
 
     def close(self) -> None:
         """Stop and release the camera; may be called more than once."""
         with contextlib.suppress(genicam.GenericException):  # a lost camera cannot be stopped
             self._camera.StopGrabbing()
             self._camera.Close()
+
+
+def _region_grid(camera: Any) -> RegionGrid | None:  # noqa: ANN401 - pypylon has no types
+    """What regions the camera can send; None where it has no such mode."""
+    try:
+        axes = (camera.OffsetX, camera.OffsetY, camera.Width, camera.Height)
+        whole = Region(*(int(axis.Value) for axis in axes))
+        return RegionGrid(whole, *(int(axis.Inc) for axis in axes))
+    except genicam.GenericException:
+        return None

@@ -23,7 +23,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from drivers.aravis_library import Library, load
-from fakes.sensor import Picture
+from fakes.sensor import Picture, Region
 
 PORT = 3956
 
@@ -35,6 +35,7 @@ _STREAM_PORT, _STREAM_PACKET, _STREAM_IP = 0x0D00, 0x0D04, 0x0D18
 _FIRE_TEST = 1 << 31
 _CAN_RESEND = 1 << 2
 _WIDTH, _HEIGHT, _SENSOR_HEIGHT, _SENSOR_WIDTH = 0x100, 0x104, 0x118, 0x11C
+_OFFSET_X, _OFFSET_Y = 0x130, 0x134
 _MONO8 = 0x01080001
 _LEADER, _TRAILER, _PAYLOAD = 1, 2, 3
 _HEADERS_BYTES = 20 + 8 + 8  # IP, UDP, GVSP
@@ -60,15 +61,16 @@ class CameraFaults:
 
 
 class GigeCamera:
-    """A camera of `size_px` (width, height) that shows what `image_source()` returns at a trigger.
+    """A camera of `size_px` (width, height) that shows what `image_source` returns at a trigger.
 
-    `with` starts and stops it. image_source: (height, width) uint8, called in the stream's thread;
-    on its TimeoutError no picture is sent.
+    `with` starts and stops it. image_source: gets the region that the client has set, None for the
+    whole picture, and returns (height, width) uint8; called in the stream's thread; on its
+    TimeoutError no picture is sent.
     """
 
     def __init__(
         self,
-        image_source: Callable[[], Picture],
+        image_source: Callable[[Region | None], Picture],
         host: str,
         size_px: tuple[int, int],
         serial: str = "VGRD0001",
@@ -155,6 +157,12 @@ class GigeCamera:
             self._resend(*struct.unpack_from(">III", data))
         return None
 
+    def _region(self) -> Region | None:
+        """What the client wants to see, None for the whole picture."""
+        registers = self._registers
+        region = Region(*(registers[a] for a in (_OFFSET_X, _OFFSET_Y, _WIDTH, _HEIGHT)))
+        return None if region == Region(0, 0, *self._size_px) else region
+
     def _target(self) -> tuple[str, int]:
         """Where the client wants the stream to go."""
         address = socket.inet_ntoa(self._registers.read_memory(_STREAM_IP, 4))
@@ -166,7 +174,8 @@ class GigeCamera:
     def _serve_stream(self) -> None:
         while self._triggers.get():
             try:
-                image = np.ascontiguousarray(self._source(), dtype=np.uint8)
+                region = self._region()
+                image = np.ascontiguousarray(self._source(region), dtype=np.uint8)
             except TimeoutError as error:
                 print(f"no picture: {error}", file=sys.stderr, flush=True)
                 continue
@@ -174,7 +183,8 @@ class GigeCamera:
                 if not self.faults.repeat:
                     self._number = self._number % 0xFFFF + 1
                 size = (self._registers[_STREAM_PACKET] & 0xFFFF) - _HEADERS_BYTES
-                self._frame = _Frame(self._number, time.monotonic_ns(), image, size)
+                origin = (0, 0) if region is None else (region.x, region.y)
+                self._frame = _Frame(self._number, time.monotonic_ns(), image, size, origin)
                 self._send(self._frame, range(self._frame.blocks), self.faults.lost)
 
     def _resend(self, number: int, first: int, last: int) -> None:
@@ -196,7 +206,9 @@ class GigeCamera:
 class _Frame:
     """A picture cut into GVSP packets: leader 0, payload 1 .. n, trailer n + 1."""
 
-    def __init__(self, number: int, stamp_ns: int, image: Picture, size: int) -> None:
+    def __init__(
+        self, number: int, stamp_ns: int, image: Picture, size: int, origin: tuple[int, int]
+    ) -> None:
         self.number = number
         self._pixels = image.reshape(-1).data
         self._size = size
@@ -204,7 +216,7 @@ class _Frame:
         height, width = image.shape
         high, low = stamp_ns >> 32, stamp_ns & 0xFFFFFFFF
         self._leader = struct.pack(
-            ">HHIIIIIIIHH", 0, 1, high, low, _MONO8, width, height, 0, 0, 0, 0
+            ">HHIIIIIIIHH", 0, 1, high, low, _MONO8, width, height, *origin, 0, 0
         )
         self._trailer = struct.pack(">II", 1, height)
 

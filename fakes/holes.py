@@ -33,11 +33,13 @@ class HoleDrawer:
         self._angle_rad = np.nan
         self._holes: list[_Hole] = []
 
-    def draw(self, picture: Picture, angle_rad: float, rng: np.random.Generator) -> None:
-        """Draw all holes with fresh noise."""
+    def draw(
+        self, picture: Picture, angle_rad: float, rng: np.random.Generator, within: Region
+    ) -> None:
+        """Draw all holes that reach into `within`, with fresh noise."""
         if angle_rad != self._angle_rad:
             self._holes, self._angle_rad = self._seen_at(angle_rad), angle_rad
-        for hole in self._holes:
+        for hole in (hole for hole in self._holes if hole.region.meets(within)):
             under = picture[hole.region.slices]
             noisy = with_noise(hole.levels, rng)
             picture[hole.region.slices] = quantised(noisy + hole.free * (under - noisy))

@@ -7,7 +7,6 @@ counts them itself. Named in a cell file as `driver = "fakes.pylon_camera"`.
 
 import os
 import tempfile
-from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -16,10 +15,9 @@ import cv2
 
 from drivers import pylon
 from drivers import settings as driver_settings
-from fakes.scene import pictures
-from fakes.sensor import Picture
+from fakes.scene import Draw, pictures
 from vgrd.clock import Clock
-from vgrd.devices import Camera, CameraImage, Settings
+from vgrd.devices import Camera, CameraImage, Region, Settings
 from vgrd.errors import DeviceUnavailable, RingUnavailable
 
 _EMULATOR = "0815-0000"  # serial of the first camera that PYLON_CAMEMU makes
@@ -45,9 +43,9 @@ def open(settings: Settings, clock: Clock) -> Camera:  # noqa: A001 - the name o
 
 
 class EmulatedCamera:
-    """Pylon's emulator showing what `draw()` returns."""
+    """Pylon's emulator showing what `draw` returns."""
 
-    def __init__(self, draw: Callable[[], Picture], clock: Clock) -> None:
+    def __init__(self, draw: Draw, clock: Clock) -> None:
         os.environ["PYLON_CAMEMU"] = "1"
         self._draw = draw
         self._clock = clock
@@ -58,10 +56,10 @@ class EmulatedCamera:
         self._camera.TestImageSelector.Value = "Off"
         self._camera.ImageFileMode.Value = "On"
 
-    def grab(self, timeout_s: float) -> CameraImage:
-        """Draw a picture and grab it; as `vgrd.devices.Camera.grab`."""
+    def grab(self, timeout_s: float, region: Region | None = None) -> CameraImage:  # noqa: ARG002
+        """Draw a picture and grab it, whole; as `vgrd.devices.Camera.grab`."""
         try:
-            picture = self._draw()
+            picture = self._draw(None)
         except TimeoutError as error:
             raise DeviceUnavailable(str(error)) from error
         self._frame += 1

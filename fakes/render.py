@@ -47,32 +47,42 @@ class Renderer:
         """Judge how the camera sees tag "a" or "b"."""
         return visible(self.layout, name, snapshot)
 
-    def render(self, snapshot: WorldSnapshot) -> Picture:
-        """Draw the picture (height, width) of a snapshot; the same snapshot gives the same picture."""
+    def render(self, snapshot: WorldSnapshot, region: Region | None = None) -> Picture:
+        """Draw the picture (height, width) of a snapshot, or a region of it.
+
+        The same snapshot and region give the same picture.
+        """
         rng = np.random.default_rng(snapshot.exposure)
         scenery = self._scenery
+        within = region or Region(0, 0, *self.layout.optics.size_px)
         if not snapshot.lights:
-            return scenery.darkness()
+            return np.ascontiguousarray(scenery.darkness()[within.slices])
         picture = scenery.background()
-        self._holes.draw(picture, snapshot.table_angle_rad, rng)
+        self._holes.draw(picture, snapshot.table_angle_rad, rng, within)
         parts = bodies(self.layout, snapshot.base_from_wrist)
         tag_a = snapshot.base_from_tag("a", self.layout)
         points = tag_a.apply(plate_points(self.layout.tag_a.size_mm, n=7))
         eye = self.layout.base_from_camera.translation
         in_front = [hides(body, points, eye) for body in parts]
-        self._draw_tag(picture, self.layout.tag_b, snapshot.base_from_tag("b", self.layout), rng)
+        tag_b = snapshot.base_from_tag("b", self.layout)
+        self._draw_tag(picture, self.layout.tag_b, tag_b, rng, within)
         behind = [body for body, front in zip(parts, in_front, strict=True) if not front]
         scenery.draw_bodies(picture, behind, rng)
-        self._draw_tag(picture, self.layout.tag_a, tag_a, rng)
+        self._draw_tag(picture, self.layout.tag_a, tag_a, rng, within)
         before = [body for body, front in zip(parts, in_front, strict=True) if front]
         scenery.draw_bodies(picture, before, rng)
         for name in TAG_NAMES:
             if name in snapshot.covered:
                 scenery.draw_hand(picture, snapshot.base_from_tag(name, self.layout), rng)
-        return picture
+        return np.ascontiguousarray(picture[within.slices])
 
     def _draw_tag(
-        self, picture: Picture, tag: TagSpec, base_from_tag: Pose, rng: np.random.Generator
+        self,
+        picture: Picture,
+        tag: TagSpec,
+        base_from_tag: Pose,
+        rng: np.random.Generator,
+        within: Region,
     ) -> None:
         camera_from_tag = self._camera_from_base.compose(base_from_tag)
         toward_camera = camera_from_tag.rotation[:, 2] @ camera_from_tag.translation
@@ -81,7 +91,7 @@ class Renderer:
         optics = self.layout.optics
         outline = optics.project(camera_from_tag.apply(_plate_outline(tag)))
         region = region_around(outline, optics.size_px, 10)
-        if region is None:
+        if region is None or not region.meets(within):
             return
         blur = Blur(optics.blur_px(float(camera_from_tag.translation[2])))
         printed = tag_pattern(tag).with_ink_spread(self.layout.ink_mm)

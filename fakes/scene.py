@@ -6,7 +6,7 @@ from pathlib import Path
 
 from fakes.layout import Layout
 from fakes.render import Renderer
-from fakes.sensor import Picture
+from fakes.sensor import Picture, Region
 from fakes.world import World, WorldSnapshot
 from vgrd.clock import SystemClock
 from vgrd.errors import IpcError
@@ -32,8 +32,11 @@ class SnapshotWriter:
         self._ring.close()
 
 
-def pictures(snapshots: Path | None, layout: Layout | None = None) -> Callable[[], Picture]:
-    """Return a function that draws what is seen after its call.
+Draw = Callable[[Region | None], Picture]
+
+
+def pictures(snapshots: Path | None, layout: Layout | None = None) -> Draw:
+    """Return a function that draws what is seen after its call, whole or a region of it.
 
     snapshots: ring of a `SnapshotWriter`; None: a world of its own in which nothing moves.
     Raises RingUnavailable where there is no such ring; the function raises TimeoutError when the
@@ -43,16 +46,16 @@ def pictures(snapshots: Path | None, layout: Layout | None = None) -> Callable[[
     renderer = Renderer(layout)
     if snapshots is None:
         world = World(layout, seed=0)
-        return lambda: renderer.render(world.snapshot(time.monotonic()))
+        return lambda region: renderer.render(world.snapshot(time.monotonic()), region)
     reader, clock = RingReader.open(snapshots, KIND), SystemClock()
 
-    def draw() -> Picture:
+    def draw(region: Region | None) -> Picture:
         try:
             message = reader.wait_newer(reader.index, _WAIT_S, clock)
         except IpcError as error:
             raise TimeoutError(str(error)) from error
         if message is None:
             raise TimeoutError(f"{snapshots}: the world has stopped")
-        return renderer.render(WorldSnapshot.from_json(message.payload))
+        return renderer.render(WorldSnapshot.from_json(message.payload), region)
 
     return draw

@@ -29,6 +29,15 @@ class Region:
         """Rows and columns."""
         return slice(self.y, self.y + self.height), slice(self.x, self.x + self.width)
 
+    def meets(self, other: "Region") -> bool:
+        """Whether two regions have a pixel in common."""
+        return (
+            self.x < other.x + other.width
+            and other.x < self.x + self.width
+            and self.y < other.y + other.height
+            and other.y < self.y + self.height
+        )
+
 
 def region_around(outline: Array, size_px: tuple[int, int], margin_px: float) -> Region | None:
     """Whole blocks around an outline (n, 2), cut to the picture; None when nothing is left."""

@@ -36,13 +36,27 @@ class FlangeReading:
     running: bool = True
 
 
+@dataclass(frozen=True, slots=True)
+class Region:
+    """A rectangle of a camera's whole picture, px; (x, y) is its first pixel."""
+
+    x: int
+    y: int
+    width: int
+    height: int
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class CameraImage:
-    """One picture: grey `pixels` (height, width), mid-exposure time on the cell clock, advancing frame number."""
+    """One picture: grey `pixels` (height, width), mid-exposure time on the cell clock, advancing frame number.
+
+    region: where the pixels lie in the whole picture, None for the whole picture.
+    """
 
     pixels: Pixels
     stamp_s: float
     frame: int
+    region: Region | None = None
 
 
 class Robot(Protocol):
@@ -63,8 +77,10 @@ class Robot(Protocol):
 class Camera(Protocol):
     """A camera that takes one picture per trigger."""
 
-    def grab(self, timeout_s: float) -> CameraImage:
+    def grab(self, timeout_s: float, region: Region | None = None) -> CameraImage:
         """Trigger, and return a picture exposed after the call.
+
+        region: what is wanted of it, at least; a camera without such a mode returns the whole picture.
 
         Raises DeviceUnavailable after `timeout_s` or on a lost link, BadReading for an incomplete picture.
         """

@@ -6,9 +6,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from drivers import aravis, pylon
 from drivers.frame_counter import FrameCounter
+from drivers.region_grid import RegionGrid
 from fakes import cameras, pylon_camera
 from fakes.gige_camera import GigeCamera
 from fakes.layout import Layout
@@ -17,6 +20,7 @@ from fakes.scene import SnapshotWriter, pictures
 from fakes.testing import FakeProcess, free_loopback
 from fakes.world import WorldSnapshot
 from vgrd.clock import SystemClock
+from vgrd.devices import Region
 from vgrd.errors import BadReading, ConfigError, DeviceRefused, DeviceUnavailable
 
 CLOCK = SystemClock()
@@ -38,12 +42,12 @@ class Shown:
         self.stock = rng.integers(0, 256, (3, SIZE[1], SIZE[0]), dtype=np.uint8)
         self.count = 0
 
-    def __call__(self):
+    def __call__(self, region=None):
         """Show the next one."""
         self.count += 1
         self.at_s = CLOCK.monotonic()
         self.last = self.stock[self.count % 3]
-        return self.last
+        return self.last if region is None else self.last[region.slices]
 
 
 @pytest.fixture(scope="module")
@@ -70,6 +74,59 @@ def test_twelve_megapixels_arrive_byte_for_byte_and_frames_advance(stock, gige):
         assert abs(image.stamp_s - 0.005 - stock.at_s) < 0.05  # exposure of the fake: 10 ms
         frames.append(image.frame)
     assert frames == [1, 2, 3, 4, 5]
+
+
+REGION = Region(1001, 502, 803, 604)
+
+
+@needs_aravis
+def test_a_region_comes_with_its_place_and_the_whole_picture_after_it(stock, gige):
+    frames = []
+    for region in (None, REGION, REGION, Region(3900, 3000, 500, 500), None):
+        image = gige[1].grab(2.0, region)
+        frames.append(image.frame)
+        if region is None:
+            assert image.region is None
+            assert np.array_equal(image.pixels, stock.last)
+            continue
+        part = image.region
+        rows, columns = slice(part.y, part.y + part.height), slice(part.x, part.x + part.width)
+        assert np.array_equal(image.pixels, stock.stock[stock.count % 3][rows, columns])
+    assert frames == [1, 2, 3, 4, 5]
+
+
+def test_pylons_camera_sends_regions_and_its_frames_advance(monkeypatch):
+    monkeypatch.setenv("PYLON_CAMEMU", "1")
+    camera = pylon.open({"exposure_ms": 5.0}, CLOCK)
+    try:
+        whole = camera.grab(2.0)
+        asked = Region(101, 52, 303, 204)
+        images = [camera.grab(2.0, asked), camera.grab(2.0, asked), camera.grab(2.0)]
+    finally:
+        camera.close()
+    for image in images[:2]:
+        assert image.pixels.shape == (image.region.height, image.region.width)
+        assert image.pixels.size < whole.pixels.size
+    assert (images[2].region, images[2].pixels.shape) == (None, whole.pixels.shape)
+    assert [image.frame for image in (whole, *images)] == [1, 2, 3, 4]
+
+
+@given(
+    st.tuples(*(st.integers(1, 16) for _ in range(4))),
+    st.tuples(st.integers(-50, 4100), st.integers(-50, 3100)),
+    st.tuples(st.integers(1, 4100), st.integers(1, 3100)),
+)
+def test_a_region_of_the_grid_holds_what_was_asked_or_there_is_none(steps, start, size):
+    grid = RegionGrid(Region(0, 0, 4024, 3036), *steps)
+    region = grid.around(Region(*start, *size))
+    if region is None:
+        return
+    assert (region.x % steps[0], region.y % steps[1]) == (0, 0)
+    assert (region.width % steps[2], region.height % steps[3]) == (0, 0)
+    assert 0 <= region.x <= max(start[0], 0)
+    assert 0 <= region.y <= max(start[1], 0)
+    assert min(start[0] + size[0], 4024) <= region.x + region.width <= 4024
+    assert min(start[1] + size[1], 3036) <= region.y + region.height <= 3036
 
 
 @needs_aravis
@@ -154,11 +211,11 @@ def test_a_picture_shows_the_world_after_the_request_and_a_stopped_world_is_told
     draw = pictures(ring)
     later = threading.Timer(0.05, lambda: writer.publish(snapshot(2), CLOCK.monotonic()))
     later.start()
-    shown = draw()
+    shown = draw(None)
     later.join()
     assert np.array_equal(shown, Renderer(Layout()).render(snapshot(2)))
     with pytest.raises(TimeoutError, match="stopped"):
-        draw()
+        draw(None)
     writer.close()
 
 

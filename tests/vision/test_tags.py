@@ -11,6 +11,7 @@ from fakes.pictures import Look, Placed, draw, pinhole
 from fakes.poses import frozen_snapshot, look_poses, retracted_pose, touch_pose
 from fakes.render import Renderer
 from fakes.world import WorldSnapshot
+from vgrd.devices import Region
 from vgrd.errors import InputError
 from vgrd.geometry import Pose
 from vgrd.geometry.camera import CameraModel
@@ -270,3 +271,30 @@ def test_a_tag_that_moved_a_little_is_never_taken_for_where_it_was():
             mm, rad = sight.observation.camera_from_tag.distance(moved)
             assert mm < 0.2
             assert rad < 0.01
+
+
+def test_a_region_gives_the_same_tags_in_coordinates_of_the_whole_picture(detector, shots):
+    """Followed or searched for, and what an earlier region held does not shine through."""
+    for _, pixels in shots:
+        whole = detector.detect(pixels)
+        for seen in whole.values():
+            region = around(seen.corners_px, pixels.shape[::-1])
+            part = pixels[region.y : region.y + region.height, region.x : region.x + region.width]
+            for earlier in ({}, whole):
+                again = detector.detect(part, earlier, region)[seen.tag.id]
+                assert np.abs(again.corners_px - seen.corners_px).max() < 0.02
+                assert again.camera_from_tag.distance(seen.camera_from_tag)[0] < 0.02
+        elsewhere = Region(0, 0, 400, 300)
+        assert detector.detect(np.full((300, 400), 90, np.uint8), whole, elsewhere) == {}
+
+
+def around(corners_px, size_px):
+    low = np.maximum(np.floor(corners_px.min(0)) - 120, 0).astype(int)
+    high = np.minimum(np.ceil(corners_px.max(0)) + 120, size_px).astype(int)
+    return Region(*low.tolist(), *(high - low).tolist())
+
+
+def test_a_region_that_the_camera_cannot_send_is_refused(detector):
+    for region in (Region(0, 0, 10, 10), Region(-1, 0, 20, 20), Region(4010, 0, 20, 20)):
+        with pytest.raises(InputError, match="size_px"):
+            detector.detect(np.zeros((20, 20), np.uint8), None, region)

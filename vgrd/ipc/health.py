@@ -1,6 +1,12 @@
-"""How a process says that it lives: a health ring whose progress counts loops of real work."""
+"""How a process says that it lives: a health ring with a count of real work, and a beat between.
+
+The count tells the gate that the process gets on (`progress`); a beat every 50 ms, from a thread of
+its own, tells the cell that the process is there at all while a driver waits for its device. A
+process that was killed or stopped, or that hangs in a library which holds the GIL, does not beat.
+"""
 
 import os
+import threading
 from pathlib import Path
 
 from vgrd.clock import Clock
@@ -8,7 +14,8 @@ from vgrd.ipc.messages import HEALTH_BYTES, HEALTH_KIND, HEALTH_SLOTS, Health, H
 from vgrd.ipc.ring import RingWriter
 
 HEALTH_FOLDER = "health"
-PERIOD_S = 0.1
+PERIOD_S = 0.1  # of reports while work goes on
+BEAT_S = 0.05  # four of them in the 0.2 s after which a device counts as lost
 
 
 def health_path(runtime_dir: Path, process: str) -> Path:
@@ -17,13 +24,14 @@ def health_path(runtime_dir: Path, process: str) -> Path:
 
 
 class HealthReporter:
-    """Writes the health of this process."""
+    """Writes the health of this process; its methods may be called from several threads."""
 
     def __init__(self, runtime_dir: Path, process: str, clock: Clock) -> None:
         self.process = process
         self.clock = clock
         self.count = 0
         self.said: tuple[float, HealthState, str] = (0.0, "starting", "")
+        self._writing = threading.Lock()
         path = health_path(runtime_dir, process)
         path.parent.mkdir(parents=True, exist_ok=True)
         self.ring = RingWriter.create(path, HEALTH_SLOTS, HEALTH_BYTES, HEALTH_KIND)
@@ -39,6 +47,25 @@ class HealthReporter:
     def report(self, state: HealthState, detail: str = "") -> None:
         """Say it now."""
         now = self.clock.monotonic()
-        self.said = (now, state, detail)
+        with self._writing:
+            self.said = (now, state, detail)
+            self._write(now)
+
+    def beat(self) -> None:
+        """Say again what was said last, with the time of now: the process is there."""
+        with self._writing:
+            self._write(self.clock.monotonic())
+
+    def keep_beating(self) -> None:
+        """Beat from a thread of its own to the end of the process."""
+        threading.Thread(target=self._beat_on, name="beat", daemon=True).start()
+
+    def _beat_on(self) -> None:
+        while True:
+            self.beat()
+            self.clock.sleep(BEAT_S)
+
+    def _write(self, now_s: float) -> None:
+        _, state, detail = self.said
         health = Health(self.process, state, self.count, detail, os.getpid())
-        self.ring.publish(health.pack(), stamp_s=now)
+        self.ring.publish(health.pack(), stamp_s=now_s)

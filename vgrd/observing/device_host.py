@@ -26,7 +26,7 @@ from vgrd.errors import (
     VgrdError,
 )
 from vgrd.ipc.health import HealthReporter
-from vgrd.ipc.ring import RingReader, RingWriter
+from vgrd.ipc.ring import Message, RingReader, RingWriter
 from vgrd.observing import wire
 
 READ_TIMEOUT_S = 0.5
@@ -127,11 +127,13 @@ def host_camera(
     check, bad = FrameCheck(), BadReadings(limit=5)
     while True:
         health.progress("ok")
-        if not triggers.pending():
+        wish = triggers.newest()
+        if wish is None:
             clock.sleep(TRIGGER_POLL_S)
             continue
         try:
-            image = check.accept(camera.grab(GRAB_TIMEOUT_S))
+            region = wire.unpack_trigger(wish.payload)
+            image = check.accept(camera.grab(GRAB_TIMEOUT_S, region))
         except BadReading as err:
             bad.bad(err)
             continue
@@ -147,22 +149,26 @@ class _Triggers:
         self.ring: RingReader | None = None
         self.seen = 0
 
-    def pending(self) -> bool:
+    def newest(self) -> Message | None:
+        """The newest wish since the last call; those from before this process's start do not count."""
         if self.ring is None:
             try:
                 self.ring = RingReader.open(self.path, wire.TRIGGER_KIND)
             except RingUnavailable:
-                return False
+                return None
             self.seen = self.ring.index
-        newest = self.ring.index
-        asked, self.seen = newest != self.seen, newest
-        return asked
+        if self.ring.index == self.seen:
+            return None
+        wish = self.ring.newest()
+        self.seen = wish.index if wish else self.seen
+        return wish
 
 
 def run(kind: str, runtime_dir: Path, driver: str, settings: Settings, picture_bytes: int) -> None:
     """Open the driver and host it; returns only by an exception."""
     clock = SystemClock()
     health = HealthReporter(runtime_dir, kind, clock)
+    health.keep_beating()
     try:
         health.report("starting", f"opening {driver}")
         device = driver_module(driver).open(settings, clock)

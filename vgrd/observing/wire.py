@@ -4,7 +4,7 @@ import struct
 
 import numpy as np
 
-from vgrd.devices import CameraImage, FlangeReading
+from vgrd.devices import CameraImage, FlangeReading, Region
 from vgrd.errors import BadReading, InputError
 from vgrd.geometry import Pose
 
@@ -18,11 +18,13 @@ FLANGE_SLOTS = 256
 IMAGE_SLOTS = 4
 
 _FLANGE = struct.Struct("<dd12d?12dQ?")
-_IMAGE = struct.Struct("<dQIIB")
+_IMAGE = struct.Struct("<dQIIB?II")  # stamp, frame, height, width, depth, is it a region, x, y
+_TRIGGER = struct.Struct("<?4I")  # is it a region, x, y, width, height
 _DTYPES: tuple[type[np.uint8 | np.uint16], ...] = (np.uint8, np.uint16)
 
 FLANGE_BYTES = _FLANGE.size
 IMAGE_HEADER_BYTES = _IMAGE.size
+TRIGGER_BYTES = _TRIGGER.size
 
 
 def pack_flange(reading: FlangeReading) -> bytes:
@@ -59,16 +61,30 @@ def pack_image_header(image: CameraImage) -> bytes:
     """What goes before the pixels of a picture."""
     height, width = image.pixels.shape
     code = _DTYPES.index(image.pixels.dtype.type)
-    return _IMAGE.pack(image.stamp_s, image.frame, height, width, code)
+    region = image.region
+    x, y = (0, 0) if region is None else (region.x, region.y)
+    return _IMAGE.pack(image.stamp_s, image.frame, height, width, code, region is not None, x, y)
 
 
 def unpack_image(payload: bytes | bytearray | memoryview) -> CameraImage:
     """A picture from header and pixels; the pixels are a view of `payload`."""
-    stamp, frame, height, width, code = _IMAGE.unpack_from(payload)
+    stamp, frame, height, width, code, is_region, x, y = _IMAGE.unpack_from(payload)
     pixels = np.frombuffer(
         payload, dtype=_DTYPES[code], count=height * width, offset=_IMAGE.size
     ).reshape(height, width)
-    return CameraImage(pixels, stamp, frame)
+    return CameraImage(pixels, stamp, frame, Region(x, y, width, height) if is_region else None)
+
+
+def pack_trigger(region: Region | None) -> bytes:
+    """The wish for a picture: of a region, or whole."""
+    part = region or Region(0, 0, 0, 0)
+    return _TRIGGER.pack(region is not None, part.x, part.y, part.width, part.height)
+
+
+def unpack_trigger(payload: bytes) -> Region | None:
+    """The inverse of `pack_trigger`."""
+    is_region, *numbers = _TRIGGER.unpack(payload)
+    return Region(*numbers) if is_region else None
 
 
 def _numbers(pose: Pose) -> list[float]:

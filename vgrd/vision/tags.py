@@ -8,13 +8,13 @@ Conventions: `vgrd.model.TagObservation`.
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Self
 
 import cv2
 import numpy as np
 
-from vgrd.devices import Grey, Pixels
+from vgrd.devices import Grey, Pixels, Region
 from vgrd.errors import InputError
 from vgrd.geometry import Array
 from vgrd.geometry.camera import CameraModel
@@ -47,7 +47,7 @@ class Sighting:
 
 
 class TagDetector:
-    """Finds the given tags in pictures of one camera; keeps nothing between pictures.
+    """Finds the given tags in pictures of one camera; no picture leaves a trace in what the next one gives.
 
     camera_matrix (3, 3) px, distortion in OpenCV order (may be empty), size (width, height) px.
     Compiles (or loads) its loops when it is made. Not thread-safe: one detector per thread. Close
@@ -71,6 +71,8 @@ class TagDetector:
         self._threads: ThreadPoolExecutor | None = ThreadPoolExecutor(
             max(len(tags), 1), thread_name_prefix="tag"
         )
+        self._frame: Grey | None = None
+        self._framed_region: Region | None = None
         warm_up()
 
     def __enter__(self) -> Self:
@@ -86,35 +88,38 @@ class TagDetector:
         self._threads = None
 
     def detect(
-        self, pixels: Pixels, around: Mapping[int, TagObservation] | None = None
+        self,
+        pixels: Pixels,
+        around: Mapping[int, TagObservation] | None = None,
+        region: Region | None = None,
     ) -> dict[int, TagObservation]:
         """Find tags in a picture (height, width), uint8 or uint16; returns observations by tag id.
 
         around: an earlier result; its tags are looked for where they were, and everywhere when
-        they are not there. Tags that were never seen are always looked for everywhere. Left out:
-        tags that appear twice, have a damaged code, do not fit their pose by more than 0.5 px rms,
+        they are not there. Tags that were never seen are always looked for everywhere. region: where
+        the pixels lie in the whole picture; corners count in the whole picture all the same. Left
+        out: tags that appear twice, have a damaged code, do not fit their pose by more than 0.5 px rms,
         or have two poses that fit. Raises InputError when the picture has another size than the
         camera.
         """
         return {
             tag_id: seen.observation
-            for tag_id, seen in self.examine(pixels, around).items()
+            for tag_id, seen in self.examine(pixels, around, region).items()
             if seen.observation is not None
         }
 
     def examine(
-        self, pixels: Pixels, around: Mapping[int, TagObservation] | None = None
+        self,
+        pixels: Pixels,
+        around: Mapping[int, TagObservation] | None = None,
+        region: Region | None = None,
     ) -> dict[int, Sighting]:
         """As `detect`, for every tag that is to be seen, with the reasons why one is left out."""
         if self._threads is None:
             raise InputError("the tag detector was closed")
-        if pixels.shape != self._camera.size_px[::-1]:
-            width, height = self._camera.size_px
-            raise InputError(
-                f"picture of {pixels.shape[1]} x {pixels.shape[0]} px, the camera is configured with "
-                f"{width} x {height}: correct [camera] size_px"
-            )
-        grey = np.ascontiguousarray(as_8_bit(pixels))
+        self._check_size(pixels, region)
+        part = np.ascontiguousarray(as_8_bit(pixels))
+        grey = part if region is None else self._framed(part, region)
         known = {tag_id: seen for tag_id, seen in (around or {}).items() if tag_id in self._tags}
         tracked = self._threads.map(lambda seen: self._track(grey, seen), known.values())
         sightings = {
@@ -122,8 +127,39 @@ class TagDetector:
         }
         wanted = {pair for pair in self._wanted if pair[1] not in sightings}
         if wanted:
-            sightings |= self._search(grey, wanted)
+            origin = (0, 0) if region is None else (region.x, region.y)
+            sightings |= self._search(grey, part, origin, wanted)
         return dict(sorted(sightings.items()))
+
+    def _check_size(self, pixels: Pixels, region: Region | None) -> None:
+        """Refuse a picture that is not of the configured camera."""
+        width, height = self._camera.size_px
+        if region is None and pixels.shape != (height, width):
+            raise InputError(
+                f"picture of {pixels.shape[1]} x {pixels.shape[0]} px, the camera is configured with "
+                f"{width} x {height}: correct [camera] size_px"
+            )
+        if region is not None and (
+            pixels.shape != (region.height, region.width)
+            or min(region.x, region.y) < 0
+            or region.x + region.width > width
+            or region.y + region.height > height
+        ):
+            raise InputError(
+                f"picture of {pixels.shape[1]} x {pixels.shape[0]} px for {region} of a camera that "
+                f"is configured with {width} x {height}: correct [camera] size_px"
+            )
+
+    def _framed(self, part: Grey, region: Region) -> Grey:
+        """The whole picture, black outside of `region`; its memory serves the next one again."""
+        frame, last = self._frame, self._framed_region
+        if frame is None:
+            frame = self._frame = np.zeros(self._camera.size_px[::-1], np.uint8)
+        if last is not None:
+            frame[last.y : last.y + last.height, last.x : last.x + last.width] = 0
+        self._framed_region = region
+        frame[region.y : region.y + region.height, region.x : region.x + region.width] = part
+        return frame
 
     def _track(self, grey: Grey, earlier: TagObservation) -> Sighting | None:
         """Look for a tag where it was, first without searching for it.
@@ -139,9 +175,14 @@ class TagDetector:
             return None
         return self._measured(grey, tag, found[0].corners_px)
 
-    def _search(self, grey: Grey, wanted: set[tuple[str, int]]) -> dict[int, Sighting]:
-        """Look everywhere for tags."""
-        found = search_tags(grey, wanted)
+    def _search(
+        self, grey: Grey, part: Grey, origin_px: tuple[int, int], wanted: set[tuple[str, int]]
+    ) -> dict[int, Sighting]:
+        """Look for tags everywhere in the part of a picture that there is."""
+        found = [
+            replace(tag, corners_px=tag.corners_px + origin_px)
+            for tag in search_tags(part, wanted)
+        ]
         counts = Counter(tag.id for tag in found)
         sightings = {tag.id: _not_readable(tag, counts[tag.id]) for tag in found}
         good = [tag for tag in found if counts[tag.id] == 1 and tag.hamming == 0]
