@@ -203,6 +203,7 @@ host = "127.0.0.1"
 port = {port}
 allow = ["127.0.0.1"]
 policy = "fixed"
+hidden_tag = "hold"
 
 [object]
 motion = "turntable"

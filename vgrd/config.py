@@ -60,6 +60,12 @@ class CameraSection(Section):
     rate_hz: float = Field(
         default=2.0, gt=0, le=60, description="pictures taken unasked, to watch the cell"
     )
+    watch_rate_hz: float = Field(
+        default=10.0,
+        gt=0,
+        le=60,
+        description="pictures of tag B (a region, where the camera sends one) while an answer stands",
+    )
     bits: Literal[8, 16] = 8
     matrix: Annotated[list[float], Field(min_length=4, max_length=4)]
     distortion: Annotated[list[float], Field(max_length=8)] = []
@@ -195,6 +201,17 @@ class ServingSection(Section):
     warn_u95_mm: Positive = Field(default=0.5, description="less certain answers are OK_DEGRADED")
     moved_mm: Positive = Field(
         default=0.3, description="an object that moves farther ends the answer with 206"
+    )
+    hidden_tag: Literal["invalid", "hold"] = Field(
+        default="invalid",
+        description="an answer whose tag B is hidden: ends at once, or stands for hold_s near the target",
+    )
+    hold_s: float = Field(
+        default=1.0, gt=0, le=10, description="hidden_tag hold: so long since tag B was seen"
+    )
+    approach_mm: Positive = Field(
+        default=60.0,
+        description="hidden_tag hold: only while the flange is so near to the coordinate",
     )
     drift_mm: Positive = Field(
         default=1.5, description="tag A farther off than this, three times: 503"

@@ -19,6 +19,7 @@ from vgrd.cell.recorder import Recorder
 from vgrd.cell.serving import Serving
 from vgrd.cell.setup import CONTROL_SOCKET, cell_facts
 from vgrd.cell.teaching import Teaching
+from vgrd.cell.vouching import Hold
 from vgrd.clock import SystemClock
 from vgrd.config import CellConfig, load_config
 from vgrd.errors import StoreError, VgrdError
@@ -48,7 +49,10 @@ class Cell:
         detector = TagDetector(facts.camera_matrix, facts.distortion, tags, facts.image_size_px)
         serving = config.serving
         self.health = HealthReporter(runtime, "cell", clock)
-        self.measuring = Measuring(runtime, detector, facts, clock, config.camera.rate_hz)
+        camera = config.camera
+        self.measuring = Measuring(
+            runtime, detector, facts, clock, camera.rate_hz, camera.watch_rate_hz
+        )
         self.recorder = Recorder(state, clock)
         ring = RingWriter.create(runtime / REGISTER_RING, 4, PACKED_BYTES, REGISTER_KIND)
         limits = Limits(
@@ -58,6 +62,7 @@ class Cell:
             serving.warn_u95_mm,
             serving.moved_mm,
             serving.timeout_s,
+            Hold(serving.hold_s if serving.hidden_tag == "hold" else 0.0, serving.approach_mm),
         )
         self.serving = Serving(
             self.measuring,

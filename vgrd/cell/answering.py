@@ -3,19 +3,18 @@
 import math
 from dataclasses import dataclass, replace
 
-import numpy as np
-
 from vgrd.calibration.system import expected_coordinate
 from vgrd.cell.measuring import Sight
+from vgrd.cell.vouching import Hold
 from vgrd.errors import InputError, NotObservable
 from vgrd.geometry import Array, Pose
 from vgrd.geometry.formats import RotationFormat as Format
 from vgrd.geometry.formats import rotation_from, rotation_to
-from vgrd.model import Calibration, ExpectedCoordinate, Policy, TagObservation, Target
+from vgrd.model import Calibration, ExpectedCoordinate, Policy, Target
 from vgrd.registers import Answer, Command, Frame, Request, RotationFormat, Status
 from vgrd.registers import Policy as PolicyCode
 
-CONFIDENCE = 0.95
+NO_HOLD = Hold()
 _FORMATS = {
     RotationFormat.ROTVEC: Format.ROTVEC,
     RotationFormat.RPY: Format.RPY_FIXED_XYZ_DEG,
@@ -40,6 +39,7 @@ class Limits:
     warn_u95_mm: float
     moved_mm: float
     timeout_s: float = 2.0
+    hold: Hold = NO_HOLD
 
 
 def check_request(request: Request, calibration: Calibration) -> Answer | None:
@@ -66,8 +66,11 @@ def answer_request(
     limits: Limits,
     now_s: float,
     now_unix_s: float,
-) -> Answer:
-    """Answer a good request (`check_request`) from one evaluated picture."""
+) -> tuple[Answer, Pose | None]:
+    """Answer a good request (`check_request`) from one evaluated picture.
+
+    Second: where the flange must be (base_from_wrist), None without a coordinate.
+    """
     max_age_s = min(request.max_age_s or limits.max_age_s, limits.max_age_s)
     answer = Answer(
         echo=request.trig,
@@ -81,21 +84,22 @@ def answer_request(
     )
     target = target_by_id(calibration, request.point)
     if now_s >= answer.valid_until_s:
-        return replace(answer, status=Status.IMAGE_TOO_OLD)
+        return replace(answer, status=Status.IMAGE_TOO_OLD), None
     if request.refuse_if_moving and sight.base_from_wrist is None:
-        return replace(answer, status=Status.ROBOT_MOVING)
+        return replace(answer, status=Status.ROBOT_MOVING), None
     if sight.tag_b is None or target is None:
-        return replace(answer, status=Status.TAG_B_NOT_FOUND, detail=calibration.facts.tag_b.id)
+        detail = calibration.facts.tag_b.id
+        return replace(answer, status=Status.TAG_B_NOT_FOUND, detail=detail), None
     policy = _POLICIES.get(request.policy, limits.policy)
     if policy is not Policy.REQUESTED:
         expected = expected_coordinate(calibration, target.name, sight.tag_b, policy)
-        return _encode(request, answer, expected, calibration, limits)
+        return _encode(request, answer, expected, calibration, limits), expected.base_from_wrist
     work = requested_orientation(request)
     try:
         expected = expected_coordinate(calibration, target.name, sight.tag_b, policy, work)
     except (InputError, NotObservable):
-        return replace(answer, status=Status.BAD_PARAMETER, detail=REQ_ORI_REGISTER)
-    return _encode(request, answer, expected, calibration, limits)
+        return replace(answer, status=Status.BAD_PARAMETER, detail=REQ_ORI_REGISTER), None
+    return _encode(request, answer, expected, calibration, limits), expected.base_from_wrist
 
 
 def requested_orientation(request: Request) -> Array:
@@ -111,26 +115,8 @@ def target_by_id(calibration: Calibration, number: int) -> Target | None:
     return None
 
 
-def object_displacement_mm(
-    calibration: Calibration, then: TagObservation, now: TagObservation
-) -> float:
-    """Upper bound (mm) of how far any taught target moved between two pictures of tag B.
-
-    The tag's own way, plus its turn times the extent of the targets, among which it sits.
-    """
-    motion = now.camera_from_tag.compose(then.camera_from_tag.inverse())
-    way = now.camera_from_tag.translation - then.camera_from_tag.translation
-    _, angle_rad = Pose.identity().distance(motion)
-    return float(np.linalg.norm(way) + _extent_mm(calibration) * angle_rad)
-
-
 def _format(request: Request) -> RotationFormat:
     return request.rotation_format or RotationFormat.ROTVEC
-
-
-def _extent_mm(calibration: Calibration) -> float:
-    points = np.array([taught.target.point_in_object for taught in calibration.taught.values()])
-    return float(np.linalg.norm(points[:, None] - points, axis=-1).max(initial=0.0))
 
 
 def _encode(

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from vgrd.clock import Clock
-from vgrd.devices import CameraImage, FlangeReading
+from vgrd.devices import CameraImage, FlangeReading, Region
 from vgrd.errors import BadReading, RingUnavailable
 from vgrd.ipc.health import health_path
 from vgrd.ipc.messages import GATE_KIND, GATE_RING, HEALTH_KIND, GateReport, Health
@@ -89,14 +89,17 @@ class CameraFeed:
         self.clock = clock
         self.feed = RingFeed(runtime_dir / wire.IMAGE_RING, wire.IMAGE_KIND)
         self.triggers = RingWriter.create(
-            runtime_dir / wire.TRIGGER_RING, slots=4, slot_bytes=8, kind=wire.TRIGGER_KIND
+            runtime_dir / wire.TRIGGER_RING,
+            slots=4,
+            slot_bytes=wire.TRIGGER_BYTES,
+            kind=wire.TRIGGER_KIND,
         )
         self.asked_s: float | None = None
 
-    def trigger(self) -> None:
-        """Ask for a picture."""
+    def trigger(self, region: Region | None) -> None:
+        """Ask for a picture, whole or a region of it."""
         self.asked_s = self.clock.monotonic()
-        self.triggers.publish(b"", stamp_s=self.asked_s)
+        self.triggers.publish(wire.pack_trigger(region), stamp_s=self.asked_s)
 
     def newest(self) -> CameraImage | None:
         """The newest picture since the last call, or None; answers the trigger."""

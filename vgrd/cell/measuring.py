@@ -12,7 +12,7 @@ import structlog
 
 from vgrd.cell.feeds import CameraFeed, HealthFeed, RobotFeed
 from vgrd.clock import Clock
-from vgrd.devices import CameraImage, FlangeReading, Pixels
+from vgrd.devices import CameraImage, FlangeReading, Pixels, Region
 from vgrd.errors import DeviceUnavailable, InputError, NotSteady, ObservationError, TooOld
 from vgrd.geometry import Pose
 from vgrd.model import CellFacts, Observation, TagObservation
@@ -24,7 +24,9 @@ RETRIGGER_S = 3.5
 EVALUATION_HANG_S = 2.0
 ROBOT_STALE_S = 0.2
 ROBOT_LOST_S = 1.0
-HEALTH_STALE_S = 1.5
+HEALTH_STALE_S = 1.5  # a device whose process has been silent so long is refused without a try
+BLIND_S = 0.2  # four missed beats of a device's process: with the registers' 40 ms below 260 ms
+WATCH_MARGIN = 0.5  # of the tag's extent, around where it was: a tag that leaves it has moved
 SETTLE_S = 0.5
 READINGS_WITHIN_S = 3.0
 CATCH_UP_S = 0.2
@@ -36,9 +38,12 @@ class Detector(Protocol):
     """Finds the known tags in grey pixels; `vgrd.vision.tags.TagDetector` in the product."""
 
     def detect(
-        self, pixels: Pixels, around: Mapping[int, TagObservation] | None = None
+        self,
+        pixels: Pixels,
+        around: Mapping[int, TagObservation] | None = None,
+        region: Region | None = None,
     ) -> dict[int, TagObservation]:
-        """Tags by id, looked for first near where they were seen before."""
+        """Tags by id, looked for first near where they were seen before; region: of these pixels."""
         ...
 
 
@@ -57,6 +62,11 @@ class Sight:
         """Mid-exposure on the cell clock."""
         return self.image.stamp_s
 
+    @property
+    def is_whole(self) -> bool:
+        """Whether it is the whole picture, not a region around tag B."""
+        return self.image.region is None
+
     def observation(self) -> Observation:
         """Pose and picture of one instant; raises NotSteady or TooOld when the robot was not at rest."""
         if self.base_from_wrist is None:
@@ -64,10 +74,21 @@ class Sight:
         return Observation(self.base_from_wrist, self.stamp_s, self.tag_a, self.tag_b)
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class _Wish:
+    """Somebody waits for a picture exposed after `asked_s`; a region will do unless `whole`."""
+
+    asked_s: float
+    whole: bool
+    sight: asyncio.Future[Sight]
+
+
 class Measuring:
     """Owns the feeds and the detector.
 
-    `sight` is the newest evaluated picture, `sight_of_object` the newest one that shows tag B.
+    `sight` is the newest evaluated whole picture, `sight_of_object` the newest one that shows tag B.
+    While `watching`, pictures of the region around tag B are taken at the watch rate too (whole ones
+    by a camera that sends no regions); `on_watch` hears of every picture, `on_sight` of whole ones.
     """
 
     def __init__(
@@ -77,6 +98,7 @@ class Measuring:
         facts: CellFacts,
         clock: Clock,
         rate_hz: float,
+        watch_rate_hz: float,
     ) -> None:
         self.robot = RobotFeed(runtime_dir, clock)
         self.camera = CameraFeed(runtime_dir, clock)
@@ -85,34 +107,45 @@ class Measuring:
         self.facts = facts
         self.clock = clock
         self.period_s = 1.0 / rate_hz
+        self.watch_period_s = 1.0 / max(rate_hz, watch_rate_hz)
+        self.watching = False
         self.limits = RestLimits()
         self.sight: Sight | None = None
         self.sight_of_object: Sight | None = None
         self.beat = 0
         self.on_readings: list[Callable[[Sequence[FlangeReading]], None]] = []
         self.on_sight: list[Callable[[Sight], None]] = []
+        self.on_watch: list[Callable[[Sight], None]] = []
         self._eyes = ThreadPoolExecutor(1, thread_name_prefix="vision")
         self._evaluating_since_s: float | None = None
         self._evaluation: asyncio.Task[None] | None = None
         self._unusable = ""
         self._last_tags: Mapping[int, TagObservation] = {}
-        self._wishes: list[tuple[float, asyncio.Future[Sight]]] = []
-        self._last_trigger_s = -self.period_s
+        self._wishes: list[_Wish] = []
+        self._last_trigger_s = self._last_whole_s = -self.period_s
+        self._tag_b: TagObservation | None = (
+            None  # in the newest picture, none when it was not there
+        )
+        self._region_tried = self._sends_regions = False
         self._last_beat_s = 0.0
 
     async def run(self) -> None:
-        """Loop until cancelled."""
-        while True:
-            self._step()
-            await asyncio.sleep(LOOP_S)
+        """Loop until cancelled; a fault in an evaluation is a fault of the loop."""
+        async with asyncio.TaskGroup() as tasks:
+            while True:
+                self._step(tasks)
+                await asyncio.sleep(LOOP_S)
 
-    async def fresh(self, timeout_s: float) -> Sight:
-        """Return a sight whose picture was taken after this call; DeviceUnavailable when none comes."""
-        wish: asyncio.Future[Sight] = asyncio.get_running_loop().create_future()
-        self._wishes.append((self.clock.monotonic(), wish))
+    async def fresh(self, timeout_s: float, *, whole: bool = True) -> Sight:
+        """Return a sight whose picture was taken after this call; DeviceUnavailable when none comes.
+
+        whole False: a picture of the region around tag B will do, which comes sooner.
+        """
+        wish = _Wish(self.clock.monotonic(), whole, asyncio.get_running_loop().create_future())
+        self._wishes.append(wish)
         try:
             async with asyncio.timeout(timeout_s):
-                return await wish
+                return await wish.sight
         except TimeoutError as err:
             raise DeviceUnavailable(
                 f"no picture within {timeout_s:.1f} s: {self.camera_trouble() or 'the camera is slow'}"
@@ -122,11 +155,15 @@ class Measuring:
         """Why the robot cannot be relied on now; empty when it can."""
         if self.robot.newest(ROBOT_STALE_S) is not None:
             return ""
-        return self._device_words("robot") or "no flange reading"
+        return self._device_words("robot", HEALTH_STALE_S) or "no flange reading"
 
     def camera_trouble(self) -> str:
         """Why the camera cannot be relied on now; empty when it can."""
-        return self._device_words("camera") or self._unusable
+        return self._device_words("camera", HEALTH_STALE_S) or self._unusable
+
+    def camera_blind(self) -> str:
+        """Why nothing can be seen at this moment; empty while the camera's process lives and works."""
+        return self._device_words("camera", BLIND_S) or self._unusable
 
     async def rest(self) -> Pose:
         """Flange pose from readings newer than this call; raises NotSteady, TooOld.
@@ -150,28 +187,27 @@ class Measuring:
         """Stamp of the newest flange reading."""
         return self.robot.readings[-1].stamp_s if self.robot.readings else -math.inf
 
-    def _device_words(self, name: str) -> str:
+    def _device_words(self, name: str, stale_s: float) -> str:
         health = self.health[name].poll()
         if health is None:
             return f"the {name} process has not started yet"
         if health.state != "ok":
             return f"{health.state}: {health.detail}"
-        if self.health[name].age_s(self.clock) > HEALTH_STALE_S:
+        if self.health[name].age_s(self.clock) > stale_s:
             return f"the {name} process does not answer"
         return ""
 
-    def _step(self) -> None:
+    def _step(self, tasks: asyncio.TaskGroup) -> None:
         now = self.clock.monotonic()
         readings = self.robot.poll()
         for listener in self.on_readings if readings else ():
             listener(readings)
         if self._evaluation is not None and self._evaluation.done():
-            self._evaluation.result()  # a fault in it is a fault of the loop: the gate starts us anew
             self._evaluation = None
         image = self.camera.newest()
         if image is not None and self._evaluation is None:
             self._evaluating_since_s = now
-            self._evaluation = asyncio.create_task(self._evaluate(image))
+            self._evaluation = tasks.create_task(self._evaluate(image))
         self._trigger(now)
         stuck = self._evaluating_since_s and now - self._evaluating_since_s > EVALUATION_HANG_S
         if now - self._last_beat_s >= BEAT_S and not stuck:
@@ -179,21 +215,44 @@ class Measuring:
             self.beat += 1
 
     def _trigger(self, now: float) -> None:
-        self._wishes = [wish for wish in self._wishes if not wish[1].done()]
+        self._wishes = [wish for wish in self._wishes if not wish.sight.done()]
         if self._evaluation is not None or 0 < self.camera.waiting_s() < RETRIGGER_S:
             return
-        if self._wishes or now - self._last_trigger_s >= self.period_s:
+        wanted = any(wish.whole for wish in self._wishes)
+        if wanted or (now - self._last_whole_s >= self.period_s and not self._follows_tag_b()):
+            self._last_trigger_s = self._last_whole_s = now
+            self.camera.trigger(None)
+        elif self._wishes or self._wants_watch_picture(now):
             self._last_trigger_s = now
-            self.camera.trigger()
+            self.camera.trigger(self._watch_region())
+
+    def _follows_tag_b(self) -> bool:
+        """While an answer stands and the tag is seen, no whole picture may delay the next of the watch."""
+        return self.watching and self._tag_b is not None and self._sends_regions
+
+    def _wants_watch_picture(self, now: float) -> bool:
+        """While an answer stands; and once in advance, to learn how fast the camera sends regions."""
+        if self._tag_b is not None and not self._region_tried:
+            self._region_tried = True
+            return True
+        return self.watching and now - self._last_trigger_s >= self.watch_period_s
+
+    def _watch_region(self) -> Region | None:
+        """Around tag B where the newest picture shows it, else the whole picture."""
+        return None if self._tag_b is None else region_around(self._tag_b, self.facts)
 
     async def _evaluate(self, image: CameraImage) -> None:
         try:
             loop = asyncio.get_running_loop()
+            near = self._last_tags
+            if image.region is not None:
+                near = {i: tag for i, tag in near.items() if i == self.facts.tag_b.id}
             tags = await loop.run_in_executor(
-                self._eyes, self.detector.detect, image.pixels, self._last_tags
+                self._eyes, self.detector.detect, image.pixels, near, image.region
             )
-            self._last_tags = tags
-            await self._readings_until(image.stamp_s + self.limits.after_s)
+            self._last_tags = tags if image.region is None else {**self._last_tags, **tags}
+            if image.region is None:
+                await self._readings_until(image.stamp_s + self.limits.after_s)
             self._unusable = ""
             self._announce(self._pair(image, tags))
         except InputError as err:
@@ -220,11 +279,25 @@ class Measuring:
         return Sight(image, tag_a, tags.get(self.facts.tag_b.id), pose, unpaired)
 
     def _announce(self, sight: Sight) -> None:
-        self.sight = sight
-        if sight.tag_b is not None:
-            self.sight_of_object = sight
-        for listener in self.on_sight:
+        self._tag_b = sight.tag_b
+        self._sends_regions |= not sight.is_whole
+        if sight.is_whole:
+            self.sight = sight
+            self.sight_of_object = sight if sight.tag_b is not None else self.sight_of_object
+        for listener in (*self.on_watch, *(self.on_sight if sight.is_whole else ())):
             listener(sight)
-        for asked_s, wish in self._wishes:
-            if sight.stamp_s >= asked_s and not wish.done():
-                wish.set_result(sight)
+        for wish in self._wishes:
+            meant = sight.is_whole or not wish.whole
+            if meant and sight.stamp_s >= wish.asked_s and not wish.sight.done():
+                wish.sight.set_result(sight)
+
+
+def region_around(seen: TagObservation, facts: CellFacts) -> Region | None:
+    """Where a tag may be in the next watch picture; None where it is cut by the picture's edge."""
+    low, high = seen.corners_px.min(0), seen.corners_px.max(0)
+    reach = WATCH_MARGIN * float((high - low).max())
+    width, height = facts.image_size_px
+    x0, y0 = (max(0, math.floor(value - reach)) for value in low)
+    x1 = min(width, math.ceil(high[0] + reach))
+    y1 = min(height, math.ceil(high[1] + reach))
+    return Region(x0, y0, x1 - x0, y1 - y0) if x1 > x0 and y1 > y0 else None

@@ -82,6 +82,7 @@ class State(IntFlag):
     AT_REST = 1 << 8
     TAG_A_SEEN = 1 << 9
     TAG_B_SEEN = 1 << 10
+    HELD = 1 << 11
     SIMULATION = 1 << 15
 
 

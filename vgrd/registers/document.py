@@ -30,6 +30,26 @@ copy at 300-367** (CDAB): choose the word order by the address.
    second ago: a client that goes on showing old registers after the daemon died shows a standing
    HB.
 
+4. Go on reading while the arm moves, and stop it when STATUS is no longer 1 (or 2): an answer that
+   has ended never comes back, ask again.
+
+An answer stands only while the camera shows the object where the answer has it. While it stands,
+pictures of the region around tag B are taken at `[camera] watch_rate_hz` (whole ones by a camera
+that sends no regions). With P = 1 / watch_rate_hz and L = the time from a picture's exposure to its
+evaluation, the coordinate leaves the registers
+
+| after | within | status |
+| --- | --- | --- |
+| the object moved by more than `moved_mm` | P + L + 0.1 s | 206, or 302 where tag B left the region |
+| the camera froze, or its network went | P + 0.1 s beyond the next picture's L | 202 or 205 |
+| a process of the daemon died or stopped | 0.26 s | 201, 401, 900 |
+| tag B was hidden, `hidden_tag = "invalid"` | P + L + 0.1 s | 302 |
+| tag B was hidden, `hidden_tag = "hold"` | `hold_s`, or once the arm is not within `approach_mm` | 302 |
+
+STATE shows HELD while an answer stands without its tag. P is 0.1 s by default; L was 0.03 to 0.05 s
+on the fake 12-megapixel cell, 0.2 s without regions. An answer is given only when two pictures
+agree: the one asked for and an earlier one, or a second one.
+
 Without a valid coordinate its registers hold sentinels: 0x8000, 0x80000000, NaN. An answer expires
 in the registers: past its greatest age it turns into sentinels and STATUS 205. SEQ is even while
 the coordinate is valid and changes when it is not any more. A client that reads register by
