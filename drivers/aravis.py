@@ -19,6 +19,7 @@ from vgrd.errors import BadReading, DeviceRefused, DeviceUnavailable
 _BUFFERS = 3
 _PACKET_SIZE_AS_SET = 0
 _SOCKET_BUFFER_OF_ONE_PICTURE = 1
+_UNCHANGED = -1  # width or height of a region, as Aravis takes it
 # GenICam pixel formats (PFNC values) that are one grey number per pixel.
 _MONO: dict[int, type[np.uint8] | type[np.uint16]] = {
     0x01080001: np.uint8,  # Mono8
@@ -100,7 +101,7 @@ class AravisCamera:
         self._lost = False
         self._half_exposure_s = 0.5 * exposure_s
         self._frames = FrameCounter(wrap_at=0xFFFF)
-        self._grid = _region_grid(library, camera)
+        self._grid = _whole_region(library, camera)
         self._region: Region | None = None
         payload = library.call("arv_camera_get_payload", camera)
         self._stream = library.call("arv_camera_create_stream", camera, None, None, None)
@@ -220,17 +221,26 @@ class AravisCamera:
         self._library.call("g_object_unref", camera)
 
 
-def _region_grid(library: Library, camera: object) -> RegionGrid | None:
-    """What regions the camera can send; None where it has no such mode."""
+def _whole_region(library: Library, camera: object) -> RegionGrid | None:
+    """Let the camera send all that it has, and say what regions it can send; None: it has no such mode.
+
+    A driver that was killed may have left it with a region.
+    """
     try:
         if not library.call("arv_camera_is_region_offset_available", camera):
             return None
-        numbers = [ctypes.c_int() for _ in range(4)]
-        library.call("arv_camera_get_region", camera, *(ctypes.byref(n) for n in numbers))
+        library.call("arv_camera_set_region", camera, 0, 0, _UNCHANGED, _UNCHANGED)
+        size = []
+        for axis in ("width", "height"):
+            low, high = ctypes.c_int(), ctypes.c_int()
+            bounds = ctypes.byref(low), ctypes.byref(high)
+            library.call(f"arv_camera_get_{axis}_bounds", camera, *bounds)
+            size.append(high.value)
+        library.call("arv_camera_set_region", camera, 0, 0, *size)
         steps = [
             library.call(f"arv_camera_get_{name}_increment", camera)
             for name in ("x_offset", "y_offset", "width", "height")
         ]
     except AravisError:
         return None
-    return RegionGrid(Region(*(n.value for n in numbers)), *steps)
+    return RegionGrid(Region(0, 0, *size), *steps)

@@ -43,11 +43,12 @@ def open(settings: Settings, clock: Clock) -> Camera:  # noqa: A001 - the name o
     camera = connect(options)
     try:
         configure(camera, options)
+        grid = _whole_region(camera)
         camera.StartGrabbing(pylon.GrabStrategy_OneByOne)
     except DeviceRefused:
         camera.Close()
         raise
-    return PylonCamera(camera, clock)
+    return PylonCamera(camera, grid, clock)
 
 
 def connect(options: PylonSettings) -> Any:  # noqa: ANN401 - pypylon has no types
@@ -129,11 +130,11 @@ def take(camera: Any, timeout_s: float, clock: Clock) -> tuple[Pixels, float, in
 class PylonCamera:
     """A grabbing camera that waits for triggers; see `open`."""
 
-    def __init__(self, camera: Any, clock: Clock) -> None:  # noqa: ANN401 - pypylon has no types
+    def __init__(self, camera: Any, grid: RegionGrid | None, clock: Clock) -> None:  # noqa: ANN401 - as `connect`
         self._camera = camera
         self._clock = clock
         self._frames = FrameCounter(_GIGE_WRAP)
-        self._grid = _region_grid(camera)
+        self._grid = grid
         self._region: Region | None = None
 
     def grab(self, timeout_s: float, region: Region | None = None) -> CameraImage:
@@ -168,9 +169,14 @@ class PylonCamera:
             self._camera.Close()
 
 
-def _region_grid(camera: Any) -> RegionGrid | None:  # noqa: ANN401 - pypylon has no types
-    """What regions the camera can send; None where it has no such mode."""
+def _whole_region(camera: Any) -> RegionGrid | None:  # noqa: ANN401 - pypylon has no types
+    """Let the camera send all that it has, and say what regions it can send; None: it has no such mode.
+
+    A driver that was killed may have left it with a region.
+    """
     try:
+        camera.OffsetX.Value = camera.OffsetY.Value = 0
+        camera.Width.Value, camera.Height.Value = camera.Width.Max, camera.Height.Max
         axes = (camera.OffsetX, camera.OffsetY, camera.Width, camera.Height)
         whole = Region(*(int(axis.Value) for axis in axes))
         return RegionGrid(whole, *(int(axis.Inc) for axis in axes))

@@ -91,6 +91,12 @@ class FakeCell:
             self._camera = self._resources.enter_context(self._camera.again())
             self._unplugged = False
 
+    def tell_camera(self, line: str) -> None:
+        """Type a line at the camera: a fault to switch on or off. LookupError as `unplug_camera`."""
+        if self._camera is None:
+            raise LookupError(f"{self.camera} runs inside the daemon and cannot be told anything")
+        self._camera.type(line)
+
     def _start_camera(self, undo: contextlib.ExitStack) -> dict[str, str | int]:
         """Start the camera where it is a process of its own; returns its settings in the cell file."""
         ring = str((self.folder / SNAPSHOT_RING).resolve())

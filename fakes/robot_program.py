@@ -89,6 +89,22 @@ class RobotProgram:
         policy: Policy = Policy.CONFIGURED,
     ) -> Reply:
         """Request a point and wait for the answer; Stopped on anything but OK."""
+        asked_s = self.request(point, command, policy)
+        while time.monotonic() - asked_s < ANSWER_TIMEOUT_S:
+            values = self.read()
+            busy = int(values["STATE"]) & State.BUSY
+            if int(values["ECHO"]) == self.trigger and not busy:
+                return self._reply(values, time.monotonic() - asked_s)
+            time.sleep(POLL_S)
+        raise Stopped("no answer")
+
+    def request(
+        self,
+        point: int,
+        command: Command = Command.EC_FRESH,
+        policy: Policy = Policy.CONFIGURED,
+    ) -> float:
+        """Write a request; returns when (monotonic). Stopped when it was not taken."""
         self.trigger = self.trigger % 60000 + 1
         request = dict.fromkeys((field.name for field in REQUEST.fields), 0)
         request |= {
@@ -105,13 +121,7 @@ class RobotProgram:
             raise Stopped(f"no link: {err}") from err
         if written.isError():
             raise Stopped(f"the request was refused: {written}")
-        while time.monotonic() - asked_s < ANSWER_TIMEOUT_S:
-            values = self.read()
-            busy = int(values["STATE"]) & State.BUSY
-            if int(values["ECHO"]) == self.trigger and not busy:
-                return self._reply(values, time.monotonic() - asked_s)
-            time.sleep(POLL_S)
-        raise Stopped("no answer")
+        return asked_s
 
     def touch(self, reply: Reply) -> None:
         """Go to the coordinate by way of an approach above it, watching the answer on the way."""

@@ -95,6 +95,20 @@ def test_a_region_comes_with_its_place_and_the_whole_picture_after_it(stock, gig
     assert frames == [1, 2, 3, 4, 5]
 
 
+@needs_aravis
+def test_a_camera_that_a_killed_driver_left_with_a_region_sends_whole_pictures_again(stock):
+    with GigeCamera(stock, free_loopback(3956), SIZE) as fake:
+        settings = {"address": fake.host, "packet_bytes": 16000}
+        first = aravis.open(settings, CLOCK)
+        assert first.grab(2.0, REGION).region is not None
+        first.close()
+        second = aravis.open(settings, CLOCK)
+        image = second.grab(2.0)
+        assert np.array_equal(image.pixels, stock.last)
+        assert (image.region, image.pixels.shape) == (None, SIZE[::-1])
+        second.close()
+
+
 def test_pylons_camera_sends_regions_and_its_frames_advance(monkeypatch):
     monkeypatch.setenv("PYLON_CAMEMU", "1")
     camera = pylon.open({"exposure_ms": 5.0}, CLOCK)

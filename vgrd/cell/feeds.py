@@ -109,6 +109,10 @@ class CameraFeed:
         self.asked_s = None
         return wire.unpack_image(image.payload)
 
+    def forget(self) -> None:
+        """Wait no longer for what was asked for."""
+        self.asked_s = None
+
     def waiting_s(self) -> float:
         """Seconds since the trigger that has not been answered yet, 0 when there is none."""
         return 0.0 if self.asked_s is None else self.clock.monotonic() - self.asked_s

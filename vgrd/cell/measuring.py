@@ -127,6 +127,7 @@ class Measuring:
             None  # in the newest picture, none when it was not there
         )
         self._region_tried = self._sends_regions = False
+        self._camera_pid = 0
         self._last_beat_s = 0.0
 
     async def run(self) -> None:
@@ -216,6 +217,10 @@ class Measuring:
 
     def _trigger(self, now: float) -> None:
         self._wishes = [wish for wish in self._wishes if not wish.sight.done()]
+        camera = self.health["camera"].poll()
+        if camera is not None and camera.state == "ok" and camera.pid != self._camera_pid:
+            self._camera_pid = camera.pid
+            self.camera.forget()  # what an earlier process was asked for will never come
         if self._evaluation is not None or 0 < self.camera.waiting_s() < RETRIGGER_S:
             return
         wanted = any(wish.whole for wish in self._wishes)

@@ -124,6 +124,7 @@ def host_camera(
         crc=False,
     )
     triggers = _Triggers(runtime_dir / wire.TRIGGER_RING)
+    triggers.newest()  # from here on wishes count, before anybody hears that the camera is well
     check, bad = FrameCheck(), BadReadings(limit=5)
     while True:
         health.progress("ok")
