@@ -39,7 +39,7 @@ def rows() -> list[Row]:
     ours = TagDetector(facts.camera_matrix, facts.distortion, tags, facts.image_size_px)
     bare = Detector(families="tag36h11", nthreads=1, quad_decimate=2.0)
     values = dict.fromkeys((field.name for field in REQUEST.fields), 0)
-    request = Request.parse(REQUEST.encode(values | {"TRIG": 1, "CMD": 2, "POINT": 1}))
+    request = Request.parse(REQUEST.encode(values | {"TRIG": 1, "CMD": 2, "POINT": 1}), nonce=1)
     limits = Limits(Policy.FIXED, 3.0, 2.0, 2.0, 0.3)
     flange = world.reported_flange(rehearsal.now_s)
 
@@ -50,7 +50,8 @@ def rows() -> list[Row]:
         sight = Sight(CameraImage(pixels, now, 1), seen[0], seen[1], flange, None)
         answer = answer_request(request, calibration, 1, sight, limits, now, time.time())
         image = RegisterImage(answer, State.READY, 1, now)
-        registers = view(RegisterImage.unpack(image.pack()), now, deadline_s=0.25).response
+        image = RegisterImage.unpack(image.pack())
+        registers = view(image, now, deadline_s=0.25, answered=request).response
         assert (answer.status, len(registers)) == (Status.OK, 136)
         return time.perf_counter() - start
 

@@ -13,7 +13,8 @@ from pymodbus.server import ModbusTcpServer
 from pymodbus.simulator import DataType, SimData, SimDevice
 
 from vgrd.clock import SystemClock
-from vgrd.gate.desk import Desk, ImageFeed
+from vgrd.gate.desk import Desk
+from vgrd.gate.image_feed import ImageFeed
 from vgrd.gate.modbus import Limits, ModbusServer
 from vgrd.ipc.ring import RingWriter
 from vgrd.registers import (
@@ -41,7 +42,7 @@ async def serve_ours(folder: Path) -> None:
     clock = SystemClock()
     ring = RingWriter.create(folder / REGISTER_RING, 4, PACKED_BYTES, REGISTER_KIND)
     start = clock.monotonic()
-    answer = Answer(Status.OK, 1, 1, captured_s=start, valid_until_s=start + 3600)
+    answer = Answer(Status.OK, seq=1, captured_s=start, valid_until_s=start + 3600)
     feed = ImageFeed(folder, clock)
     desk = Desk(feed, clock, deadline_s=0.25, forward=lambda _: True, abort=lambda: None)
     server = ModbusServer(desk, clock, Limits())

@@ -46,6 +46,7 @@ from vgrd.registers import Policy as PolicyCode
 
 LIMITS = Limits(Policy.FIXED, 3.0, 1.0, 0.9, 0.3)
 CALIBRATION_ID = 0xC0FFEE
+NONCE = 2**63 + 5
 
 
 class Taught:
@@ -73,7 +74,7 @@ def taught(tmp_path_factory: pytest.TempPathFactory) -> Taught:
 def request(**fields: int) -> Request:
     values = dict.fromkeys((field.name for field in REQUEST.fields), 0)
     values |= {"TRIG": 7, "CMD": Command.EC_FRESH, "POINT": 1} | fields
-    return Request.parse(REQUEST.encode(values))
+    return Request.parse(REQUEST.encode(values), NONCE)
 
 
 def answered(taught: Taught, asked: Request, sight: Sight | None = None, now_s: float = 1000.5):
@@ -265,7 +266,9 @@ class Bench:
                 self.serving.request(request(**fields))
 
         asyncio.run(serve())
-        return self.read()
+        image = self.read()
+        assert image.answer.nonce == NONCE
+        return image
 
     def read(self) -> RegisterImage:
         self.serving._guard_tcp()
@@ -584,6 +587,16 @@ def test_clear_drops_the_answer(bench: Bench) -> None:
     bench.ask()
     image = bench.ask(CMD=Command.CLEAR, TRIG=8)
     assert (image.answer.status, image.answer.echo) == (Status.IDLE, 8)
+
+
+def test_an_answer_that_another_calibration_drops_stays_the_answer_to_its_request(
+    bench: Bench, taught: Taught
+) -> None:
+    first = bench.ask().answer
+    bench.serving.use(taught.calibration, CALIBRATION_ID + 1)
+    dropped = bench.read().answer
+    assert dropped.status is Status.IDLE
+    assert (dropped.nonce, dropped.echo, dropped.point) == (first.nonce, 7, 1)
 
 
 def test_without_a_calibration_nothing_is_served(bench: Bench) -> None:

@@ -10,6 +10,7 @@ import signal
 import socket
 import sys
 import time
+from dataclasses import replace
 from pathlib import Path
 
 from vgrd.clock import SystemClock
@@ -25,6 +26,8 @@ from vgrd.registers import (
     Request,
     State,
     Status,
+    parse_message,
+    reply,
 )
 
 HANG_WITH_GIL, ABORT, EXIT, STOP, SILENT, CONFIG, IGNORE_TERM = range(66, 73)
@@ -51,11 +54,9 @@ def fail(point: int) -> None:
 def answer_to(request: Request, seq: int) -> Answer:
     """A coordinate that holds the point's number."""
     now = time.monotonic()
-    return Answer(
-        Status.OK,
-        echo=request.trig,
+    return replace(
+        reply(request, Status.OK),
         seq=seq,
-        point=request.point,
         captured_s=now,
         valid_until_s=now + VALID_S,
         position_um=(1000 * request.point, 0, 0),
@@ -86,7 +87,7 @@ def main() -> None:
             message = decode_line(line)
             if message["op"] == "abort":
                 continue
-            request = Request.parse(bytes.fromhex(str(message["registers"])))
+            request = parse_message(message)
             fail(request.point)
             if request.point != SILENT:
                 answer = answer_to(request, answer.seq + 1)

@@ -6,7 +6,8 @@ from dataclasses import replace
 import pytest
 
 from fakes.testing import ManualClock
-from vgrd.gate.desk import Desk, ImageFeed
+from vgrd.gate.desk import Desk
+from vgrd.gate.image_feed import ImageFeed
 from vgrd.ipc.ring import RingWriter
 from vgrd.registers import (
     PACKED_BYTES,
@@ -19,6 +20,7 @@ from vgrd.registers import (
     Request,
     State,
     Status,
+    reply,
 )
 
 DEADLINE_S = 0.25
@@ -44,10 +46,10 @@ class Bench:
             abort=self.abort,
         )
 
-    def forward(self, registers: bytes) -> bool:
+    def forward(self, request: Request) -> bool:
         """Take a request as the cell would."""
         if self.reachable:
-            self.forwarded.append(Request.parse(registers))
+            self.forwarded.append(request)
         return self.reachable
 
     def abort(self) -> None:
@@ -66,10 +68,12 @@ class Bench:
         self.ring.publish(image.pack(), stamp_s=now)
 
     def answer(self, trig: int, seq: int, **more) -> Answer:
-        """An answer that holds for a second."""
+        """An answer that holds for a second, to the last request with that TRIG, 0: nobody's."""
         now = self.clock.monotonic()
+        asked = [request for request in self.forwarded if request.trig == trig]
+        to = reply(asked[-1], Status.OK) if asked else Answer(Status.OK)
         valid = {"captured_s": now, "valid_until_s": now + 1.0, "position_um": (1, 2, 3)}
-        return Answer(**{"status": Status.OK, "echo": trig, "seq": seq, **valid, **more})
+        return replace(to, seq=seq, **{**valid, **more})
 
     def trigger(self, trig: int, command: int = Command.EC_FRESH, point=4, timeout_ms=0) -> None:
         """Write a request in one piece."""
@@ -151,14 +155,68 @@ def test_only_the_newest_of_two_requests_is_answered(bench):
 
 def test_an_old_answer_to_the_same_trig_is_not_taken_for_the_new_one(bench):
     bench.trigger(7)
-    bench.publish(bench.answer(7, seq=1))
+    old = bench.answer(7, seq=1)
+    bench.publish(old)
     assert bench.status() == (7, Status.OK)
     bench.trigger(0)
     bench.trigger(7)
-    bench.publish(bench.answer(7, seq=1))
+    bench.publish(old)
     assert bench.status() == (0, Status.BUSY)
     bench.publish(bench.answer(7, seq=2))
     assert bench.status() == (7, Status.OK)
+
+
+def test_an_answer_to_the_same_trig_but_another_point_is_not_taken(bench):
+    """TRIG 1, 2, 1 while the first is in work: its answer, late and with a new SEQ, is for POINT 1."""
+    bench.trigger(1, point=1)
+    first = bench.answer(1, seq=1)
+    bench.trigger(2, point=9)
+    bench.trigger(1, point=2)
+    bench.publish(first)
+    assert bench.status() == (0, Status.BUSY)
+    assert bench.see()["EC32_X"] == -(2**31)
+    bench.publish(bench.answer(1, seq=2))
+    assert bench.status() == (1, Status.OK)
+    assert bench.see()["POINT"] == 2
+    bench.publish(replace(first, seq=3))
+    assert bench.status() == (0, Status.IDLE)
+    assert bench.see()["EC32_X"] == -(2**31)
+
+
+@pytest.mark.parametrize("field", ["echo", "point", "object"])
+def test_an_answer_that_says_another_question_than_was_asked_is_an_error(bench, field):
+    bench.trigger(1, point=2)
+    bench.publish(bench.answer(1, seq=1, **{field: 40}))
+    assert bench.status() == (1, Status.INTERNAL_ERROR)
+    v = bench.see()
+    assert (v["POINT"], v["OBJECT"], v["EC32_X"]) == (2, 0, -(2**31))
+
+
+def test_a_gate_that_comes_back_does_not_show_what_its_predecessor_was_answered(bench):
+    bench.trigger(7)
+    answer = bench.answer(7, seq=1)
+    bench.publish(answer)
+    assert bench.status() == (7, Status.OK)
+    again = Bench(bench.runtime_dir)
+    again.clock, again.ring = bench.clock, bench.ring
+    assert again.status() == (0, Status.IDLE)
+    again.trigger(7)
+    bench.publish(replace(answer, seq=2))
+    assert again.status() == (0, Status.BUSY)
+
+
+def test_nonces_of_two_gates_do_not_meet(tmp_path):
+    nonces = set()
+    for number in range(50):
+        (tmp_path / str(number)).mkdir()
+        bench = Bench(tmp_path / str(number))
+        bench.start_cell()
+        bench.publish()
+        bench.trigger(1)
+        bench.trigger(2)
+        nonces |= {request.nonce for request in bench.forwarded}
+    assert len(nonces) == 100
+    assert 0 not in nonces
 
 
 def test_an_answer_read_late_has_expired(bench):
@@ -176,8 +234,8 @@ def test_an_answer_read_late_has_expired(bench):
 
 
 def test_an_answer_expires_between_two_images(bench):
-    answer = bench.answer(7, seq=1, valid_until_s=bench.clock.now_s + 0.1)
     bench.trigger(7)
+    answer = bench.answer(7, seq=1, valid_until_s=bench.clock.now_s + 0.1)
     bench.publish(answer)
     assert bench.status() == (7, Status.OK)
     bench.clock.now_s += 0.1

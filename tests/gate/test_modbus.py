@@ -14,7 +14,8 @@ from pymodbus.client import ModbusTcpClient
 from fakes.raw_modbus import RawModbus
 from vgrd.clock import SystemClock
 from vgrd.errors import ServingError
-from vgrd.gate.desk import Desk, ImageFeed
+from vgrd.gate.desk import Desk
+from vgrd.gate.image_feed import ImageFeed
 from vgrd.gate.modbus import Limits, ModbusServer
 from vgrd.registers import Status
 

@@ -1,3 +1,4 @@
+import json
 import math
 import struct
 from dataclasses import replace
@@ -22,6 +23,8 @@ from vgrd.registers import (
     State,
     Status,
     View,
+    parse_message,
+    request_message,
     view,
 )
 from vgrd.registers.document import document
@@ -34,6 +37,7 @@ AXES = ("X", "Y", "Z", "RX", "RY", "RZ")
 
 u16 = st.integers(0, 0xFFFF)
 i32 = st.integers(-(2**31), 2**31 - 1)
+nonces = st.sampled_from((0, 77, 78)) | st.integers(0, 2**64 - 1)
 near = st.floats(NOW_S - 2, NOW_S + 2)
 any_float = st.floats(allow_nan=True, allow_infinity=True)
 angles = st.floats(-180, 180)
@@ -42,6 +46,7 @@ answers = st.builds(
     status=st.sampled_from(Status) | st.sampled_from(OK),
     echo=u16,
     seq=u16,
+    nonce=nonces,
     detail=u16,
     point=u16,
     object=u16,
@@ -65,12 +70,13 @@ images = st.builds(
     beat=u16,
     published_s=near | any_float,
 )
-requests = st.binary(min_size=64, max_size=64).map(Request.parse)
+requests = st.builds(Request.parse, st.binary(min_size=64, max_size=64), nonces)
 
 GOOD = Answer(
     status=Status.OK,
     echo=7,
     seq=3,
+    nonce=77,
     point=4,
     object=1,
     captured_s=NOW_S - 0.125,
@@ -88,7 +94,16 @@ IMAGE = RegisterImage(GOOD, LIVE, beat=11, published_s=NOW_S - 0.02)
 ASKED = Request.parse(struct.pack(">3H", 9, 2, 5) + bytes(58))
 
 
+def asker(answer: Answer) -> Request:
+    """The very request that `answer` is to."""
+    words = [answer.echo, 2, answer.point, 0, 0, answer.object]
+    return Request.parse(struct.pack(">6H", *words) + bytes(52), answer.nonce)
+
+
 def look(image: RegisterImage | None = IMAGE, now_s: float = NOW_S, **more) -> View:
+    """What the asker of the image's answer sees."""
+    if image and "answered" not in more:
+        more["answered"] = asker(image.answer)
     return view(image, now_s, deadline_s=DEADLINE_S, **more)
 
 
@@ -226,13 +241,22 @@ def test_the_largest_coordinate_that_fits_is_served_and_u95_saturates():
     assert (v["U95P"], v["EC32_U95"], v["ECF_U95"]) == (0xFFFF, 70_000, 70.0)
 
 
-@given(images, st.floats(NOW_S - 2, NOW_S + 2), st.none() | requests, st.none() | answers)
-def test_no_pose_is_ever_in_a_view_that_is_not_ok(image, now_s, pending, refusal):
-    seen = look(image, now_s, pending=pending, refusal=refusal)
-    v = values(seen)
+@given(
+    images,
+    st.floats(NOW_S - 2, NOW_S + 2),
+    st.none() | requests,
+    st.none() | answers,
+    st.sampled_from(("asker", "nobody")) | requests,
+)
+def test_no_pose_is_ever_in_a_view_that_is_not_ok(image, now_s, pending, refusal, answered):
     a = image.answer
+    answered = {"asker": asker(a), "nobody": None}.get(answered, answered)
+    seen = look(image, now_s, pending=pending, refusal=refusal, answered=answered)
+    v = values(seen)
+    asked = answered and (answered.nonce, answered.trig, answered.point, answered.object)
     may_be_valid = (
-        abs(now_s - image.published_s) < DEADLINE_S
+        (a.nonce == a.echo == 0 or (a.nonce and asked == (a.nonce, a.echo, a.point, a.object)))
+        and abs(now_s - image.published_s) < DEADLINE_S
         and pending is None
         and refusal is None
         and a.status in OK
@@ -248,6 +272,24 @@ def test_no_pose_is_ever_in_a_view_that_is_not_ok(image, now_s, pending, refusal
     else:
         assert holds_only_sentinels(v)
         assert may_be_valid <= (v["STATUS"] == Status.ENCODING_OVERFLOW)
+
+
+@pytest.mark.parametrize(
+    ("change", "status"),
+    [
+        ({"nonce": 78}, Status.IDLE),
+        ({"nonce": 0}, Status.IDLE),
+        ({"echo": 8}, Status.INTERNAL_ERROR),
+        ({"point": 5}, Status.INTERNAL_ERROR),
+        ({"object": 2}, Status.INTERNAL_ERROR),
+    ],
+)
+def test_the_answer_to_another_request_is_never_shown(change, status):
+    v = values(look(replace(IMAGE, answer=replace(GOOD, **change)), answered=asker(GOOD)))
+    assert v["STATUS"] == status
+    assert holds_only_sentinels(v)
+    if status != Status.IDLE:
+        assert (v["ECHO"], v["POINT"], v["OBJECT"]) == (7, 4, 1)
 
 
 @given(images, st.floats(NOW_S - 2, NOW_S + 2))
@@ -294,7 +336,6 @@ def test_a_request_reads_what_was_written(words):
     fields = REQUEST.decode(registers)
     assert (request.trig, request.command, request.point) == tuple(words[:3])
     assert request.max_age_s == words[7] / 1000
-    assert request.request_pose_um_urad[5] == struct.unpack_from(">i", registers, 40)[0]
     assert request.refuse_if_moving == bool(words[3] & 1)
     assert request.policy == Policy((words[3] >> 8) & 3)
     assert fields["CLHB"] == words[22]
@@ -308,6 +349,26 @@ def test_the_requested_orientation_is_scaled_by_its_format(options, written, val
     fields = {field.name: 0 for field in REQUEST.fields} | {"OPT": options, "ORI_RX": written}
     request = Request.parse(REQUEST.encode(fields))
     assert request.request_orientation[0] == pytest.approx(value)
+
+
+@given(st.binary(min_size=64, max_size=64), st.integers(0, 2**64 - 1))
+def test_a_request_goes_over_the_link_with_its_nonce(registers, nonce):
+    request = Request.parse(registers, nonce)
+    assert parse_message(json.loads(json.dumps(request_message(request)))) == request
+
+
+@pytest.mark.parametrize(
+    "message",
+    [
+        {},
+        {"nonce": 1, "registers": "zz"},
+        {"nonce": 1, "registers": "00"},
+        {"nonce": "1", "registers": "00" * 64},
+    ],
+)
+def test_what_is_no_request_of_the_gate_is_refused(message):
+    with pytest.raises(IpcError, match="not a request"):
+        parse_message(message)
 
 
 def test_an_unknown_rotation_format_is_none():

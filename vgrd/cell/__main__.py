@@ -27,7 +27,7 @@ from vgrd.ipc.health import HealthReporter
 from vgrd.ipc.messages import decode_line, encode_line
 from vgrd.ipc.ring import RingWriter
 from vgrd.model import Policy
-from vgrd.registers import PACKED_BYTES, REGISTER_KIND, REGISTER_RING, Request
+from vgrd.registers import PACKED_BYTES, REGISTER_KIND, REGISTER_RING, parse_message
 from vgrd.store.calibrations import CalibrationStore
 from vgrd.store.sessions import list_sessions, recover_session, session_directory
 from vgrd.vision.tags import TagDetector
@@ -132,7 +132,7 @@ class Cell:
     def _obey_line(self, line: bytes) -> None:
         message = decode_line(line)
         if message["op"] == "request":
-            self.serving.request(Request.parse(bytes.fromhex(str(message["registers"]))))
+            self.serving.request(parse_message(message))
         elif message["op"] == "abort":
             self.serving.abort()
 

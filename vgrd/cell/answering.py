@@ -11,7 +11,7 @@ from vgrd.geometry import Array, Pose
 from vgrd.geometry.formats import RotationFormat as Format
 from vgrd.geometry.formats import rotation_from, rotation_to
 from vgrd.model import Calibration, ExpectedCoordinate, Policy, Target
-from vgrd.registers import Answer, Command, Frame, Request, RotationFormat, Status
+from vgrd.registers import Answer, Command, Frame, Request, RotationFormat, Status, reply
 from vgrd.registers import Policy as PolicyCode
 
 NO_HOLD = Hold()
@@ -44,17 +44,16 @@ class Limits:
 
 def check_request(request: Request, calibration: Calibration) -> Answer | None:
     """The refusal of a request that cannot be served whatever is seen, None for a good one."""
-    refusal = Answer(echo=request.trig, point=request.point, object=request.object)
     if request.command not in (Command.EC_NEWEST, Command.EC_FRESH):
-        return replace(refusal, status=Status.UNKNOWN_COMMAND, detail=request.command)
+        return reply(request, Status.UNKNOWN_COMMAND, request.command)
     if target_by_id(calibration, request.point) is None:
-        return replace(refusal, status=Status.UNKNOWN_POINT, detail=request.point)
+        return reply(request, Status.UNKNOWN_POINT, request.point)
     tcp_unknown = request.wants_tcp and calibration.tcp_in_wrist is None
     if tcp_unknown or request.rotation_format is None:
-        return replace(refusal, status=Status.BAD_PARAMETER, detail=OPT_REGISTER)
+        return reply(request, Status.BAD_PARAMETER, OPT_REGISTER)
     for register, number in ((4, request.robot), (5, request.object), (6, request.tool)):
         if number > 1:
-            return replace(refusal, status=Status.BAD_PARAMETER, detail=register)
+            return reply(request, Status.BAD_PARAMETER, register)
     return None
 
 
@@ -72,10 +71,8 @@ def answer_request(
     Second: where the flange must be (base_from_wrist), None without a coordinate.
     """
     max_age_s = min(request.max_age_s or limits.max_age_s, limits.max_age_s)
-    answer = Answer(
-        echo=request.trig,
-        point=request.point,
-        object=request.object,
+    answer = replace(
+        reply(request, Status.IDLE),
         captured_s=sight.stamp_s,
         captured_unix_us=int(1e6 * (now_unix_s - (now_s - sight.stamp_s))),
         valid_until_s=sight.stamp_s + max_age_s,

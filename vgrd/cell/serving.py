@@ -25,7 +25,7 @@ from vgrd.errors import (
 from vgrd.geometry import Array, Pose
 from vgrd.ipc.ring import RingWriter
 from vgrd.model import Calibration, TagObservation
-from vgrd.registers import Answer, Command, RegisterImage, Request, State, Status
+from vgrd.registers import Answer, Command, RegisterImage, Request, State, Status, reply
 
 PUBLISH_S = 0.02
 TCP_CHANGED_MM = 0.05
@@ -102,7 +102,16 @@ class Serving:
         """Serve with `calibration` from now on; the present answer is dropped."""
         self.calibration, self.calibration_id = calibration, calibration_id
         self._drifting = 0
-        self._settle(Answer(echo=self.answer.echo), None)
+        dropped = self.answer
+        self._settle(
+            Answer(
+                echo=dropped.echo,
+                nonce=dropped.nonce,
+                point=dropped.point,
+                object=dropped.object,
+            ),
+            None,
+        )
 
     def confirm(self) -> None:
         """Forget a latched fault; ControlError while its cause is still there."""
@@ -169,16 +178,16 @@ class Serving:
     async def _serve(self, request: Request) -> None:
         """Work on a request; it ends with an answer, whatever happens, unless a newer one came."""
         if request.command == Command.CLEAR:
-            self._settle(Answer(echo=request.trig), None)
+            self._settle(reply(request, Status.IDLE), None)
             return
-        answer, basis = self._refusal(request, Status.INTERNAL_ERROR), None
+        answer, basis = reply(request, Status.INTERNAL_ERROR), None
         try:
             answer, basis = await self._answer(request)
         except asyncio.CancelledError:
             raise
         except (VgrdError, np.linalg.LinAlgError) as err:
             log.warning("request_refused", reason=str(err), error=type(err).__name__)
-            answer = self._refusal(request, status_of(err))
+            answer = reply(request, status_of(err))
         except BaseException:
             self._settle(answer, None)  # a fault of ours: answered, then the process starts anew
             raise
@@ -188,7 +197,7 @@ class Serving:
         fault = self.fault()
         if fault is not None or self.calibration is None:
             status = fault[0] if fault else Status.NOT_CALIBRATED
-            return self._refusal(request, status), None
+            return reply(request, status), None
         refusal = check_request(request, self.calibration)
         if refusal is not None:
             return refusal, None
@@ -199,7 +208,7 @@ class Serving:
         sight = sight or await self._picture(end_s, whole=True)
         calibration = self.calibration
         if sight is None or calibration is None:
-            return self._refusal(request, self._blind_status()), None
+            return reply(request, self._blind_status()), None
         now, wall = self.clock.monotonic(), self.clock.wall()
         answer, pose = answer_request(
             request, calibration, self.calibration_id, sight, self.limits, now, wall
@@ -253,9 +262,6 @@ class Serving:
         """What to say when no picture came."""
         trouble = self.measuring.camera_trouble()
         return Status.CAMERA_OFFLINE if trouble else Status.GRAB_TIMEOUT
-
-    def _refusal(self, request: Request, status: Status) -> Answer:
-        return Answer(status=status, echo=request.trig, point=request.point, object=request.object)
 
     def _settle(self, answer: Answer, basis: Basis | None) -> None:
         """Let `answer` stand from now on, on `basis`; without one it is a refusal."""

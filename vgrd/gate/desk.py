@@ -1,35 +1,31 @@
 """Where the robot's requests and the cell's answers meet: the data behind the Modbus server."""
 
 import math
+import secrets
 import struct
 from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import replace
-from pathlib import Path
 from typing import Final
 
 from vgrd.clock import Clock
-from vgrd.errors import IpcError
-from vgrd.ipc.ring import RingReader
+from vgrd.gate.image_feed import ImageFeed
 from vgrd.registers import (
-    REGISTER_KIND,
-    REGISTER_RING,
     REQUEST,
     RESPONSE,
     SWAPPED_FROM,
     Answer,
     Command,
-    RegisterImage,
     Request,
     Status,
+    reply,
     view,
 )
 
-Forward = Callable[[bytes], bool]
+Forward = Callable[[Request], bool]
 
 DEFAULT_TIMEOUT_S: Final = 5.0
 
-_REOPEN_S = 0.05
 _ALIVE_INPUT = 16
 _BEATS_PER_TOGGLE = 5
 _BLOCKS = (
@@ -39,57 +35,12 @@ _BLOCKS = (
 )
 
 
-class ImageFeed:
-    """The cell's newest register image; keeps the last one when the cell is gone."""
-
-    def __init__(self, runtime_dir: Path, clock: Clock) -> None:
-        self.image: RegisterImage | None = None
-        self._path = runtime_dir / REGISTER_RING
-        self._clock = clock
-        self._reader: RingReader | None = None
-        self._index = 0
-        self._retry_s = -math.inf
-
-    def poll(self) -> bool:
-        """Take a newer image, if there is one."""
-        try:
-            if self._reader is None and not self._open():
-                return False
-            return self._reader is not None and self._take(self._reader)
-        except IpcError:
-            self._reader = None
-            return False
-
-    def lose(self) -> None:
-        """Treat the image as too old from now on, also its last one: its writer is dead."""
-        self.poll()
-        if self.image:
-            self.image = replace(self.image, published_s=-math.inf)
-
-    def _open(self) -> bool:
-        now = self._clock.monotonic()
-        if now < self._retry_s:
-            return False
-        self._retry_s = now + _REOPEN_S
-        self._reader = RingReader.open(self._path, REGISTER_KIND)
-        return True
-
-    def _take(self, reader: RingReader) -> bool:
-        if reader.index == self._index:
-            return False
-        message = reader.newest()
-        if message is None:
-            return False
-        self._index = message.index
-        self.image = RegisterImage.unpack(message.payload)
-        return True
-
-
 class Desk:
     """Registers, coils and inputs, and the one request that may be pending.
 
-    `forward` passes the 64 bytes of a request to the cell and tells whether that was possible;
-    `abort` tells the cell that nobody waits any more.
+    `forward` passes a request to the cell and tells whether that was possible; `abort` tells the
+    cell that nobody waits any more. The nonces of the requests begin anywhere in 2^63, so that what
+    an earlier gate's cell answered is never taken for an answer to this one.
     """
 
     def __init__(
@@ -108,7 +59,9 @@ class Desk:
         self._forward, self._abort = forward, abort
         self._request = bytes(2 * REQUEST.end)
         self._coils = [False, False]
+        self._nonce = secrets.randbits(63)
         self._pending: Request | None = None
+        self._answered: Request | None = None
         self._overdue_s = math.inf
         self._refusal: Answer | None = None
         self._seq: int | None = None  # of the answer that stood there when the request came
@@ -187,7 +140,7 @@ class Desk:
     def _refresh(self, now_s: float) -> None:
         image = self._feed.image
         if self._pending and image is not None and self._is_answer(image.answer):
-            self._pending, self._overdue_s = None, math.inf
+            self._answered, self._pending, self._overdue_s = self._pending, None, math.inf
         elif self._pending and not self._is_alive(now_s):
             self._refuse(Status.INTERNAL_ERROR if image else Status.STARTING)
         elif self._pending and now_s >= self._overdue_s:
@@ -199,7 +152,12 @@ class Desk:
         if self._closed is not None:
             refusal = Answer(self._closed, echo=int.from_bytes(self._request[:2], "big"))
         self._view = view(
-            image, now_s, self._pending, deadline_s=self._deadline_s, refusal=refusal
+            image,
+            now_s,
+            self._pending,
+            deadline_s=self._deadline_s,
+            answered=self._answered,
+            refusal=refusal,
         )
         gap = bytes(2 * (RESPONSE.start - REQUEST.end))
         gap_between = bytes(2 * (SWAPPED_FROM - RESPONSE.end))
@@ -214,22 +172,19 @@ class Desk:
 
     def _is_answer(self, answer: Answer) -> bool:
         """Whether it is to the pending request, not to an earlier one with the same TRIG."""
-        return (
-            self._pending is not None
-            and answer.echo == self._pending.trig
-            and answer.seq != self._seq
-        )
+        return self._pending is not None and answer.nonce == self._pending.nonce
 
     def _is_continuous(self, answer: Answer) -> bool:
         """Whether the cell publishes something newer that nobody asked for: it may be shown."""
-        if answer.echo or answer.seq == self._seq:
+        if answer.nonce or answer.echo or answer.seq == self._seq:
             return False
         return answer.status.is_ok or (self._refusal is not None and self._refusal.echo == 0)
 
     def _triggered(self) -> None:
         if self._closed is not None:
             return
-        request = Request.parse(self._request)
+        self._nonce += 1
+        request = Request.parse(self._request, self._nonce)
         if request.trig == 0 or request.command == Command.CLEAR:
             self._clear(echo=request.trig)
             return
@@ -237,16 +192,16 @@ class Desk:
         now = self._clock.monotonic()
         self.counters["triggers"] += 1
         self.counters["superseded"] += self._pending is not None
-        self._pending, self._refusal = request, None
+        self._pending, self._answered, self._refusal = request, None, None
         self._remember_answer()
         self._overdue_s = now + (request.timeout_s or self._timeout_s)
         # A cell that does not read yet must not find its link full of requests long refused.
-        if not (self._is_alive(now) and self._forward(self._request)):
+        if not (self._is_alive(now) and self._forward(request)):
             self._refuse(Status.INTERNAL_ERROR if self._feed.image else Status.STARTING)
 
     def _clear(self, *, echo: int) -> None:
         self._feed.poll()
-        self._pending, self._overdue_s = None, math.inf
+        self._pending, self._answered, self._overdue_s = None, None, math.inf
         self._remember_answer()
         self._refusal = Answer(Status.IDLE, echo=echo, seq=self._seq or 0)
         self._abort()
@@ -254,10 +209,7 @@ class Desk:
     def _refuse(self, status: Status) -> None:
         """Answer the pending request in place of the cell; a late answer will not be shown."""
         if self._pending:
-            asked = self._pending
-            self._refusal = Answer(
-                status, asked.trig, seq=self._seq or 0, point=asked.point, object=asked.object
-            )
+            self._refusal = replace(reply(self._pending, status), seq=self._seq or 0)
             self.counters[status.name.lower()] += 1
         self._pending, self._overdue_s = None, math.inf
 

@@ -15,14 +15,15 @@ import structlog
 from vgrd.clock import Clock
 from vgrd.errors import AlreadyRunning
 from vgrd.gate import systemd
-from vgrd.gate.desk import Desk, ImageFeed
+from vgrd.gate.desk import Desk
+from vgrd.gate.image_feed import ImageFeed
 from vgrd.gate.link import CellLink
 from vgrd.gate.modbus import Limits, ModbusServer
 from vgrd.gate.settings import GateSettings
 from vgrd.gate.supervisor import CONFIG_EXIT, Supervisor
 from vgrd.ipc.messages import GATE_BYTES, GATE_KIND, GATE_RING, GATE_SLOTS, GateReport
 from vgrd.ipc.ring import RingWriter
-from vgrd.registers import Status
+from vgrd.registers import Request, Status, request_message
 
 LOCK_FILE: Final = "gate.lock"
 TICK_S: Final = 0.02
@@ -111,12 +112,8 @@ class Gate:
             do()
             await asyncio.sleep(period_s)
 
-    def _forward(self, registers: bytes) -> bool:
-        if self._link is None:
-            return False
-        return self._link.send(
-            op="request", trig=int.from_bytes(registers[:2], "big"), registers=registers.hex()
-        )
+    def _forward(self, request: Request) -> bool:
+        return self._link is not None and self._link.send(**request_message(request))
 
     def _abort(self) -> None:
         if self._link:

@@ -20,6 +20,7 @@ from vgrd.registers.image import (
     Answer,
     RegisterImage,
     View,
+    reply,
     view,
 )
 from vgrd.registers.layout import (
@@ -30,7 +31,7 @@ from vgrd.registers.layout import (
     Block,
     Field,
 )
-from vgrd.registers.request import Request
+from vgrd.registers.request import Request, parse_message, request_message
 
 __all__ = [
     "MAP_VERSION",
@@ -53,5 +54,8 @@ __all__ = [
     "State",
     "Status",
     "View",
+    "parse_message",
+    "reply",
+    "request_message",
     "view",
 ]

@@ -22,7 +22,7 @@ UNKNOWN16: Final = 0xFFFF
 
 _AXES = ("X", "Y", "Z", "RX", "RY", "RZ")
 _I16, _I32 = 0x7FFF, 0x7FFFFFFF
-_PACKED = struct.Struct("<8H2I3Bx3iIHxx6dQ")
+_PACKED = struct.Struct("<8H2I3Bx3iIHxx6d2Q")
 _CELL_BITS = ~(State.BUSY | State.VALID | State.ERROR | State.DEGRADED)
 _NO_ERROR = (Status.IDLE, Status.OK, Status.OK_DEGRADED, Status.BUSY)
 _UNITS16: Final = {  # um per step, steps per rad
@@ -34,15 +34,17 @@ _UNITS16: Final = {  # um per step, steps per rad
 
 @dataclass(frozen=True, slots=True)
 class Answer:
-    """What the cell found out, for one request or for the continuous point (echo 0).
+    """What the cell found out, for one request or for the continuous point (nonce and echo 0).
 
-    captured_s, valid_until_s: cell clock (monotonic). rotation: in `rotation_format`, rad for a
-    rotation vector, degrees otherwise. seq counts the answers of this run of the cell.
+    nonce, echo, point, object: of the request, by `reply`. captured_s, valid_until_s: cell clock
+    (monotonic). rotation: in `rotation_format`, rad for a rotation vector, degrees otherwise. seq
+    counts the answers of this run of the cell.
     """
 
     status: Status = Status.IDLE
     echo: int = 0
     seq: int = 0
+    nonce: int = 0
     detail: int = 0
     point: int = 0
     object: int = 0
@@ -58,6 +60,18 @@ class Answer:
     rotation_format: RotationFormat = RotationFormat.ROTVEC
     frame: Frame = Frame.FLANGE
     scale: Scale16 = Scale16.MRAD
+
+
+def reply(request: Request, status: Status, detail: int = 0) -> Answer:
+    """Return the answer to `request` that holds no coordinate; every other is made of it."""
+    return Answer(
+        status,
+        echo=request.trig,
+        nonce=request.nonce,
+        detail=detail,
+        point=request.point,
+        object=request.object,
+    )
 
 
 @dataclass(frozen=True, slots=True)
@@ -83,7 +97,7 @@ class RegisterImage:
                 *(a.rotation_format, a.frame, a.scale),
                 *(*a.position_um, min(a.u95_um, _I32), min(a.u95_rot_10urad, UNKNOWN16)),
                 *(self.published_s, a.captured_s, a.valid_until_s, *a.rotation),
-                a.captured_unix_us,
+                *(a.captured_unix_us, a.nonce),
             )
         except struct.error as error:
             raise IpcError(f"register image cannot be sent: {error}: {self}") from error
@@ -112,6 +126,7 @@ class RegisterImage:
                 valid_until_s=v[20],
                 rotation=(v[21], v[22], v[23]),
                 captured_unix_us=v[24],
+                nonce=v[25],
             )
         except (struct.error, ValueError) as error:
             raise IpcError(f"not a register image: {error}") from error
@@ -143,15 +158,17 @@ def view(
     pending: Request | None = None,
     *,
     deadline_s: float,
+    answered: Request | None = None,
     refusal: Answer | None = None,
 ) -> View:
     """Return the registers at `now_s`.
 
     image: the newest of the cell, None before its first. pending: the request not yet answered.
-    refusal: what the gate itself answered in place of the cell; it never holds a coordinate.
+    answered: the last request, whose answer of the cell stands. refusal: what the gate itself
+    answered in place of the cell; it never holds a coordinate.
     """
     alive = image is not None and abs(now_s - image.published_s) < deadline_s
-    answer = _shown(image if alive else None, image is not None, pending, refusal)
+    answer = _shown(image if alive else None, image is not None, pending, answered, refusal)
     if answer.status.is_ok:
         answer = _judged(answer, now_s)
     valid = answer.status.is_ok
@@ -168,7 +185,11 @@ def view(
 
 
 def _shown(
-    image: RegisterImage | None, lived: bool, pending: Request | None, refusal: Answer | None
+    image: RegisterImage | None,
+    lived: bool,
+    pending: Request | None,
+    answered: Request | None,
+    refusal: Answer | None,
 ) -> Answer:
     """Choose the answer to show; `image` is None when the cell does not live."""
     if refusal is not None and (image is not None or refusal.status is not Status.IDLE):
@@ -180,9 +201,23 @@ def _shown(
         echo = refusal.echo if refusal else asked.trig
         return Answer(status, echo=echo, point=asked.point, object=asked.object)
     if pending is not None:
-        seq = image.answer.seq
-        return Answer(Status.BUSY, seq=seq, point=pending.point, object=pending.object)
-    return image.answer
+        return replace(reply(pending, Status.BUSY), echo=0, seq=image.answer.seq)
+    return _matched(image.answer, answered)
+
+
+def _matched(answer: Answer, answered: Request | None) -> Answer:
+    """`answer` if it is to the request `answered` or to nobody's, else one that says nothing.
+
+    The nonce decides: TRIG comes back every 65,535 requests at the latest, and with another POINT.
+    """
+    if not answer.nonce and not answer.echo:
+        return answer
+    if answered is None or not answer.nonce or answer.nonce != answered.nonce:
+        return Answer(seq=answer.seq)
+    asked = reply(answered, Status.INTERNAL_ERROR)
+    if (answer.echo, answer.point, answer.object) != (asked.echo, asked.point, asked.object):
+        return replace(asked, seq=answer.seq)
+    return answer
 
 
 def _judged(answer: Answer, now_s: float) -> Answer:

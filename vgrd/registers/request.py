@@ -1,8 +1,10 @@
-"""What the robot asks for, read from registers 0-31."""
+"""What the robot asks for, read from registers 0-31, and how the gate hands it to the cell."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Self
 
+from vgrd.errors import IpcError
 from vgrd.registers.codes import Policy, RotationFormat
 from vgrd.registers.layout import REQUEST
 
@@ -11,10 +13,13 @@ from vgrd.registers.layout import REQUEST
 class Request:
     """A request as written; the numbers are not judged, except that they have a type.
 
-    request_pose_um_urad: REQ_POSE, the flange at capture (x, y, z um; rotation vector urad).
-    request_orientation: REQ_ORI, how the wrist will stand, in the format of OPT: rad or deg.
+    nonce: the gate's number of this very request, which its answer carries back; 0 means that no
+    gate gave it. request_orientation: REQ_ORI, how the wrist will stand, in the format of OPT:
+    rad or deg.
     """
 
+    registers: bytes
+    nonce: int
     trig: int
     command: int
     point: int
@@ -25,18 +30,18 @@ class Request:
     max_age_s: float
     max_u95_um: int
     timeout_s: float
-    request_pose_um_urad: tuple[int, int, int, int, int, int]
     client_beat: int
     request_orientation: tuple[float, float, float]
 
     @classmethod
-    def parse(cls, registers: bytes) -> Self:
+    def parse(cls, registers: bytes, nonce: int = 0) -> Self:
         """Read the 64 bytes of registers 0-31."""
         v = REQUEST.decode(registers)
         options = int(v["OPT"])
         unit = 1e-6 if (options >> 4) & 15 == RotationFormat.ROTVEC else 1e-4
-        x, y, z, rx, ry, rz = (int(v[f"REQ_{a}"]) for a in ("X", "Y", "Z", "RX", "RY", "RZ"))
         return cls(
+            registers=registers,
+            nonce=nonce,
             trig=int(v["TRIG"]),
             command=int(v["CMD"]),
             point=int(v["POINT"]),
@@ -47,7 +52,6 @@ class Request:
             max_age_s=v["MAXAGE"] / 1000,
             max_u95_um=int(v["MAXU95"]),
             timeout_s=v["TMO"] / 1000,
-            request_pose_um_urad=(x, y, z, rx, ry, rz),
             client_beat=int(v["CLHB"]),
             request_orientation=(v["ORI_RX"] * unit, v["ORI_RY"] * unit, v["ORI_RZ"] * unit),
         )
@@ -63,11 +67,6 @@ class Request:
         return bool(self.options & 2)
 
     @property
-    def has_pose(self) -> bool:
-        """OPT b2: REQ_POSE holds the flange at capture."""
-        return bool(self.options & 4)
-
-    @property
     def rotation_format(self) -> RotationFormat | None:
         """OPT b4-7, None when unknown."""
         code = (self.options >> 4) & 15
@@ -78,17 +77,22 @@ class Request:
         """OPT b8-9."""
         return Policy((self.options >> 8) & 3)
 
-    @property
-    def position_mm(self) -> tuple[float, float, float]:
-        """REQ_POSE's position."""
-        x, y, z = self.request_pose_um_urad[:3]
-        return x / 1000, y / 1000, z / 1000
 
-    @property
-    def rotvec_rad(self) -> tuple[float, float, float]:
-        """REQ_POSE's rotation vector."""
-        rx, ry, rz = self.request_pose_um_urad[3:]
-        return rx * 1e-6, ry * 1e-6, rz * 1e-6
+def request_message(request: Request) -> dict[str, object]:
+    """What goes over the link from the gate to the cell."""
+    return {"op": "request", "nonce": request.nonce, "registers": request.registers.hex()}
+
+
+def parse_message(message: Mapping[str, object]) -> Request:
+    """Inverse of `request_message`. Raises IpcError when it is no request."""
+    nonce, registers = message.get("nonce"), message.get("registers")
+    try:
+        block = bytes.fromhex(registers) if isinstance(registers, str) else b""
+    except ValueError:
+        block = b""
+    if not isinstance(nonce, int) or len(block) != 2 * REQUEST.end:
+        raise IpcError(f"not a request of the gate: {dict(message)}")
+    return Request.parse(block, nonce)
 
 
 NOTHING_ASKED = Request.parse(bytes(64))
