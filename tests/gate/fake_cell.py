@@ -73,7 +73,7 @@ def main() -> None:
     link = socket.socket(fileno=int(os.environ["VGRD_GATE_FD"]))
     link.settimeout(PERIOD_S)
     link.sendall(encode_line({"op": "ready"}))
-    answer, beat = Answer(), 0
+    answer, beat, unread = Answer(), 0, b""
     while True:
         beat += 1
         health.progress("ok")
@@ -83,7 +83,10 @@ def main() -> None:
             received = link.recv(65536)
         except TimeoutError:
             continue
-        for line in received.splitlines():
+        if not received:
+            return
+        *lines, unread = (unread + received).split(b"\n")
+        for line in lines:
             message = decode_line(line)
             if message["op"] == "abort":
                 continue

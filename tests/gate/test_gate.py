@@ -33,14 +33,18 @@ class GateProcess:
     """`python -m vgrd.gate` on a folder of its own; killed at the end of the `with`."""
 
     def __init__(
-        self, runtime_dir: Path, processes: list[dict], env: dict[str, str] | None = None
+        self,
+        runtime_dir: Path,
+        processes: list[dict],
+        env: dict[str, str] | None = None,
+        deadline_s: float = DEADLINE_S,
     ):
         self.runtime_dir = runtime_dir
         self.env = {**os.environ, **(env or {})}
         runtime_dir.mkdir(exist_ok=True)
         table = {
             "cell": "test",
-            "deadline_s": DEADLINE_S,
+            "deadline_s": deadline_s,
             "modbus": {"host": "127.0.0.1", "port": 0, "allow": ["127.0.0.1"]},
             "processes": processes,
         }
@@ -182,6 +186,22 @@ def test_a_failed_cell_is_invalid_within_the_deadline_and_the_gate_answers_on(
         else:
             until(lambda: gate.row("cell").state == "stopped")
             assert see(robot)["STATUS"] == Status.CONFIG_ERROR
+
+
+def test_a_robot_that_asks_faster_than_the_cell_reads_gets_its_last_answer(tmp_path):
+    """500 requests into a pause of the cell; the deadline must not hide that they are passed on."""
+    row = cell(tmp_path, hang_s=30.0)
+    with GateProcess(tmp_path, [row], deadline_s=30.0) as gate, gate.client() as client:
+        until(lambda: see(client)["STATE"] == State.READY)
+        ask(client, 1, 5)
+        answered(client, 1)
+        pid = gate.row("cell").pid
+        os.kill(pid, signal.SIGSTOP)
+        for trig in range(2, 502):
+            client.write(0, [trig])
+        os.kill(pid, signal.SIGCONT)
+        assert answered(client, 501)["STATUS"] == Status.OK
+        assert (gate.row("cell").pid, gate.row("cell").starts) == (pid, 1)
 
 
 def test_an_unanswered_request_ends_with_timeout(gate):
