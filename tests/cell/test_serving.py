@@ -71,10 +71,10 @@ def taught(tmp_path_factory: pytest.TempPathFactory) -> Taught:
     return Taught(tmp_path_factory.mktemp("taught"))
 
 
-def request(**fields: int) -> Request:
+def request(*, oriented: bool = True, **fields: int) -> Request:
     values = dict.fromkeys((field.name for field in REQUEST.fields), 0)
     values |= {"TRIG": 7, "CMD": Command.EC_FRESH, "POINT": 1} | fields
-    return Request.parse(REQUEST.encode(values), NONCE)
+    return Request.parse(REQUEST.encode(values), NONCE, orientation_written=oriented)
 
 
 def answered(taught: Taught, asked: Request, sight: Sight | None = None, now_s: float = 1000.5):
@@ -158,6 +158,10 @@ def test_the_tcp_pose_is_given_where_the_tcp_is_known(taught: Taught) -> None:
         ({"CMD": 99}, Status.UNKNOWN_COMMAND, 99),
         ({"POINT": 77}, Status.UNKNOWN_POINT, 77),
         ({"OPT": 9 << 4}, Status.BAD_PARAMETER, 3),
+        *(({"OPT": 1 << bit}, Status.BAD_PARAMETER, 3) for bit in (2, 3, *range(10, 16))),
+        ({"OPT": 3 << 8, "oriented": False}, Status.BAD_PARAMETER, 23),
+        ({"CMD": 5}, Status.UNKNOWN_COMMAND, 5),
+        ({"CMD": 6}, Status.UNKNOWN_COMMAND, 6),
         ({"ROBOT": 2}, Status.BAD_PARAMETER, 4),
         ({"TOOL": 5}, Status.BAD_PARAMETER, 6),
     ],
@@ -172,9 +176,10 @@ def test_what_cannot_be_served_is_refused_with_its_code(
 
 def test_a_tcp_that_is_not_known_is_not_served(taught: Taught) -> None:
     unknown = replace(taught.calibration, tcp_in_wrist=None)
-    refusal = check_request(request(OPT=2), unknown)
-    assert refusal is not None
-    assert refusal.status is Status.BAD_PARAMETER
+    for options in (2, 3 << 8):
+        refusal = check_request(request(OPT=options), unknown)
+        assert refusal is not None
+        assert (refusal.status, refusal.detail) == (Status.BAD_PARAMETER, 3)
 
 
 def test_each_doubt_has_its_status(taught: Taught) -> None:

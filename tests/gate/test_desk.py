@@ -381,6 +381,51 @@ def test_a_rising_edge_of_the_coil_is_the_next_trig(bench):
     assert bench.desk.read_coils(0, 2) == [True, False]
 
 
+ORIENTATION = struct.pack(">3i", 3_000_000, 0, 100_000)
+POLICY_3 = 3 << 8
+
+
+def test_the_orientation_counts_only_if_all_of_it_was_written_since_the_last_trig(bench):
+    def oriented(trig: int) -> bool:
+        bench.desk.write_registers(0, struct.pack(">4H", trig, Command.EC_FRESH, 4, POLICY_3))
+        return bench.forwarded[-1].orientation_written
+
+    assert not oriented(1)
+    bench.desk.write_registers(23, ORIENTATION)
+    assert oriented(2)
+    assert not oriented(3)
+    bench.desk.write_registers(23, ORIENTATION[:10])
+    assert not oriented(4)
+    bench.desk.write_registers(28, ORIENTATION[10:])
+    assert not oriented(5)
+    for register in range(23, 29):
+        bench.desk.write_registers(register, ORIENTATION[2 * register - 46 : 2 * register - 44])
+    assert oriented(6)
+    bench.desk.write_registers(23, ORIENTATION)
+    bench.trigger(0)
+    assert not oriented(7)
+    bench.desk.write_registers(23, ORIENTATION)
+    bench.desk.write_coils(1, [True])
+    assert not oriented(8)
+    whole = struct.pack(">4H", 9, Command.EC_FRESH, 4, POLICY_3) + bytes(38) + ORIENTATION
+    bench.desk.write_registers(0, whole)
+    assert bench.forwarded[-1].trig == 9
+    assert bench.forwarded[-1].orientation_written
+
+
+def test_the_coil_with_policy_3_is_refused_by_name_and_without_it_works_on(bench):
+    bench.desk.write_registers(1, struct.pack(">3H", Command.EC_FRESH, 4, POLICY_3))
+    bench.desk.write_registers(23, ORIENTATION)
+    bench.desk.write_coils(0, [True])
+    assert bench.forwarded == []
+    assert bench.status() == (1, Status.BAD_PARAMETER)
+    assert bench.see()["DETAIL"] == 3
+    bench.desk.write_registers(3, bytes(2))
+    bench.desk.write_coils(0, [False])
+    bench.desk.write_coils(0, [True])
+    assert bench.status() == (0, Status.BUSY)
+
+
 def test_trig_by_coil_goes_round_without_zero(bench):
     bench.trigger(0xFFFF)
     bench.desk.write_coils(0, [True])

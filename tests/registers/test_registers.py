@@ -351,9 +351,9 @@ def test_the_requested_orientation_is_scaled_by_its_format(options, written, val
     assert request.request_orientation[0] == pytest.approx(value)
 
 
-@given(st.binary(min_size=64, max_size=64), st.integers(0, 2**64 - 1))
-def test_a_request_goes_over_the_link_with_its_nonce(registers, nonce):
-    request = Request.parse(registers, nonce)
+@given(st.binary(min_size=64, max_size=64), st.integers(0, 2**64 - 1), st.booleans())
+def test_a_request_goes_over_the_link_with_its_nonce(registers, nonce, written):
+    request = Request.parse(registers, nonce, orientation_written=written)
     assert parse_message(json.loads(json.dumps(request_message(request)))) == request
 
 
@@ -361,9 +361,11 @@ def test_a_request_goes_over_the_link_with_its_nonce(registers, nonce):
     "message",
     [
         {},
-        {"nonce": 1, "registers": "zz"},
-        {"nonce": 1, "registers": "00"},
-        {"nonce": "1", "registers": "00" * 64},
+        {"nonce": 1, "orientation_written": True, "registers": "zz"},
+        {"nonce": 1, "orientation_written": True, "registers": "00"},
+        {"nonce": "1", "orientation_written": True, "registers": "00" * 64},
+        {"nonce": 1, "orientation_written": 1, "registers": "00" * 64},
+        {"nonce": 1, "registers": "00" * 64},
     ],
 )
 def test_what_is_no_request_of_the_gate_is_refused(message):

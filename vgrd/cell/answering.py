@@ -11,7 +11,7 @@ from vgrd.geometry import Array, Pose
 from vgrd.geometry.formats import RotationFormat as Format
 from vgrd.geometry.formats import rotation_from, rotation_to
 from vgrd.model import Calibration, ExpectedCoordinate, Policy, Target
-from vgrd.registers import Answer, Command, Frame, Request, RotationFormat, Status, reply
+from vgrd.registers import REQUEST, Answer, Command, Frame, Request, RotationFormat, Status, reply
 from vgrd.registers import Policy as PolicyCode
 
 NO_HOLD = Hold()
@@ -26,7 +26,7 @@ _POLICIES = {
     PolicyCode.FOLLOW: Policy.FOLLOW,
     PolicyCode.REQUESTED: Policy.REQUESTED,
 }
-OPT_REGISTER, REQ_POSE_REGISTER, REQ_ORI_REGISTER = 3, 10, 23
+OPT_REGISTER, ORIENTATION_REGISTER = REQUEST.registers("OPT")[0], REQUEST.registers("ORI_")[0]
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,12 +48,26 @@ def check_request(request: Request, calibration: Calibration) -> Answer | None:
         return reply(request, Status.UNKNOWN_COMMAND, request.command)
     if target_by_id(calibration, request.point) is None:
         return reply(request, Status.UNKNOWN_POINT, request.point)
-    tcp_unknown = request.wants_tcp and calibration.tcp_in_wrist is None
-    if tcp_unknown or request.rotation_format is None:
-        return reply(request, Status.BAD_PARAMETER, OPT_REGISTER)
-    for register, number in ((4, request.robot), (5, request.object), (6, request.tool)):
+    register = _unusable_register(request, calibration)
+    return None if register is None else reply(request, Status.BAD_PARAMETER, register)
+
+
+def _unusable_register(request: Request, calibration: Calibration) -> int | None:
+    """The request register that holds what cannot be used."""
+    needs_tcp = request.wants_tcp or request.policy is PolicyCode.REQUESTED
+    if needs_tcp and calibration.tcp_in_wrist is None:
+        return OPT_REGISTER
+    if request.unknown_options or request.rotation_format is None:
+        return OPT_REGISTER
+    if request.policy is PolicyCode.REQUESTED and not request.orientation_written:
+        return ORIENTATION_REGISTER
+    for name, number in (
+        ("ROBOT", request.robot),
+        ("OBJECT", request.object),
+        ("TOOL", request.tool),
+    ):
         if number > 1:
-            return reply(request, Status.BAD_PARAMETER, register)
+            return REQUEST.registers(name)[0]
     return None
 
 
@@ -95,7 +109,7 @@ def answer_request(
     try:
         expected = expected_coordinate(calibration, target.name, sight.tag_b, policy, work)
     except (InputError, NotObservable):
-        return replace(answer, status=Status.BAD_PARAMETER, detail=REQ_ORI_REGISTER), None
+        return replace(answer, status=Status.BAD_PARAMETER, detail=ORIENTATION_REGISTER), None
     return _encode(request, answer, expected, calibration, limits), expected.base_from_wrist
 
 

@@ -16,6 +16,7 @@ from vgrd.registers import (
     SWAPPED_FROM,
     Answer,
     Command,
+    Policy,
     Request,
     Status,
     reply,
@@ -27,6 +28,8 @@ Forward = Callable[[Request], bool]
 DEFAULT_TIMEOUT_S: Final = 5.0
 
 _ALIVE_INPUT = 16
+_OPT = REQUEST.registers("OPT")[0]
+_ORIENTATION = REQUEST.registers("ORI_")
 _BEATS_PER_TOGGLE = 5
 _BLOCKS = (
     (REQUEST.start, REQUEST.end),
@@ -60,6 +63,7 @@ class Desk:
         self._request = bytes(2 * REQUEST.end)
         self._coils = [False, False]
         self._nonce = secrets.randbits(63)
+        self._written: set[int] = set()  # request registers, since TRIG changed
         self._pending: Request | None = None
         self._answered: Request | None = None
         self._overdue_s = math.inf
@@ -87,6 +91,7 @@ class Desk:
             return False
         before = self._request[:2]
         self._request = self._request[: 2 * address] + data + self._request[2 * end :]
+        self._written.update(range(address, end))
         if self._request[:2] != before:
             self._triggered()
         self._refresh(self._clock.monotonic())
@@ -97,7 +102,11 @@ class Desk:
         return self._coils[address : address + count] if address + count <= 2 else None
 
     def write_coils(self, address: int, values: Sequence[bool]) -> bool:
-        """Rising edges: of coil 0 a request with TRIG + 1, of coil 1 clears."""
+        """Rising edges: of coil 0 a request with TRIG + 1, of coil 1 clears.
+
+        A coil comes with parameters that were written at any time before. Policy 3 is refused then:
+        how the wrist will stand belongs to one request.
+        """
         if address + len(values) > len(self._coils):
             return False
         before = list(self._coils)
@@ -107,7 +116,7 @@ class Desk:
         if self._coils[0] and not before[0]:
             (trig,) = struct.unpack_from(">H", self._request)
             self._request = struct.pack(">H", trig % 0xFFFF + 1) + self._request[2:]
-            self._triggered()
+            self._triggered(by_coil=True)
         self._refresh(self._clock.monotonic())
         return True
 
@@ -180,11 +189,14 @@ class Desk:
             return False
         return answer.status.is_ok or (self._refusal is not None and self._refusal.echo == 0)
 
-    def _triggered(self) -> None:
+    def _triggered(self, *, by_coil: bool = False) -> None:
+        written, self._written = self._written, set()
         if self._closed is not None:
             return
         self._nonce += 1
-        request = Request.parse(self._request, self._nonce)
+        request = Request.parse(
+            self._request, self._nonce, orientation_written=written.issuperset(_ORIENTATION)
+        )
         if request.trig == 0 or request.command == Command.CLEAR:
             self._clear(echo=request.trig)
             return
@@ -195,6 +207,10 @@ class Desk:
         self._pending, self._answered, self._refusal = request, None, None
         self._remember_answer()
         self._overdue_s = now + (request.timeout_s or self._timeout_s)
+        if by_coil and request.policy is Policy.REQUESTED:
+            self._abort()
+            self._refuse(Status.BAD_PARAMETER, _OPT)
+            return
         # A cell that does not read yet must not find its link full of requests long refused.
         if not (self._is_alive(now) and self._forward(request)):
             self._refuse(Status.INTERNAL_ERROR if self._feed.image else Status.STARTING)
@@ -202,14 +218,15 @@ class Desk:
     def _clear(self, *, echo: int) -> None:
         self._feed.poll()
         self._pending, self._answered, self._overdue_s = None, None, math.inf
+        self._written = set()
         self._remember_answer()
         self._refusal = Answer(Status.IDLE, echo=echo, seq=self._seq or 0)
         self._abort()
 
-    def _refuse(self, status: Status) -> None:
+    def _refuse(self, status: Status, detail: int = 0) -> None:
         """Answer the pending request in place of the cell; a late answer will not be shown."""
         if self._pending:
-            self._refusal = replace(reply(self._pending, status), seq=self._seq or 0)
+            self._refusal = replace(reply(self._pending, status, detail), seq=self._seq or 0)
             self.counters[status.name.lower()] += 1
         self._pending, self._overdue_s = None, math.inf
 

@@ -25,6 +25,9 @@ copy at 300-367** (CDAB): choose the word order by the address.
 1. Write CMD, POINT and what else is wanted, and a TRIG that differs from the one before and from
    0; in one request, or TRIG last. Before the write is answered STATE shows BUSY and the
    coordinates are sentinels.
+   CMD, POINT, OPT and all other registers keep what was written, with one exception: policy 3
+   (REQUESTED) wants registers 23-28 written anew for each request, after TRIG changed the last
+   time. Else it is refused with STATUS 103, DETAIL 23: an old orientation, or none, is no wish.
 2. Read 100-167 until ECHO is TRIG. While BUSY, ECHO is 0.
 3. Use the coordinate only if STATUS is 1 (or 2), AGE is small enough, and HB has moved since a
    second ago: a client that goes on showing old registers after the daemon died shows a standing
@@ -57,6 +60,26 @@ register reads SEQ before and after, and takes the coordinate only if both are t
 vgrd is not a safety function.
 """
 
+_DETAILS = (
+    ("101", "CMD"),
+    ("102", "POINT"),
+    ("103", "the register that cannot be used:"),
+    (
+        "103",
+        "3: OPT has a bit without a meaning, a rotation format that is not known, the TCP or "
+        "policy 3 where no TCP is known, or policy 3 by coil 0",
+    ),
+    ("103", "4, 5, 6: ROBOT, OBJECT, TOOL is not 0 or 1"),
+    (
+        "103",
+        "23: policy 3, and registers 23-28 were not all written since TRIG changed the last "
+        "time, or hold no orientation",
+    ),
+    ("302", "id of the tag"),
+    ("602", "the axis, 1-6 for X, Y, Z, RX, RY, RZ"),
+    ("any other", "0"),
+)
+
 
 def document() -> str:
     """Return the text of docs/registers.md."""
@@ -75,11 +98,12 @@ def document() -> str:
             "",
             "| | address | name | meaning |",
             "|---|---|---|---|",
-            "| coil | 0 | TRIG | rising edge: TRIG + 1 with the present parameters |",
+            "| coil | 0 | TRIG | rising edge: TRIG + 1, present parameters, not policy 3 |",
             "| coil | 1 | CLEAR | rising edge: drops the answer and the request |",
             "| discrete input | 0-15 | STATE | bits 0-15 of STATE |",
             "| discrete input | 16 | ALIVE | changes each 0.5 s while HB counts |",
             "",
+            *_codes_of_detail(),
             "## STATE bits",
             "",
             *_table(("bit", "name"), ((bit.value.bit_length() - 1, bit.name) for bit in State)),
@@ -92,6 +116,10 @@ def document() -> str:
             *_codes("Units of the int16 block (FMT b8-15)", Scale16),
         ]
     )
+
+
+def _codes_of_detail() -> list[str]:
+    return ["## DETAIL", "", *_table(("with STATUS", "DETAIL"), _DETAILS), ""]
 
 
 def _table(head: tuple[str, ...], rows: Iterable[tuple[object, ...]]) -> list[str]:

@@ -49,6 +49,11 @@ class Block:
         self._words = struct.Struct(f">{end - start}H")
         self._swap = tuple(self._swapped_order())
 
+    def registers(self, prefix: str) -> range:
+        """Addresses of the fields whose names begin so; they follow each other."""
+        fields = [field for field in self.fields if field.name.startswith(prefix)]
+        return range(fields[0].address, fields[-1].address + fields[-1].count)
+
     def _format(self) -> str:
         codes, at = ">", self.start
         for field in self.fields:
@@ -109,8 +114,8 @@ REQUEST: Final = Block(
             "OPT",
             3,
             "u16",
-            "b0 refuse if the robot moves, b1 return the TCP instead of the flange, "
-            "b2 use REQ_POSE, b4-7 rotation format, b8-9 policy",
+            "b0 refuse if the robot moves, b1 return the TCP instead of the flange, b4-7 rotation "
+            "format, b8-9 policy; any other bit: status 103 with DETAIL 3",
         ),
         Field("ROBOT", 4, "u16", "robot, 0 = default"),
         Field("OBJECT", 5, "u16", "object, 0 = default"),
@@ -118,10 +123,10 @@ REQUEST: Final = Block(
         Field("MAXAGE", 7, "u16", "greatest age of the picture, ms, 0 = default"),
         Field("MAXU95", 8, "u16", "greatest uncertainty, um, 0 = default; beyond: status 504"),
         Field("TMO", 9, "u16", "ms until status 106, 0 = default"),
-        *_axes("REQ", 10, "i32", "of the flange at capture, um", "of the flange at capture, urad"),
+        *_axes("REQ", 10, "i32", "reserved, not read", "reserved, not read"),
         Field("CLHB", 22, "u16", "heartbeat of the client, optional"),
         Field("ORI_RX", 23, "i32", "policy 3: how the wrist will stand, urad or 0.0001 deg"),
-        Field("ORI_RY", 25, "i32", "idem"),
+        Field("ORI_RY", 25, "i32", "idem; all six registers 23-28 are written anew for each TRIG"),
         Field("ORI_RZ", 27, "i32", "idem"),
     ],
 )
@@ -135,7 +140,7 @@ RESPONSE: Final = Block(
         Field("STATE", 102, "u16", "bits, see below"),
         Field("ECHO", 103, "u16", "the TRIG that was answered; 0 while BUSY"),
         Field("STATUS", 104, "u16", "code, see below"),
-        Field("DETAIL", 105, "u16", "sub-code"),
+        Field("DETAIL", 105, "u16", "what STATUS is about, see below"),
         Field("POINT", 106, "u16", "the point that was asked for"),
         Field("AGE", 107, "u16", "ms from mid-exposure to now, runs on; 65535 = more or unknown"),
         Field("U95P", 108, "u16", "95 % uncertainty of the position, um; 65535 = more or unknown"),

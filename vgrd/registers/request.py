@@ -2,11 +2,13 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Self
+from typing import Final, Self
 
 from vgrd.errors import IpcError
 from vgrd.registers.codes import Policy, RotationFormat
 from vgrd.registers.layout import REQUEST
+
+_OPTIONS: Final = 0b0011_1111_0011  # policy, rotation format, TCP, refuse if moving
 
 
 @dataclass(frozen=True, slots=True)
@@ -15,7 +17,7 @@ class Request:
 
     nonce: the gate's number of this very request, which its answer carries back; 0 means that no
     gate gave it. request_orientation: REQ_ORI, how the wrist will stand, in the format of OPT:
-    rad or deg.
+    rad or deg. orientation_written: whether that was written since the TRIG before.
     """
 
     registers: bytes
@@ -32,9 +34,10 @@ class Request:
     timeout_s: float
     client_beat: int
     request_orientation: tuple[float, float, float]
+    orientation_written: bool
 
     @classmethod
-    def parse(cls, registers: bytes, nonce: int = 0) -> Self:
+    def parse(cls, registers: bytes, nonce: int = 0, *, orientation_written: bool = False) -> Self:
         """Read the 64 bytes of registers 0-31."""
         v = REQUEST.decode(registers)
         options = int(v["OPT"])
@@ -54,6 +57,7 @@ class Request:
             timeout_s=v["TMO"] / 1000,
             client_beat=int(v["CLHB"]),
             request_orientation=(v["ORI_RX"] * unit, v["ORI_RY"] * unit, v["ORI_RZ"] * unit),
+            orientation_written=orientation_written,
         )
 
     @property
@@ -65,6 +69,11 @@ class Request:
     def wants_tcp(self) -> bool:
         """OPT b1: the TCP pose instead of the flange."""
         return bool(self.options & 2)
+
+    @property
+    def unknown_options(self) -> int:
+        """Bits of OPT that have no meaning."""
+        return self.options & ~_OPTIONS
 
     @property
     def rotation_format(self) -> RotationFormat | None:
@@ -80,19 +89,26 @@ class Request:
 
 def request_message(request: Request) -> dict[str, object]:
     """What goes over the link from the gate to the cell."""
-    return {"op": "request", "nonce": request.nonce, "registers": request.registers.hex()}
+    return {
+        "op": "request",
+        "nonce": request.nonce,
+        "orientation_written": request.orientation_written,
+        "registers": request.registers.hex(),
+    }
 
 
 def parse_message(message: Mapping[str, object]) -> Request:
     """Inverse of `request_message`. Raises IpcError when it is no request."""
     nonce, registers = message.get("nonce"), message.get("registers")
+    written = message.get("orientation_written")
     try:
         block = bytes.fromhex(registers) if isinstance(registers, str) else b""
     except ValueError:
         block = b""
-    if not isinstance(nonce, int) or len(block) != 2 * REQUEST.end:
+    whole = len(block) == 2 * REQUEST.end
+    if not (whole and isinstance(nonce, int) and isinstance(written, bool)):
         raise IpcError(f"not a request of the gate: {dict(message)}")
-    return Request.parse(block, nonce)
+    return Request.parse(block, nonce, orientation_written=written)
 
 
 NOTHING_ASKED = Request.parse(bytes(64))
