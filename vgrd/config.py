@@ -216,6 +216,11 @@ class ServingSection(Section):
     drift_mm: Positive = Field(
         default=1.5, description="tag A farther off than this, three times: 503"
     )
+    int16_scale: Literal["mrad", "centidegree", "fine"] = Field(
+        default="mrad",
+        description="steps of the int16 registers: 0.1 mm and 1 mrad, 0.1 mm and 0.01 deg, or"
+        " 0.05 mm and 0.1 mrad (no farther than 1.638 m from the base)",
+    )
 
 
 class CellConfig(Section):

@@ -18,6 +18,7 @@ from vgrd.registers import (
     Command,
     RegisterImage,
     Request,
+    Scale16,
     State,
     Status,
     reply,
@@ -30,7 +31,7 @@ TIMEOUT_S = 5.0
 class Bench:
     """A desk, the cell's side of it, and the clock."""
 
-    def __init__(self, runtime_dir):
+    def __init__(self, runtime_dir, scale=Scale16.MRAD):
         self.clock = ManualClock()
         self.runtime_dir = runtime_dir
         self.ring = None
@@ -44,6 +45,7 @@ class Bench:
             timeout_s=TIMEOUT_S,
             forward=self.forward,
             abort=self.abort,
+            scale=scale,
         )
 
     def forward(self, request: Request) -> bool:
@@ -379,6 +381,20 @@ def test_a_rising_edge_of_the_coil_is_the_next_trig(bench):
     bench.desk.write_coils(0, [True])
     assert bench.forwarded[-1].trig == 2
     assert bench.desk.read_coils(0, 2) == [True, False]
+
+
+@pytest.mark.parametrize("scale", Scale16)
+def test_the_int16_units_of_the_cell_file_hold_in_every_answer(tmp_path, scale):
+    bench = Bench(tmp_path, scale=scale)
+    assert int(bench.see()["FMT"]) >> 8 == scale
+    bench.clock.now_s += 0.1
+    bench.start_cell()
+    bench.publish()
+    bench.trigger(1)
+    assert int(bench.see()["FMT"]) >> 8 == scale
+    bench.publish(bench.answer(1, seq=1, position_um=(10_000, 0, 0)))
+    assert int(bench.see()["FMT"]) >> 8 == scale
+    assert bench.see()["EC16_X"] == (200 if scale is Scale16.FINE else 100)
 
 
 ORIENTATION = struct.pack(">3i", 3_000_000, 0, 100_000)

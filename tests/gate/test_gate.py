@@ -325,6 +325,7 @@ def test_a_taken_port_is_named_with_the_remedy(tmp_path):
         ("{}", "modbus: missing"),
         ('{"cell": 1, "modbus": {"host": "x", "port": "y", "allow": ["z"]}}', "is not a str"),
         ('{"cell": "c", "modbus": {"host": "x", "port": 1, "allow": ["z"]}}', "no address"),
+        ('{"cell": "c", "int16_scale": "inch"}', "int16_scale: 'inch', not one of mrad, centi"),
     ],
 )
 def test_a_bad_process_table_is_refused_with_its_faults(tmp_path, text, fault):

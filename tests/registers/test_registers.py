@@ -37,6 +37,7 @@ AXES = ("X", "Y", "Z", "RX", "RY", "RZ")
 
 u16 = st.integers(0, 0xFFFF)
 i32 = st.integers(-(2**31), 2**31 - 1)
+i64 = st.integers(-(2**63), 2**63 - 1)
 nonces = st.sampled_from((0, 77, 78)) | st.integers(0, 2**64 - 1)
 near = st.floats(NOW_S - 2, NOW_S + 2)
 any_float = st.floats(allow_nan=True, allow_infinity=True)
@@ -53,7 +54,9 @@ answers = st.builds(
     captured_s=near | any_float,
     captured_unix_us=st.integers(0, 2**63),
     valid_until_s=near | any_float,
-    position_um=st.tuples(i32, i32, i32) | st.tuples(*[st.integers(-3_000_000, 3_000_000)] * 3),
+    position_um=st.tuples(i64, i64, i64)
+    | st.tuples(i32, i32, i32)
+    | st.tuples(*[st.integers(-3_000_000, 3_000_000)] * 3),
     rotation=st.tuples(angles, angles, angles) | st.tuples(any_float, any_float, any_float),
     u95_um=st.integers(0, 2**31 - 1),
     u95_rot_10urad=u16,
@@ -61,7 +64,6 @@ answers = st.builds(
     calibration_id=st.integers(0, 2**32 - 1),
     rotation_format=st.sampled_from(RotationFormat),
     frame=st.sampled_from(Frame),
-    scale=st.sampled_from(Scale16),
 )
 images = st.builds(
     RegisterImage,
@@ -158,11 +160,13 @@ def test_the_addresses_on_the_wire_are_those_of_the_map():
     ],
 )
 def test_the_int16_block_is_in_the_units_that_fmt_names(scale, fmt, rotation, expected):
-    answer = replace(GOOD, scale=scale, rotation_format=fmt, rotation=rotation)
-    v = values(look(replace(IMAGE, answer=answer)))
+    answer = replace(GOOD, rotation_format=fmt, rotation=rotation)
+    v = values(look(replace(IMAGE, answer=answer), scale=scale))
     assert (v["EC16_RX"], v["EC16_RY"], v["EC16_RZ"]) == expected
     assert v["EC16_X"] == (8247 if scale == Scale16.FINE else 4123)
     assert v["FMT"] == fmt | scale << 8
+    for other in (look(None, scale=scale), look(pending=ASKED, scale=scale)):
+        assert int(values(other)["FMT"]) >> 8 == scale
 
 
 def test_euler_angles_are_ten_thousandths_of_a_degree_in_the_int32_block():
@@ -220,17 +224,42 @@ def test_a_simulated_cell_says_so_also_when_it_is_lost():
 
 
 @pytest.mark.parametrize(
-    ("change", "detail"),
+    ("change", "scale", "axis"),
     [
-        ({"position_um": (3_276_800, 0, 0)}, 1),
-        ({"position_um": (0, 0, -3_276_800)}, 3),
-        ({"position_um": (0, 1_700_000, 0), "scale": Scale16.FINE}, 2),
-        ({"rotation": (0.0, 33.0, 0.0)}, 5),
+        ({"position_um": (3_276_800, 0, 0)}, Scale16.MRAD, 1),
+        ({"position_um": (0, 0, -3_276_800)}, Scale16.CENTIDEGREE, 3),
+        ({"position_um": (0, 1_700_000, 0)}, Scale16.FINE, 2),
+        ({"rotation": (0.0, 33.0, 0.0)}, Scale16.MRAD, 5),
     ],
 )
-def test_a_coordinate_that_does_not_fit_the_registers_is_refused(change, detail):
-    v = values(look(replace(IMAGE, answer=replace(GOOD, **change))))
-    assert (v["STATUS"], v["DETAIL"]) == (Status.ENCODING_OVERFLOW, detail)
+def test_a_coordinate_too_large_for_int16_is_served_by_the_other_blocks(change, scale, axis):
+    answer = replace(GOOD, **change)
+    v = values(look(replace(IMAGE, answer=answer), scale=scale))
+    assert (v["STATUS"], v["DETAIL"], v["EC16_STATUS"]) == (Status.OK, axis, 602)
+    assert all(v[f"EC16_{a}"] == -0x8000 for a in AXES)
+    assert (v["EC16_ECHO"], v["EC16_SEQ"], v["SEQ"]) == (7, 7, 6)
+    assert v["EC32_STATUS"] == v["ECF_STATUS"] == Status.OK
+    assert v["EC32_SEQ"] == v["ECF_SEQ"] == 6
+    assert tuple(v[f"EC32_{a}"] for a in AXES[:3]) == answer.position_um
+    assert v["EC32_U95"] == 180
+    assert v["U95P"] == 180
+    assert int(v["STATE"]) & State.VALID
+
+
+def test_a_coordinate_too_large_for_int32_is_served_as_floats():
+    answer = replace(GOOD, position_um=(0, 2**31, 0))
+    v = values(look(replace(IMAGE, answer=answer)))
+    assert (v["STATUS"], v["DETAIL"]) == (Status.OK, 2)
+    assert (v["EC16_STATUS"], v["EC32_STATUS"], v["ECF_STATUS"]) == (602, 602, Status.OK)
+    assert all(v[f"EC32_{a}"] == -(2**31) for a in AXES)
+    assert v["EC32_U95"] == -(2**31)
+    assert v["ECF_Y"] == pytest.approx(2**31 / 1000)
+
+
+def test_a_coordinate_that_no_block_holds_is_refused():
+    answer = replace(GOOD, rotation=(0.0, 0.0, 1e39))
+    v = values(look(replace(IMAGE, answer=answer)))
+    assert (v["STATUS"], v["DETAIL"]) == (Status.ENCODING_OVERFLOW, 6)
     assert holds_only_sentinels(v)
 
 
@@ -247,11 +276,13 @@ def test_the_largest_coordinate_that_fits_is_served_and_u95_saturates():
     st.none() | requests,
     st.none() | answers,
     st.sampled_from(("asker", "nobody")) | requests,
+    st.sampled_from(Scale16),
 )
-def test_no_pose_is_ever_in_a_view_that_is_not_ok(image, now_s, pending, refusal, answered):
+def test_no_pose_is_ever_in_a_view_that_is_not_ok(image, now_s, pending, refusal, answered, scale):
     a = image.answer
     answered = {"asker": asker(a), "nobody": None}.get(answered, answered)
-    seen = look(image, now_s, pending=pending, refusal=refusal, answered=answered)
+    told = {"pending": pending, "refusal": refusal, "answered": answered}
+    seen = look(image, now_s, scale=scale, **told)
     v = values(seen)
     asked = answered and (answered.nonce, answered.trig, answered.point, answered.object)
     may_be_valid = (
@@ -267,7 +298,13 @@ def test_no_pose_is_ever_in_a_view_that_is_not_ok(image, now_s, pending, refusal
     assert seen.valid == (v["SEQ"] % 2 == 0)
     assert not seen.valid or may_be_valid
     if seen.valid:
-        assert not any(v[f"EC16_{x}"] == -0x8000 or v[f"EC32_{x}"] == -(2**31) for x in AXES)
+        for block, nothing in (("EC16", -0x8000), ("EC32", -(2**31))):
+            holds = v[f"{block}_STATUS"] in OK
+            assert holds or v[f"{block}_STATUS"] == Status.ENCODING_OVERFLOW
+            assert holds == (v[f"{block}_SEQ"] % 2 == 0)
+            assert [v[f"{block}_{x}"] == nothing for x in AXES] == [not holds] * 6
+            assert holds or 1 <= v["DETAIL"] <= 6
+        assert v["ECF_STATUS"] == v["STATUS"]
         assert not any(math.isnan(v[f"ECF_{x}"]) for x in AXES)
     else:
         assert holds_only_sentinels(v)

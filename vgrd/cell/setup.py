@@ -98,6 +98,7 @@ def process_table(config: CellConfig, config_path: Path) -> dict[str, object]:
         "cell": config.cell.name,
         "deadline_s": config.serving.deadline_s,
         "timeout_s": config.serving.timeout_s,
+        "int16_scale": config.serving.int16_scale,
         "modbus": {
             "host": config.serving.host,
             "port": config.serving.port,

@@ -18,6 +18,7 @@ from vgrd.registers import (
     Command,
     Policy,
     Request,
+    Scale16,
     Status,
     reply,
     view,
@@ -55,11 +56,13 @@ class Desk:
         forward: Forward,
         abort: Callable[[], None],
         timeout_s: float = DEFAULT_TIMEOUT_S,
+        scale: Scale16 = Scale16.MRAD,
     ) -> None:
         self.counters: Counter[str] = Counter()
         self._feed, self._clock = feed, clock
         self._deadline_s, self._timeout_s = deadline_s, timeout_s
         self._forward, self._abort = forward, abort
+        self._scale = scale
         self._request = bytes(2 * REQUEST.end)
         self._coils = [False, False]
         self._nonce = secrets.randbits(63)
@@ -167,6 +170,7 @@ class Desk:
             deadline_s=self._deadline_s,
             answered=self._answered,
             refusal=refusal,
+            scale=self._scale,
         )
         gap = bytes(2 * (RESPONSE.start - REQUEST.end))
         gap_between = bytes(2 * (SWAPPED_FROM - RESPONSE.end))

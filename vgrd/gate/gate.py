@@ -63,6 +63,7 @@ class Gate:
             clock,
             deadline_s=settings.deadline_s,
             timeout_s=settings.timeout_s,
+            scale=settings.int16_scale,
             forward=self._forward,
             abort=self._abort,
         )

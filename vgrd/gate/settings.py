@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Final, TypeVar, cast
 
 from vgrd.errors import ConfigError
+from vgrd.registers import Scale16
 
 PROCESS_TABLE: Final = "processes.json"
 CELL_KIND: Final = "cell"
@@ -33,7 +34,10 @@ class ProcessSpec:
 
 @dataclass(frozen=True, slots=True)
 class GateSettings:
-    """The gate's part of the cell file. timeout_s: for requests that name no TMO."""
+    """The gate's part of the cell file. timeout_s: for requests that name no TMO.
+
+    int16_scale: name of a `Scale16`, the units of the int16 registers.
+    """
 
     cell: str
     host: str
@@ -42,6 +46,7 @@ class GateSettings:
     processes: tuple[ProcessSpec, ...]
     deadline_s: float = 0.25
     timeout_s: float = 5.0
+    int16_scale: Scale16 = Scale16.MRAD
 
 
 def save_table(runtime_dir: Path, table: Mapping[str, object]) -> None:
@@ -71,6 +76,7 @@ def load_settings(path: Path) -> GateSettings:
         ),
         deadline_s=_take(table, "deadline_s", float, faults, 0.25, optional=True),
         timeout_s=_take(table, "timeout_s", float, faults, 5.0, optional=True),
+        int16_scale=_scale(table, faults),
     )
     for entry in settings.allow:
         _check(ip_network, entry, f"modbus.allow: {entry!r} is no address or network", faults)
@@ -98,6 +104,16 @@ def _process(row: object, faults: list[str]) -> ProcessSpec:
         hang_s=None if hang_s is None else _take(table, "hang_s", float, faults, 0.0),
         start_s=_take(table, "start_s", float, faults, 60.0, optional=True),
     )
+
+
+def _scale(table: object, faults: list[str]) -> Scale16:
+    name = _take(table, "int16_scale", str, faults, "mrad", optional=True)
+    try:
+        return Scale16[name.upper()]
+    except KeyError:
+        known = ", ".join(scale.name.lower() for scale in Scale16)
+        faults.append(f"int16_scale: {name!r}, not one of {known}")
+        return Scale16.MRAD
 
 
 def _take(

@@ -1,9 +1,18 @@
 """The register map v1: what a robot controller reads and writes, in pure `struct`.
 
-`layout` declares every register once; `image` turns an answer into registers, valid or sentinels;
-`document` writes docs/registers.md. Shared by the gate, the cell, and robot programs in tests.
+`layout` declares every register once; `answer` is what the cell found; `image` turns it into
+registers, valid or sentinels; `document` writes docs/registers.md. Shared by the gate, the cell,
+and robot programs in tests.
 """
 
+from vgrd.registers.answer import (
+    PACKED_BYTES,
+    REGISTER_KIND,
+    REGISTER_RING,
+    Answer,
+    RegisterImage,
+    reply,
+)
 from vgrd.registers.codes import (
     Command,
     Frame,
@@ -13,16 +22,7 @@ from vgrd.registers.codes import (
     State,
     Status,
 )
-from vgrd.registers.image import (
-    PACKED_BYTES,
-    REGISTER_KIND,
-    REGISTER_RING,
-    Answer,
-    RegisterImage,
-    View,
-    reply,
-    view,
-)
+from vgrd.registers.image import View, view
 from vgrd.registers.layout import (
     MAP_VERSION,
     REQUEST,

@@ -53,7 +53,7 @@ class Status(_Described):
     UNCERTAINTY_TOO_HIGH = 504, "less certain than MAXU95"
     CALIBRATION_MISMATCH = 505, "the calibration is of another tool, robot or camera"
     OUT_OF_WORKSPACE = 601, "the coordinate is outside the workspace"
-    ENCODING_OVERFLOW = 602, "the coordinate does not fit the registers; DETAIL holds the axis"
+    ENCODING_OVERFLOW = 602, "the coordinate does not fit this block; DETAIL holds the axis"
     POINT_NOT_VISIBLE = 603, "the point is on the wrong side"
     UNREACHABLE = 604, "outside the target's yaw window"
     INTERNAL_ERROR = 900, "the measuring process was lost"

@@ -57,6 +57,11 @@ Without a valid coordinate its registers hold sentinels: 0x8000, 0x80000000, NaN
 in the registers: past its greatest age it turns into sentinels and STATUS 205. SEQ is even while
 the coordinate is valid and changes when it is not any more. A client that reads register by
 register reads SEQ before and after, and takes the coordinate only if both are the same and even.
+
+Each of the three blocks (EC16, EC32, ECF) stands for itself, with its own ECHO, STATUS and SEQ: a
+coordinate too large for the int16 registers is 602 and sentinels there, with an odd EC16_SEQ, while
+the others hold it and STATUS is 1. **Judge by the STATUS of the block that you read.** The units of
+the int16 block are those of FMT, always; `[serving] int16_scale` in the cell file chooses them.
 vgrd is not a safety function.
 """
 
@@ -76,7 +81,12 @@ _DETAILS = (
         "time, or hold no orientation",
     ),
     ("302", "id of the tag"),
-    ("602", "the axis, 1-6 for X, Y, Z, RX, RY, RZ"),
+    (
+        "1, 2",
+        "the axis, 1-6 for X, Y, Z, RX, RY, RZ, that does not fit the int16 block: EC16_STATUS "
+        "is 602 then, and only the other two blocks hold the coordinate; 0 when all hold it",
+    ),
+    ("602", "the axis, 1-6, that does not fit any block"),
     ("any other", "0"),
 )
 

@@ -98,8 +98,8 @@ def _axes(prefix: str, start: int, kind: Kind, position: str, rotation: str) -> 
 def _proof(prefix: str, start: int) -> list[Field]:
     return [
         Field(f"{prefix}_ECHO", start, "u16", "ECHO once more"),
-        Field(f"{prefix}_STATUS", start + 1, "u16", "STATUS once more"),
-        Field(f"{prefix}_SEQ", start + 2, "u16", "SEQ once more"),
+        Field(f"{prefix}_STATUS", start + 1, "u16", "STATUS of this block"),
+        Field(f"{prefix}_SEQ", start + 2, "u16", "SEQ of this block: even while it is valid"),
     ]
 
 

@@ -1,0 +1,30 @@
+"""The process table as `vgrd run` writes it is what the gate reads."""
+
+from pathlib import Path
+
+import pytest
+
+from vgrd.cell.setup import process_table
+from vgrd.config import load_config
+from vgrd.gate.settings import load_settings, save_table
+from vgrd.registers import Scale16
+
+EXAMPLE = Path(__file__).parents[2] / "config" / "cell.example.toml"
+
+
+@pytest.mark.parametrize("scale", Scale16)
+def test_the_int16_scale_of_the_cell_file_reaches_the_gate(tmp_path, scale):
+    config = load_config(EXAMPLE)
+    serving = config.serving.model_copy(update={"int16_scale": scale.name.lower()})
+    config = config.model_copy(update={"serving": serving})
+    save_table(tmp_path, process_table(config, EXAMPLE))
+    assert load_settings(tmp_path / "processes.json").int16_scale is scale
+
+
+def test_every_int16_scale_can_be_written_in_the_cell_file(tmp_path):
+    text = EXAMPLE.read_text()
+    for scale in Scale16:
+        path = tmp_path / f"{scale.name}.toml"
+        line = f'[serving]\nint16_scale = "{scale.name.lower()}"\n'
+        path.write_text(text.replace("[serving]\n", line) if "[serving]" in text else text + line)
+        assert load_config(path).serving.int16_scale == scale.name.lower()
