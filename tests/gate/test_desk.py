@@ -332,6 +332,22 @@ def test_a_damaged_ring_is_a_lost_cell_until_there_is_a_good_one(bench):
     assert bench.see()["STATUS"] == Status.OK
 
 
+def test_a_cell_that_comes_back_after_its_ring_was_deleted_is_seen(bench, monkeypatch):
+    monkeypatch.setattr("vgrd.ipc.ring.monotonic", bench.clock.monotonic)
+    bench.trigger(7)
+    bench.publish(bench.answer(7, seq=1))
+    assert bench.status() == (7, Status.OK)
+    (bench.runtime_dir / REGISTER_RING).unlink()
+    bench.desk.cell_lost()
+    bench.start_cell()
+    bench.publish()
+    bench.clock.now_s += 0.06
+    assert bench.see()["STATUS"] == Status.IDLE
+    bench.trigger(8)
+    bench.publish(bench.answer(8, seq=1))
+    assert bench.status() == (8, Status.OK)
+
+
 @pytest.mark.parametrize("how", ["trig 0", "command", "coil"])
 def test_clearing_drops_answer_and_request_and_tells_the_cell(bench, how):
     bench.trigger(6)

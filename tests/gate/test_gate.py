@@ -204,6 +204,18 @@ def test_a_robot_that_asks_faster_than_the_cell_reads_gets_its_last_answer(tmp_p
         assert (gate.row("cell").pid, gate.row("cell").starts) == (pid, 1)
 
 
+def test_rings_deleted_before_the_cell_restarts_are_followed(gate):
+    with gate.client() as client:
+        for ring in (gate.runtime_dir / "registers.ring", gate.runtime_dir / "health/cell.ring"):
+            ring.unlink()
+        os.kill(gate.row("cell").pid, signal.SIGKILL)
+        until(lambda: see(client)["STATUS"] == Status.INTERNAL_ERROR)
+        until(lambda: see(client)["STATE"] & State.READY)
+        ask(client, 1, 5)
+        assert answered(client, 1)["STATUS"] == Status.OK
+        until(lambda: gate.row("cell").health == "ok")
+
+
 def test_an_unanswered_request_ends_with_timeout(gate):
     with gate.client() as client:
         begin = time.monotonic()

@@ -10,7 +10,9 @@ import pytest
 
 from vgrd.clock import SystemClock
 from vgrd.errors import IpcError, RingUnavailable
+from vgrd.ipc import ring
 from vgrd.ipc.ring import RingReader, RingWriter
+from vgrd.ipc.ring_file import RingFile
 
 KIND = "test"
 # Publishes forever; every 8-byte word of message i holds i, so a mixed payload shows itself.
@@ -141,6 +143,92 @@ def test_a_restarted_writer_is_noticed_and_the_index_counts_on(path):
             assert reader.generation != generation
             assert writer.publish(b"new", stamp_s=0.0) == 2
             assert [m.payload for m in reader.since(1)] == [b"new"]
+
+
+class Sundial:
+    """Stands in for `time.monotonic`: the tests say how late it is."""
+
+    def __init__(self, monkeypatch):
+        self.now_s = 100.0
+        monkeypatch.setattr(ring, "monotonic", lambda: self.now_s)
+
+
+@pytest.fixture
+def sundial(monkeypatch):
+    return Sundial(monkeypatch)
+
+
+@pytest.mark.parametrize("look", ["newest", "since", "into", "index", "wait"])
+def test_a_ring_whose_file_was_deleted_before_its_writer_came_back_is_followed(
+    path, sundial, look
+):
+    with RingWriter.create(path, 4, 8, KIND) as writer:
+        writer.publish(b"old", stamp_s=0.0)
+    with RingReader.open(path, KIND) as reader:
+        assert reader.newest().payload == b"old"
+        path.unlink()
+        for _ in range(3):
+            sundial.now_s += 0.06
+            assert reader.newest().payload == b"old"
+        with RingWriter.create(path, 4, 8, KIND) as writer:
+            writer.publish(b"new", stamp_s=0.0)
+            writer.publish(b"newer", stamp_s=0.0)
+            sundial.now_s += 0.06
+            buffer = bytearray(8)
+            seen = {
+                "newest": lambda: reader.newest().payload == b"newer",
+                "since": lambda: [m.payload for m in reader.since(9)] == [b"new", b"newer"],
+                "into": lambda: reader.newest_into(buffer) and buffer[:5] == b"newer",
+                "index": lambda: reader.index == 2,
+                "wait": lambda: reader.wait_newer(1, 0.0, SystemClock()).payload == b"newer",
+            }
+            assert seen[look]()
+
+
+def test_a_reader_looks_for_its_file_only_when_nothing_new_comes_and_not_often(
+    path, sundial, monkeypatch
+):
+    looks = []
+    monkeypatch.setattr(RingFile, "is_at_its_path", lambda self: looks.append(self) or True)
+    with RingWriter.create(path, 4, 8, KIND) as writer, RingReader.open(path, KIND) as reader:
+        for _ in range(1000):
+            writer.publish(b"x", stamp_s=0.0)
+            assert reader.index == writer.index
+            sundial.now_s += 1.0
+        assert looks == []
+        for _ in range(1000):
+            assert reader.newest() is not None
+            sundial.now_s += 0.001
+        assert 19 <= len(looks) <= 21
+
+
+def test_a_file_that_is_no_ring_at_the_path_leaves_the_reader_its_old_one(path, sundial):
+    with RingWriter.create(path, 4, 8, KIND) as writer, RingReader.open(path, KIND) as reader:
+        writer.publish(b"old", stamp_s=0.0)
+        path.unlink()
+        for rubbish in (b"", os.urandom(9000)):
+            path.write_bytes(rubbish)
+            sundial.now_s += 1.0
+            assert reader.newest().payload == b"old"
+        writer.publish(b"still", stamp_s=0.0)
+        sundial.now_s += 1.0
+        assert reader.newest().payload == b"still"
+        path.unlink()
+        with RingWriter.create(path, 4, 8, KIND) as writer:
+            writer.publish(b"new", stamp_s=0.0)
+            sundial.now_s += 1.0
+            assert reader.newest().payload == b"new"
+
+
+def test_a_ring_that_is_retired_and_then_gone_can_still_be_read(path):
+    with RingWriter.create(path, 4, 8, KIND) as writer, RingReader.open(path, KIND) as reader:
+        writer.publish(b"old", stamp_s=0.0)
+        RingWriter.create(path, 4, 8, KIND).close()
+        path.unlink()
+        assert reader.newest().payload == b"old"
+        with RingWriter.create(path, 4, 8, KIND) as writer:
+            writer.publish(b"new", stamp_s=0.0)
+            assert reader.newest().payload == b"new"
 
 
 @pytest.mark.parametrize(

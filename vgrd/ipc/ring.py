@@ -19,6 +19,8 @@ comes back to a slot `slots - 1` messages later: milliseconds against a store bu
 
 A restarted writer makes a new file, renames it over the old one and marks the old one retired:
 readers move over at their next look. The index counts on, so `since(index)` holds across it.
+Somebody who deletes the file leaves nothing to mark, and the index begins anew: a reader whose ring
+brings nothing new looks, at most each 50 ms, whether another file has taken the path.
 The files are private to the user (0600): whoever truncates one kills the processes that map it.
 """
 
@@ -28,6 +30,7 @@ import struct
 import zlib
 from dataclasses import dataclass
 from pathlib import Path
+from time import monotonic
 from typing import Self
 
 from vgrd.clock import Clock
@@ -49,6 +52,7 @@ _SLOT = struct.Struct("=QdQ")  # index, stamp_s, length; follows the sequence
 _CRC_AT = 8 + _SLOT.size
 _ATTEMPTS = 100
 _POLL_S = 0.001
+_LOOK_S = 0.05  # far below every deadline; a look costs 2 us
 
 
 @dataclass(frozen=True, slots=True)
@@ -165,6 +169,8 @@ class RingReader:
 
     def __init__(self, mapping: RingFile) -> None:
         self._map = mapping
+        self._last = -1  # index at the last look
+        self._look_s = 0.0
 
     @classmethod
     def open(cls, path: Path | str, kind: str) -> Self:
@@ -253,11 +259,28 @@ class RingReader:
         self.close()
 
     def _current(self) -> RingFile:
-        if self._map.words[RETIRED]:
-            fresh = _open_kind(self._map.path, self._map.kind)
-            self._map.close()
-            self._map = fresh
+        """The ring's present file. Two clock-free loads while messages come."""
+        words = self._map.words
+        last = words[LAST]
+        if words[RETIRED]:
+            self._follow()
+        elif last != self._last:
+            self._last = last
+        elif (now := monotonic()) >= self._look_s:
+            self._look_s = now + _LOOK_S
+            if not self._map.is_at_its_path():
+                self._follow()
         return self._map
+
+    def _follow(self) -> None:
+        """Go over to the file that has the path now; the old one stays while there is none."""
+        try:
+            fresh = _open_kind(self._map.path, self._map.kind)
+        except RingUnavailable:
+            return
+        self._map.close()
+        self._map = fresh
+        self._last = -1
 
     def _copy(self, ring: RingFile, index: int) -> Message | None:
         start = ring.slot_at(index)

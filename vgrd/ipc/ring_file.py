@@ -25,7 +25,8 @@ class RingFile:
         except OSError as error:
             raise RingUnavailable(f"{path}: cannot open the ring: {error.strerror}") from error
         try:
-            size = os.fstat(fd).st_size
+            status = os.fstat(fd)
+            size, self._file = status.st_size, (status.st_dev, status.st_ino)
             if size < HEADER_BYTES:
                 raise RingUnavailable(f"{path}: {size} bytes are too few for a ring")
             access = mmap.ACCESS_WRITE if write else mmap.ACCESS_READ
@@ -44,6 +45,14 @@ class RingFile:
     def slot_at(self, index: int) -> int:
         """Offset of the slot of message `index`."""
         return int(HEADER_BYTES + (index % self.slots) * self.stride)
+
+    def is_at_its_path(self) -> bool:
+        """Whether the path still leads to the mapped file, or to none."""
+        try:
+            status = self.path.stat()
+        except OSError:
+            return True
+        return (status.st_dev, status.st_ino) == self._file
 
     def close(self) -> None:
         """Unmap; the file stays."""
