@@ -34,7 +34,13 @@ class ServerThread:
         self.server = ModbusServer(self.desk, clock, limits)
         self.loop = asyncio.new_event_loop()
         self.port = self.loop.run_until_complete(self.server.listen("127.0.0.1", 0))
+        self.sweep()
         self.thread = threading.Thread(target=self.loop.run_forever)
+
+    def sweep(self):
+        """As the gate does."""
+        self.server.sweep()
+        self.loop.call_later(0.05, self.sweep)
 
     def __enter__(self):
         self.thread.start()

@@ -6,9 +6,9 @@ import os
 import signal
 import socket
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Callable, Coroutine
 from pathlib import Path
-from typing import Final
+from typing import Any, Final
 
 import structlog
 
@@ -28,6 +28,7 @@ from vgrd.registers import Request, Status, request_message
 LOCK_FILE: Final = "gate.lock"
 TICK_S: Final = 0.02
 REPORT_S: Final = 0.25
+SWEEP_S: Final = 0.25
 ABUSE_LOG_S: Final = 1.0
 _ABUSE: Final = ("refused", "garbage", "timeouts", "evicted")
 
@@ -58,6 +59,8 @@ class Gate:
         self._settings, self._clock = settings, clock
         self._link: CellLink | None = None
         self._stop = asyncio.Event()
+        self._manager = systemd.ServiceManager()
+        self._failure: BaseException | None = None
         self._desk = Desk(
             ImageFeed(runtime_dir, clock),
             clock,
@@ -81,31 +84,50 @@ class Gate:
         loop = asyncio.get_running_loop()
         for number in (signal.SIGTERM, signal.SIGINT):
             loop.add_signal_handler(number, self._stop.set)
+        loop.set_exception_handler(self._fail)
         settings = self._settings
         self._port = await self._server.listen(settings.host, settings.port)
-        self._supervisor.start()
         log.info("serving", cell=settings.cell, host=settings.host, port=self._port)
-        systemd.notify("READY=1", f"STATUS=serving on {settings.host}:{self._port}")
+        self._manager.tell(READY="1", STATUS=f"serving on {settings.host}:{self._port}")
+        try:
+            async with asyncio.TaskGroup() as tasks:
+                chores = [tasks.create_task(chore) for chore in self._chores()]
+                await self._stop.wait()
+                await self._shut_down()
+                for chore in chores:
+                    chore.cancel()
+        finally:
+            self._server.close()
+            self._ring.close()
+        if self._failure is not None:
+            raise self._failure
+
+    def _chores(self) -> list[Coroutine[object, object, None]]:
+        """What runs as long as the gate; the end of one of them by an error is the gate's end."""
         chores = [
-            asyncio.create_task(self._each(TICK_S, self._desk.refresh)),
-            asyncio.create_task(self._each(REPORT_S, self._report)),
-            asyncio.create_task(self._each(ABUSE_LOG_S, self._log_abuse)),
+            self._supervisor.run(),
+            self._each(TICK_S, self._desk.refresh),
+            self._each(SWEEP_S, self._server.sweep),
+            self._each(REPORT_S, self._report),
+            self._each(ABUSE_LOG_S, self._log_abuse),
         ]
         if period_s := systemd.watchdog_period_s():
-            chores.append(asyncio.create_task(self._each(period_s, self._kick)))
-        await self._stop.wait()
-        await self._shut_down()
-        for chore in chores:
-            chore.cancel()
+            chores.append(self._each(period_s, self._kick))
+        return chores
+
+    def _fail(self, _: asyncio.AbstractEventLoop, context: dict[str, Any]) -> None:
+        """End, and be started anew, when a callback of the loop failed: half a gate is none."""
+        error = context.get("exception")
+        log.error("callback_failed", what=context["message"], exc_info=error)
+        self._failure = self._failure or error or RuntimeError(context["message"])
+        self._stop.set()
 
     async def _shut_down(self) -> None:
         log.info("stopping")
-        systemd.notify("STOPPING=1", "STATUS=stopping")
+        self._manager.tell(STOPPING="1", STATUS="stopping")
         self._desk.close(Status.SHUTTING_DOWN)
         await self._supervisor.stop()
         self._report()
-        self._server.close()
-        self._ring.close()
         log.info("stopped")
 
     async def _each(self, period_s: float, do: Callable[[], None]) -> None:
@@ -135,7 +157,7 @@ class Gate:
         log.info("cell_says", **{"what": message.pop("op", "?"), **message})
 
     def _kick(self) -> None:
-        systemd.notify("WATCHDOG=1")
+        self._manager.tell(WATCHDOG="1")
 
     def _report(self) -> None:
         counters = {**self._server.counters, **self._desk.counters}
@@ -146,7 +168,8 @@ class Gate:
         said = ", ".join(f"{row.name} {row.health}" for row in rows)
         if said != self._said:
             self._said = said
-            systemd.notify(f"STATUS={said}")
+            self._manager.tell(STATUS=said)
+        self._manager.catch_up()
 
     def _log_abuse(self) -> None:
         """At most one line a second, however hard somebody knocks."""

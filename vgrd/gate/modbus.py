@@ -21,7 +21,6 @@ from vgrd.gate.pdu import Data, GarbageError, respond
 _HEADER = struct.Struct(">HHHB")
 _BUFFER_BYTES: Final = 4096  # worked off before the other connections have their turn
 _LONGEST: Final = 254  # unit id and PDU
-_SWEEP_S: Final = 0.25
 _KEEPALIVE: Final = (
     (socket.SOL_SOCKET, socket.SO_KEEPALIVE, 1),
     (socket.IPPROTO_TCP, socket.TCP_NODELAY, 1),
@@ -58,7 +57,6 @@ class ModbusServer:
         self._allow = [ipaddress.ip_network(entry) for entry in limits.allow]
         self._links: set[_Link] = set()
         self._server: asyncio.Server | None = None
-        self._sweeper: asyncio.TimerHandle | None = None
 
     async def listen(self, host: str, port: int) -> int:
         """Open the port and return its number (`port` 0: a free one). Raises ServingError."""
@@ -71,13 +69,10 @@ class ModbusServer:
             raise ServingError(
                 f"cannot serve Modbus on {host}:{port}: {_remedy(error)}"
             ) from error
-        self._sweep()
         return int(self._server.sockets[0].getsockname()[1])
 
     def close(self) -> None:
         """Stop listening and drop all connections."""
-        if self._sweeper:
-            self._sweeper.cancel()
         if self._server:
             self._server.close()
         for link in list(self._links):
@@ -108,12 +103,12 @@ class ModbusServer:
         """Take a closed connection off the list."""
         self._links.discard(link)
 
-    def _sweep(self) -> None:
+    def sweep(self) -> None:
+        """Drop the connections whose time is over; to be called a few times a second."""
         now = self.clock.monotonic()
         for link in list(self._links):
             if link.is_overdue(now):
                 link.drop("timeouts")
-        self._sweeper = asyncio.get_running_loop().call_later(_SWEEP_S, self._sweep)
 
 
 class _Link(asyncio.BufferedProtocol):

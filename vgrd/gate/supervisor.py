@@ -157,11 +157,12 @@ class Managed:
         self._state = "running"
         log.info("process_started", child=self.spec.name, child_pid=self._child.pid)
         self._watch = HealthWatch(self._path, self.spec, self._child.pid)
-        watching = asyncio.create_task(self._kill_when_hung(self._child, self._watch))
         try:
-            exit_code = await self._child.wait()
+            async with asyncio.TaskGroup() as tasks:
+                watching = tasks.create_task(self._kill_when_hung(self._child, self._watch))
+                exit_code = await self._child.wait()
+                watching.cancel()
         finally:
-            watching.cancel()
             self._watch.close()
             self._child = None
         self._on_end(exit_code)
@@ -215,18 +216,18 @@ class Supervisor:
             )
             for spec in specs
         ]
-        self._tasks: list[asyncio.Task[None]] = []
 
-    def start(self) -> None:
-        """Start all of them."""
-        self._tasks = [asyncio.create_task(row.keep_running()) for row in self._rows]
+    async def run(self) -> None:
+        """Keep all of them running until cancelled."""
+        async with asyncio.TaskGroup() as tasks:
+            for row in self._rows:
+                tasks.create_task(row.keep_running())
 
     async def stop(self) -> None:
         """End all of them at once; takes little more than a second at most."""
-        await asyncio.gather(*(row.stop() for row in self._rows))
-        for task in self._tasks:
-            task.cancel()
-        await asyncio.gather(*self._tasks, return_exceptions=True)
+        async with asyncio.TaskGroup() as tasks:
+            for row in self._rows:
+                tasks.create_task(row.stop())
 
     def reports(self) -> tuple[ProcessReport, ...]:
         """Rows for `vgrd status`."""

@@ -3,6 +3,38 @@
 import os
 import socket
 
+import structlog
+
+log = structlog.get_logger()
+
+
+class ServiceManager:
+    """Who started the daemon and wants to hear of it; what it does not take now is told again.
+
+    Its queue may be full for a while, or it may be restarting: no reason for a gate that serves to
+    end. If it hears nothing for too long, it ends the gate by itself.
+    """
+
+    def __init__(self) -> None:
+        self._untold: dict[str, str] = {}
+
+    def tell(self, **variables: str) -> bool:
+        """Say READY="1", STATUS="...", WATCHDOG="1" or STOPPING="1"; False: not taken yet."""
+        self._untold |= variables
+        return self.catch_up()
+
+    def catch_up(self) -> bool:
+        """Say what was not taken before."""
+        if not self._untold:
+            return True
+        try:
+            notify(*(f"{name}={value}" for name, value in self._untold.items()))
+        except OSError as error:
+            log.warning("service_manager_unreachable", reason=error.strerror)
+            return False
+        self._untold = {}
+        return True
+
 
 def notify(*lines: str) -> bool:
     """Send READY=1, STATUS=..., WATCHDOG=1 or STOPPING=1; False when nobody listens.
