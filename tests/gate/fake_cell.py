@@ -13,6 +13,9 @@ import time
 from dataclasses import replace
 from pathlib import Path
 
+import structlog
+
+from vgrd import logs
 from vgrd.clock import SystemClock
 from vgrd.ipc.health import HealthReporter
 from vgrd.ipc.messages import decode_line, encode_line
@@ -68,6 +71,8 @@ def answer_to(request: Request, seq: int) -> Answer:
 def main() -> None:
     """Publish until killed."""
     runtime_dir = Path(sys.argv[1])
+    logs.configure("cell")
+    log, libc = structlog.get_logger(), ctypes.CDLL(None)
     health = HealthReporter(runtime_dir, "cell", SystemClock())
     ring = RingWriter.create(runtime_dir / REGISTER_RING, 4, PACKED_BYTES, REGISTER_KIND)
     link = socket.socket(fileno=int(os.environ["VGRD_GATE_FD"]))
@@ -87,6 +92,8 @@ def main() -> None:
             return
         *lines, unread = (unread + received).split(b"\n")
         for line in lines:
+            log.warning("asked", padding=200 * "x")
+            libc.perror(b"what a library writes by itself")
             message = decode_line(line)
             if message["op"] == "abort":
                 continue

@@ -1,5 +1,6 @@
 """The gate as a process, with a fake cell that fails on demand."""
 
+import contextlib
 import json
 import os
 import re
@@ -368,28 +369,53 @@ def test_systemd_hears_ready_watchdog_status_and_stopping(tmp_path):
         assert heard[0].startswith("READY=1")
 
 
-def test_standard_error_that_nobody_reads_does_not_stop_the_registers(tmp_path):
+@contextlib.contextmanager
+def full_pipe():
+    """The end to write to of a pipe that is full and that nobody reads."""
     reading, writing = os.pipe()
+    os.set_blocking(writing, False)
+    with contextlib.suppress(BlockingIOError):
+        while True:
+            os.write(writing, b"x" * 4096)
+    os.set_blocking(writing, True)
+    yield writing
+    os.close(reading)
+    os.close(writing)
+
+
+@contextlib.contextmanager
+def full_disk():
+    with Path("/dev/full").open("w") as full:
+        yield full.fileno()
+
+
+@contextlib.contextmanager
+def closed():
+    yield None
+
+
+@pytest.mark.parametrize("standard_error", [full_pipe, full_disk, closed])
+def test_standard_error_that_takes_nothing_stops_neither_the_registers_nor_the_cell(
+    tmp_path, standard_error
+):
     gate = GateProcess(tmp_path, [cell(tmp_path)])
     argv = [sys.executable, "-m", "vgrd.gate", str(tmp_path)]
-    os.set_blocking(writing, False)
-    while True:
+    with standard_error() as stderr:
+        if stderr is None:
+            argv = ["sh", "-c", 'exec "$@" 2>&-', "sh", *argv]
+        gate.process = subprocess.Popen(argv, stderr=stderr)
         try:
-            os.write(writing, b"x" * 4096)
-        except BlockingIOError:
-            break
-    os.set_blocking(writing, True)
-    gate.process = subprocess.Popen(argv, stderr=writing)
-    try:
-        gate.port = until(lambda: gate.report()).port
-        with gate.client() as client:
-            until(lambda: see(client)["STATE"] == State.READY)
-        assert gate.stop() < 3.0
-    finally:
-        gate.process.kill()
-        gate.process.wait()
-        os.close(reading)
-        os.close(writing)
+            gate.port = until(lambda: gate.report()).port
+            with gate.client() as client:
+                until(lambda: see(client)["STATE"] == State.READY)
+                for trig in range(1, 601):
+                    ask(client, trig, 5)
+                    assert answered(client, trig)["STATUS"] == Status.OK
+            assert gate.row("cell").starts == 1
+            assert gate.stop() < 5.0
+        finally:
+            gate.process.kill()
+            gate.process.wait()
 
 
 def test_the_gate_stays_under_40_mib_and_imports_nothing_heavy(gate):

@@ -1,12 +1,10 @@
 """Entry point of the parent process: `python -m vgrd.gate RUNTIME_DIR`; `vgrd run` becomes it."""
 
 import asyncio
-import faulthandler
 import gc
 import os
 import sys
 from pathlib import Path
-from typing import TextIO, cast
 
 import structlog
 
@@ -14,7 +12,6 @@ from vgrd import logs
 from vgrd.clock import SystemClock
 from vgrd.errors import VgrdError
 from vgrd.gate.gate import Gate, lock
-from vgrd.gate.output import UnblockedStream
 from vgrd.gate.settings import PROCESS_TABLE, load_settings
 
 
@@ -28,9 +25,7 @@ async def serve(runtime_dir: Path) -> None:
 
 def main(argv: list[str]) -> int:
     """Return the exit code: 0 after a clean stop, 69 port taken or second daemon, 78 bad table."""
-    faulthandler.enable(sys.stderr.fileno())
-    sys.stderr = cast(TextIO, UnblockedStream(sys.stderr.fileno()))
-    logs.configure("gate")
+    logs.configure("gate", threads=False)
     log = structlog.get_logger()
     if len(argv) != 1:
         log.error("usage", command="python -m vgrd.gate RUNTIME_DIR")

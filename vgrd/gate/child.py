@@ -30,6 +30,7 @@ class Child:
             list(argv),
             env={**inherited, **env},
             stdin=subprocess.DEVNULL,
+            stdout=2,  # what a library prints must not block either, see `logs`
             pass_fds=pass_fds,
             start_new_session=True,
             preexec_fn=partial(die_with, os.getpid()),

@@ -12,6 +12,7 @@ from typing import Any, Final
 
 import structlog
 
+from vgrd import logs
 from vgrd.clock import Clock
 from vgrd.errors import AlreadyRunning
 from vgrd.gate import systemd
@@ -172,8 +173,9 @@ class Gate:
         self._manager.catch_up()
 
     def _log_abuse(self) -> None:
-        """At most one line a second, however hard somebody knocks."""
+        """At most one line a second, however hard somebody knocks, and the sums of the others."""
         now = Counter({name: self._server.counters[name] for name in _ABUSE})
         if more := now - self._abuse:
             log.warning("modbus_clients", **more)
         self._abuse = now
+        logs.sum_up()
