@@ -1,0 +1,187 @@
+"""Laws of the handshake, in any order of writes, answers, clears, deaths and time."""
+
+import struct
+import tempfile
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+from hypothesis import settings
+from hypothesis import strategies as st
+from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, rule
+
+from fakes.testing import ManualClock
+from vgrd.gate.desk import Desk
+from vgrd.gate.image_feed import ImageFeed
+from vgrd.ipc.ring import RingWriter
+from vgrd.registers import (
+    PACKED_BYTES,
+    REGISTER_KIND,
+    REGISTER_RING,
+    RESPONSE,
+    Answer,
+    Command,
+    RegisterImage,
+    Request,
+    State,
+    Status,
+    reply,
+)
+
+DEADLINE_S = 0.25
+TIMEOUT_S = 2.0
+TICK_S = 0.02
+trigs = st.integers(0, 3)
+
+
+class Handshake(RuleBasedStateMachine):
+    """A robot, a cell that answers any request it ever got, and a clock."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.folder = tempfile.TemporaryDirectory()
+        self.clock = ManualClock()
+        self.patch = pytest.MonkeyPatch()
+        self.patch.setattr("vgrd.ipc.ring.monotonic", self.clock.monotonic)
+        self.got: list[Request] = []
+        self.seq = 0
+        self.answer = Answer()
+        self.reachable = True
+        self.asked: tuple[int, int] | None = None  # TRIG and POINT of what the robot waits for
+        self.asked_s = 0.0
+        self.settled = False  # the cell answered it
+        self.ring: RingWriter | None = None
+        feed = ImageFeed(Path(self.folder.name), self.clock)
+        self.desk = Desk(
+            feed,
+            self.clock,
+            deadline_s=DEADLINE_S,
+            timeout_s=TIMEOUT_S,
+            forward=self.forward,
+            abort=lambda: None,
+        )
+
+    def forward(self, request: Request) -> bool:
+        if self.reachable:
+            self.got.append(request)
+        return self.reachable
+
+    def teardown(self) -> None:
+        self.patch.undo()
+        self.folder.cleanup()
+
+    @initialize()
+    def first_cell(self) -> None:
+        self.start_cell()
+
+    @rule()
+    def start_cell(self) -> None:
+        """A new life of the cell: it knows of no request and counts from 0."""
+        path = Path(self.folder.name) / REGISTER_RING
+        self.ring = RingWriter.create(path, 4, PACKED_BYTES, REGISTER_KIND)
+        self.answer, self.seq = Answer(), 0
+        self.publish()
+
+    @rule()
+    def delete_ring(self) -> None:
+        (Path(self.folder.name) / REGISTER_RING).unlink(missing_ok=True)
+
+    @rule()
+    def lose_cell(self) -> None:
+        self.desk.cell_lost()
+
+    @rule(reachable=st.booleans())
+    def link(self, reachable: bool) -> None:
+        self.reachable = reachable
+
+    @rule()
+    def publish(self) -> None:
+        now = self.clock.monotonic()
+        image = RegisterImage(self.answer, State.READY, 0, now)
+        self.ring.publish(image.pack(), stamp_s=now)
+
+    @rule(trig=trigs, point=st.integers(1, 3))
+    def ask(self, trig: int, point: int) -> None:
+        before = struct.unpack(">H", self.desk.read_registers(0, 1))[0]
+        self.desk.write_registers(0, struct.pack(">3H", trig, Command.EC_FRESH, point))
+        if trig != before:
+            self.asked, self.asked_s = (trig, point) if trig else None, self.clock.now_s
+            self.settled = False
+
+    @rule()
+    def clear(self) -> None:
+        self.desk.write_coils(1, [False])
+        self.desk.write_coils(1, [True])
+        self.asked = None
+
+    @rule(which=st.integers(0, 5), point=st.sampled_from((None, 9)), ok=st.booleans())
+    def answer_some(self, which: int, point: int | None, ok: bool) -> None:
+        """Answer one of the last requests, late, twice, or with a point that was not asked."""
+        if which >= len(self.got):
+            return
+        self.seq += 1
+        self.settled |= which == 0
+        request, now = self.got[-1 - which], self.clock.monotonic()
+        self.answer = replace(
+            reply(request, Status.OK if ok else Status.TAG_B_NOT_FOUND),
+            seq=self.seq,
+            captured_s=now,
+            valid_until_s=now + 1.0,
+            position_um=(request.nonce % 1000, request.point, request.trig),
+            **({"point": point} if point else {}),
+        )
+        self.publish()
+
+    @rule(seconds=st.sampled_from((0.01, 0.1, 0.3, 1.0)))
+    def wait(self, seconds: float) -> None:
+        self.clock.now_s += seconds
+
+    @rule(seconds=st.sampled_from((0.5, 1.5, 2.5)))
+    def wait_beside_a_living_cell(self, seconds: float) -> None:
+        for _ in range(round(seconds / 0.1)):
+            self.clock.now_s += 0.1
+            self.publish()
+
+    @invariant()
+    def what_is_valid_is_the_answer_to_what_was_asked(self) -> None:
+        v = RESPONSE.decode(self.desk.read_registers(100, 68))
+        if v["STATUS"] in (Status.OK, Status.OK_DEGRADED):
+            assert self.asked == (v["ECHO"], v["POINT"])
+            assert v["EC32_X"] == self.got[-1].nonce % 1000
+            assert (v["EC32_Z"], v["EC32_Y"]) == self.asked
+        else:
+            assert v["EC32_X"] == -(2**31)
+
+    @invariant()
+    def a_request_ends(self) -> None:
+        self.clock.now_s += TICK_S / 20  # whatever it is, time goes on
+        v = RESPONSE.decode(self.desk.read_registers(100, 68))
+        if v["STATUS"] == Status.BUSY:
+            assert self.asked is not None
+            assert self.clock.now_s - self.asked_s < TIMEOUT_S
+        if self.asked and not self.settled:
+            assert v["STATUS"] == Status.BUSY or v["ECHO"] == self.asked[0]
+
+
+TestHandshake = Handshake.TestCase
+TestHandshake.settings = settings(max_examples=150, stateful_step_count=40, deadline=None)
+
+
+@pytest.mark.parametrize("cell", ["silent", "answers others", "restarts"])
+def test_whatever_the_cell_does_a_request_ends_after_its_time(tmp_path, cell):
+    machine = Handshake()
+    machine.start_cell()
+    machine.ask(1, 1)
+    machine.ask(2, 2)
+    for _ in range(round(TIMEOUT_S / TICK_S) + 1):
+        machine.clock.now_s += TICK_S
+        if cell == "answers others":
+            machine.answer_some(1, None, True)
+        elif cell == "restarts":
+            machine.start_cell()
+        else:
+            machine.publish()
+        machine.desk.refresh()
+    v = RESPONSE.decode(machine.desk.read_registers(100, 68))
+    assert (v["ECHO"], v["STATUS"], v["POINT"]) == (2, Status.TIMEOUT, 2)
+    machine.teardown()
