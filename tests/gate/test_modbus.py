@@ -2,11 +2,13 @@
 
 import asyncio
 import contextlib
+import errno
 import random
 import socket
 import struct
 import threading
 import time
+from dataclasses import replace
 
 import pytest
 from pymodbus.client import ModbusTcpClient
@@ -16,7 +18,7 @@ from vgrd.clock import SystemClock
 from vgrd.errors import ServingError
 from vgrd.gate.desk import Desk
 from vgrd.gate.image_feed import ImageFeed
-from vgrd.gate.modbus import Limits, ModbusServer
+from vgrd.gate.modbus import ACCEPTS_PER_TURN, Limits, ModbusServer
 from vgrd.registers import Status
 
 LIMITS = Limits(
@@ -245,8 +247,8 @@ def test_an_address_that_is_not_on_the_list_is_refused(serving):
     with socket.socket() as stranger:
         stranger.bind(("127.9.9.9", 0))
         stranger.settimeout(2)
-        stranger.connect(("127.0.0.1", serving.port))
         with contextlib.suppress(ConnectionResetError):
+            stranger.connect(("127.0.0.1", serving.port))
             assert stranger.recv(1) == b""
     assert serving.server.counters["refused"] == 1
 
@@ -264,6 +266,164 @@ def test_a_peer_that_connects_without_end_starves_neither_itself_nor_another(ser
         while sum(counters[n] for n in ("accepted", "refused")) < 41 and time.monotonic() < end:
             assert robot.read(100, 1) == b"\x01\x00"
         assert counters["refused"] + counters["evicted"] == 40 - LIMITS.connections_per_peer
+
+
+def connect_from(host: str, port: int) -> socket.socket:
+    """Connect from another address of this machine."""
+    link = socket.socket()
+    link.settimeout(5)
+    link.bind((host, 0))
+    with contextlib.suppress(ConnectionResetError):
+        link.connect(("127.0.0.1", port))
+    return link
+
+
+def test_connections_that_never_said_anything_go_before_a_robot_that_pauses(serving):
+    with contextlib.ExitStack() as stack, serving.client() as robot:
+        for _ in range(2):
+            assert robot.read(100, 1) == b"\x01\x00"
+        time.sleep(LIMITS.silent_s + 0.1)
+        idle = [stack.enter_context(connect_from("127.0.0.1", serving.port)) for _ in range(100)]
+        assert robot.read(100, 1) == b"\x01\x00"
+        with serving.client() as newest:
+            assert newest.read(100, 1) == b"\x01\x00"
+        assert robot.read(100, 1) == b"\x01\x00"
+        assert serving.server.counters["refused"] == 0
+        assert serving.server.counters["evicted"] >= 100 - LIMITS.connections_per_peer
+        del idle
+
+
+def test_who_asked_once_goes_before_a_robot_that_pauses(serving):
+    with contextlib.ExitStack() as stack, serving.client() as robot:
+        for _ in range(2):
+            assert robot.read(100, 1) == b"\x01\x00"
+        time.sleep(LIMITS.silent_s + 0.1)
+        for _ in range(20):
+            assert stack.enter_context(serving.client()).read(100, 1) == b"\x01\x00"
+        assert robot.read(100, 1) == b"\x01\x00"
+
+
+def test_connections_that_all_poll_are_not_given_up_for_one_more(tmp_path):
+    with (
+        ServerThread(tmp_path, replace(LIMITS, silent_s=60.0)) as serving,
+        contextlib.ExitStack() as stack,
+    ):
+        full = [stack.enter_context(serving.client()) for _ in range(LIMITS.connections_per_peer)]
+        for client in full * 2:
+            assert client.read(100, 1) == b"\x01\x00"
+        with serving.client() as one_more:
+            assert is_closed(one_more)
+        for client in full:
+            assert client.read(100, 1) == b"\x01\x00"
+        assert serving.server.counters["refused"] == 1
+        assert serving.server.counters["evicted"] == 0
+
+
+def test_in_a_full_house_the_peer_with_most_connections_makes_room(tmp_path):
+    limits = replace(LIMITS, allow=("127.0.0.0/8",), connections=6, connections_per_peer=4)
+    with ServerThread(tmp_path, limits) as serving, contextlib.ExitStack() as stack:
+        robot = stack.enter_context(serving.client())
+        assert robot.read(100, 1) == b"\x01\x00"
+        for host in ("127.0.0.2",) * 4 + ("127.0.0.3",) * 4:
+            stack.enter_context(connect_from(host, serving.port))
+        late = stack.enter_context(connect_from("127.0.0.4", serving.port))
+        late.sendall(struct.pack(">HHHBBHH", 1, 0, 6, 1, 4, 100, 1))
+        assert late.recv(100)[-2:] == b"\x01\x00"
+        assert robot.read(100, 1) == b"\x01\x00"
+        assert serving.server.connections <= 6
+        assert serving.server.counters["refused"] == 0
+
+
+class Turns:
+    """The server in a loop that the test turns by hand."""
+
+    def __init__(self, runtime_dir):
+        clock = SystemClock()
+        desk = Desk(
+            ImageFeed(runtime_dir, clock),
+            clock,
+            deadline_s=0.25,
+            forward=lambda _: True,
+            abort=lambda: None,
+        )
+        self.loop = asyncio.new_event_loop()
+        self.server = ModbusServer(desk, clock, LIMITS)
+        self.port = self.loop.run_until_complete(self.server.listen("127.0.0.1", 0))
+
+    def turn(self) -> None:
+        """Let the loop look at its sockets once."""
+        self.loop.call_soon(self.loop.stop)
+        self.loop.run_forever()
+
+    def close(self) -> None:
+        async def end() -> None:
+            self.server.close()
+
+        self.loop.run_until_complete(end())
+        self.loop.close()
+
+
+@pytest.fixture
+def turns(tmp_path):
+    made = Turns(tmp_path)
+    yield made
+    made.close()
+
+
+def test_a_listed_robot_behind_a_crowd_of_strangers_is_let_in_after_a_few_turns(turns):
+    """All of them wait in the queue of the kernel, which must hold them; time does not count."""
+    with contextlib.ExitStack() as stack:
+        crowd = 3 * ACCEPTS_PER_TURN
+        for _ in range(crowd):
+            stack.enter_context(connect_from("127.9.9.9", turns.port))
+        stack.enter_context(connect_from("127.0.0.1", turns.port))
+        refused = 0
+        for _ in range(8):
+            turns.turn()
+            before, refused = refused, turns.server.counters["refused"]
+            assert refused - before <= ACCEPTS_PER_TURN
+        assert refused == crowd
+        assert turns.server.connections == 1
+
+
+def test_without_descriptors_the_server_rests_and_accepts_again_later(turns, monkeypatch):
+    class Short:
+        """A listener in a process that has no descriptor left."""
+
+        def __init__(self, listener):
+            self.listener, self.calls, self.short = listener, 0, True
+
+        def fileno(self):
+            return self.listener.fileno()
+
+        def accept(self):
+            self.calls += 1
+            if self.short:
+                raise OSError(errno.EMFILE, "Too many open files")
+            return self.listener.accept()
+
+        def close(self):
+            self.listener.close()
+
+    listener = Short(turns.server._listeners[0])
+    turns.server._listeners = [listener]
+
+    async def sweep() -> None:
+        turns.server.sweep()
+
+    async def listen() -> None:
+        turns.server._wait_for_peers(listener)
+
+    turns.loop.run_until_complete(listen())
+    with connect_from("127.0.0.1", turns.port):
+        for _ in range(50):
+            turns.turn()
+        assert listener.calls == 1
+        listener.short = False
+        turns.loop.run_until_complete(sweep())
+        for _ in range(4):
+            turns.turn()
+        assert turns.server.connections == 1
 
 
 def test_a_robot_that_comes_back_takes_the_place_of_its_silent_connections(serving):

@@ -1,8 +1,9 @@
 """A strict Modbus TCP server: every request answered, every byte judged, nobody starved.
 
 Every unit id is answered, and pipelined requests all are. A frame that is not Modbus closes its
-connection: the next "frame" might be the tail of this one. There is no await between a request and
-its answer, so a write is whole and in force before it is answered.
+connection: the next "frame" might be the tail of this one. Connections are accepted by our own
+loop: a host that is not listed costs one `accept` and one `close`, however often it comes, and the
+queue before it is as long as the system allows, so that a listed robot does not wait behind it.
 """
 
 import asyncio
@@ -12,32 +13,32 @@ import socket
 import struct
 from collections import Counter
 from dataclasses import dataclass
-from typing import Final, cast
+from functools import lru_cache
+from typing import Final
+
+import structlog
 
 from vgrd.clock import Clock
 from vgrd.errors import ServingError
-from vgrd.gate.pdu import Data, GarbageError, respond
+from vgrd.gate.connection import Connection
+from vgrd.gate.pdu import Data
 
-_HEADER = struct.Struct(">HHHB")
-_BUFFER_BYTES: Final = 4096  # worked off before the other connections have their turn
-_LONGEST: Final = 254  # unit id and PDU
-_KEEPALIVE: Final = (
-    (socket.SOL_SOCKET, socket.SO_KEEPALIVE, 1),
-    (socket.IPPROTO_TCP, socket.TCP_NODELAY, 1),
-    (socket.IPPROTO_TCP, socket.TCP_KEEPIDLE, 3),
-    (socket.IPPROTO_TCP, socket.TCP_KEEPINTVL, 1),
-    (socket.IPPROTO_TCP, socket.TCP_KEEPCNT, 3),
-    (socket.IPPROTO_TCP, socket.TCP_USER_TIMEOUT, 5000),
-)
+ACCEPTS_PER_TURN: Final = 64  # under 1 ms of refusals, then the connections have their turn
+_BACKLOG: Final = 4096  # Linux's own limit (net.core.somaxconn) since 5.4
+_PEERS: Final = 1024  # whose admission is remembered
+_RESET = struct.pack("ii", 1, 0)  # SO_LINGER: close by reset, leaves no TIME_WAIT behind
+_SHORTAGE: Final = (errno.EMFILE, errno.ENFILE, errno.ENOBUFS, errno.ENOMEM)
+
+log = structlog.get_logger()
 
 
 @dataclass(frozen=True, slots=True)
 class Limits:
     """What peers may do.
 
-    allow: addresses or networks. silent_s: so long silent, a connection gives way to a new one of
-    the same peer when the peer has too many. partial_s: for the rest of a frame, and for taking
-    answers.
+    allow: addresses or networks. silent_s: so long silent, a connection that polled gives way to a
+    new one of the same peer when the peer has too many. partial_s: for the rest of a frame, and
+    for taking answers.
     """
 
     allow: tuple[str, ...] = ("127.0.0.1",)
@@ -49,32 +50,36 @@ class Limits:
 
 
 class ModbusServer:
-    """Serves `data` at one address."""
+    """Serves `data` at one address. `sweep` is to be called a few times a second."""
 
     def __init__(self, data: Data, clock: Clock, limits: Limits) -> None:
         self.data, self.clock, self.limits = data, clock, limits
         self.counters: Counter[str] = Counter()
         self._allow = [ipaddress.ip_network(entry) for entry in limits.allow]
-        self._links: set[_Link] = set()
-        self._server: asyncio.Server | None = None
+        self._is_allowed = lru_cache(_PEERS)(self._is_listed)
+        self._links: set[Connection] = set()
+        self._listeners: list[socket.socket] = []
+        self._resting: list[socket.socket] = []  # listeners, until there are descriptors again
 
     async def listen(self, host: str, port: int) -> int:
         """Open the port and return its number (`port` 0: a free one). Raises ServingError."""
-        loop = asyncio.get_running_loop()
         try:
-            self._server = await loop.create_server(
-                lambda: _Link(self), host, port, backlog=64, reuse_address=True
-            )
+            self._listeners = _listeners(host, port)
         except OSError as error:
             raise ServingError(
                 f"cannot serve Modbus on {host}:{port}: {_remedy(error)}"
             ) from error
-        return int(self._server.sockets[0].getsockname()[1])
+        for listener in self._listeners:
+            self._wait_for_peers(listener)
+        return int(self._listeners[0].getsockname()[1])
 
     def close(self) -> None:
         """Stop listening and drop all connections."""
-        if self._server:
-            self._server.close()
+        loop = asyncio.get_running_loop()
+        for listener in self._listeners:
+            loop.remove_reader(listener)
+            listener.close()
+        self._listeners, self._resting = [], []
         for link in list(self._links):
             link.drop("closed")
 
@@ -83,117 +88,94 @@ class ModbusServer:
         """Number of open connections."""
         return len(self._links)
 
-    def admit(self, link: "_Link") -> bool:
-        """Take a new connection, at the cost of the same peer's longest silent one if need be."""
-        address = ipaddress.ip_address(link.peer)
-        if not any(address in network for network in self._allow):
-            return False
-        same = [other for other in self._links if other.peer == link.peer]
-        if len(same) >= self.limits.connections_per_peer:
-            oldest = min(same, key=lambda other: other.heard_s)
-            if self.clock.monotonic() - oldest.heard_s < self.limits.silent_s:
-                return False
-            oldest.drop("evicted")
-        elif len(self._links) >= self.limits.connections:
-            return False
-        self._links.add(link)
-        return True
-
-    def forget(self, link: "_Link") -> None:
-        """Take a closed connection off the list."""
-        self._links.discard(link)
-
     def sweep(self) -> None:
-        """Drop the connections whose time is over; to be called a few times a second."""
+        """Drop the connections whose time is over; accept again after a shortage."""
         now = self.clock.monotonic()
         for link in list(self._links):
-            if link.is_overdue(now):
+            if link.is_overdue(now, self.limits):
                 link.drop("timeouts")
+        for listener in self._resting:
+            self._wait_for_peers(listener)
+        self._resting = []
 
+    def _wait_for_peers(self, listener: socket.socket) -> None:
+        asyncio.get_running_loop().add_reader(listener, self._accept, listener)
 
-class _Link(asyncio.BufferedProtocol):
-    """One connection."""
+    def _accept(self, listener: socket.socket) -> None:
+        """Take or refuse those who knock, a bounded number of them."""
+        for _ in range(ACCEPTS_PER_TURN):
+            try:
+                link, address = listener.accept()
+            except BlockingIOError:
+                return
+            except OSError as error:
+                if error.errno in _SHORTAGE:
+                    self._rest(listener, error)
+                    return
+                continue  # that peer is gone again
+            self._admit(link, str(address[0]))
 
-    def __init__(self, server: ModbusServer) -> None:
-        self._server = server
-        self._buffer = memoryview(bytearray(_BUFFER_BYTES))
-        self._filled = 0
-        self._blocked = False
-        self.heard_s = self._frame_s = server.clock.monotonic()
-        self.peer = ""
+    def _rest(self, listener: socket.socket, error: OSError) -> None:
+        log.error("connections_not_accepted", reason=error.strerror)
+        asyncio.get_running_loop().remove_reader(listener)
+        self._resting.append(listener)
 
-    def connection_made(self, transport: asyncio.BaseTransport) -> None:
-        self._transport = cast(asyncio.Transport, transport)
-        self.peer = str(transport.get_extra_info("peername")[0])
-        if not self._server.admit(self):
-            self.drop("refused")
+    def _admit(self, link: socket.socket, peer: str) -> None:
+        if not self._is_allowed(peer) or not self._make_room(peer):
+            self.counters["refused"] += 1
+            link.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, _RESET)
+            link.close()
             return
-        self._server.counters["accepted"] += 1
-        link: socket.socket = transport.get_extra_info("socket")
-        for level, option, value in _KEEPALIVE:
-            link.setsockopt(level, option, value)
-
-    def connection_lost(self, exc: Exception | None) -> None:  # noqa: ARG002
-        self._server.forget(self)
-
-    def get_buffer(self, sizehint: int) -> memoryview:  # noqa: ARG002
-        return self._buffer[self._filled :]
-
-    def buffer_updated(self, nbytes: int) -> None:
-        self._filled += nbytes
-        self.heard_s = self._server.clock.monotonic()
+        self.counters["accepted"] += 1
+        forget = self._links.discard
         try:
-            answers, used = self._work_off(bytes(self._buffer[: self._filled]))
-        except GarbageError:
-            self.drop("garbage")
-            return
-        if used:
-            rest = self._filled - used
-            self._buffer[:rest] = bytes(self._buffer[used : self._filled])
-            self._filled, self._frame_s = rest, self.heard_s
-            self._transport.write(answers)
+            made = Connection(link, peer, self.data, self.clock, self.counters, forget)
+        except OSError:
+            link.close()  # it went while it was let in
+        else:
+            self._links.add(made)
 
-    def eof_received(self) -> bool:
-        return False
+    def _is_listed(self, peer: str) -> bool:
+        address = ipaddress.ip_address(peer)
+        return any(address in network for network in self._allow)
 
-    def pause_writing(self) -> None:
-        self._blocked, self._frame_s = True, self._server.clock.monotonic()
-        self._transport.pause_reading()
+    def _make_room(self, peer: str) -> bool:
+        """Give up the least worth connection, if need be; never one that polls.
 
-    def resume_writing(self) -> None:
-        self._blocked = False
-        self._transport.resume_reading()
+        It is one of the same peer when that has too many, else one of the peer that has most.
+        """
+        crowd = peer
+        held = Counter(link.peer for link in self._links)
+        if held[peer] < self.limits.connections_per_peer:
+            if len(self._links) < self.limits.connections:
+                return True
+            crowd = held.most_common(1)[0][0]
+        least = min((link for link in self._links if link.peer == crowd), key=lambda k: k.worth)
+        if least.is_polling(self.clock.monotonic(), self.limits):
+            return False
+        least.drop("evicted")
+        return True
 
-    def is_overdue(self, now_s: float) -> bool:
-        """Whether a frame stays cut, answers are not taken, or nothing was said for too long."""
-        limits = self._server.limits
-        if self._filled or self._blocked:
-            return now_s - self._frame_s > limits.partial_s
-        return now_s - self.heard_s > limits.idle_s
 
-    def drop(self, reason: str) -> None:
-        """Close without waiting, and count why."""
-        self._server.counters[reason] += 1
-        self._server.forget(self)
-        self._transport.abort()
-
-    def _work_off(self, received: bytes) -> tuple[bytes, int]:
-        """Answers to all whole frames, and how many bytes these were. Raises GarbageError."""
-        answers, at = [], 0
-        counters = self._server.counters
-        while len(received) - at >= _HEADER.size:
-            transaction, protocol, length, unit = _HEADER.unpack_from(received, at)
-            if protocol or not 2 <= length <= _LONGEST:
-                raise GarbageError
-            end = at + 6 + length
-            if end > len(received):
-                break
-            answer = respond(self._server.data, received[at + _HEADER.size : end])
-            counters["requests"] += 1
-            counters["exceptions"] += answer[0] >= 0x80
-            answers.append(_HEADER.pack(transaction, 0, 1 + len(answer), unit) + answer)
-            at = end
-        return b"".join(answers), at
+def _listeners(host: str, port: int) -> list[socket.socket]:
+    """One listening socket per address of `host`. Raises OSError."""
+    found = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM, flags=socket.AI_PASSIVE)
+    made: list[socket.socket] = []
+    try:
+        for family, kind, protocol, _, address in dict.fromkeys(found):
+            listener = socket.socket(family, kind, protocol)
+            made.append(listener)
+            listener.setblocking(False)
+            listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+            if family == socket.AF_INET6:
+                listener.setsockopt(socket.IPPROTO_IPV6, socket.IPV6_V6ONLY, 1)
+            listener.bind(address)
+            listener.listen(_BACKLOG)
+    except OSError:
+        for listener in made:
+            listener.close()
+        raise
+    return made
 
 
 def _remedy(error: OSError) -> str:
