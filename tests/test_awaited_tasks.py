@@ -1,7 +1,7 @@
 """No task, callback or future that nobody awaits: what fails in one must end its process, or be told.
 
 Read from the source of vgrd, drivers and fakes: a task is made by a TaskGroup (a name bound by
-`async with asyncio.TaskGroup() as NAME`, or a parameter of that type), and a future of an executor
+`async with asyncio.TaskGroup() as NAME`, also self.NAME, or a parameter of that type), and a future of an executor
 is kept.
 """
 
@@ -17,8 +17,6 @@ FUTURES = {"submit", "run_in_executor", "run_coroutine_threadsafe"}
 
 # "file: function" of what is made otherwise, with the reason.
 ALLOWED = {
-    "vgrd/cell/serving.py: request": "to be removed: the cell's part of this mending",
-    "vgrd/cell/measuring.py: _step": "to be removed: the cell's part of this mending",
     "vgrd/cell/recorder.py: _queue": "to be removed: the recorder's part of this mending",
     "vgrd/cell/advisor.py: _asked": "to be removed: the cell's part of this mending",
     "fakes/rtde.py: _serve": "awaited in the same function; kept to be cancelled from outside",
@@ -29,10 +27,13 @@ ALLOWED = {
 class Finder(ast.NodeVisitor):
     """Collects "function, line" of every spawn outside a TaskGroup."""
 
-    def __init__(self) -> None:
+    def __init__(self, tree: ast.Module) -> None:
         self.found: list[tuple[str, int]] = []
         self.functions: list[str] = []
         self.groups: list[set[str]] = [set()]
+        for node in ast.walk(tree):
+            if isinstance(node, ast.AsyncWith):
+                self.groups[0] |= {name for name in groups_of(node) if "." in name}
 
     def visit_FunctionDef(self, node: ast.FunctionDef | ast.AsyncFunctionDef) -> None:
         arguments = [*node.args.args, *node.args.kwonlyargs, *node.args.posonlyargs]
@@ -51,18 +52,14 @@ class Finder(ast.NodeVisitor):
         self.visit_FunctionDef(node)
 
     def visit_AsyncWith(self, node: ast.AsyncWith) -> None:
-        for item in node.items:
-            made = ast.unparse(item.context_expr)
-            if made.endswith("TaskGroup()") and isinstance(item.optional_vars, ast.Name):
-                self.groups[-1].add(item.optional_vars.id)
+        self.groups[-1] |= groups_of(node)
         self.generic_visit(node)
 
     def visit_Call(self, node: ast.Call) -> None:
         name = called(node)
         in_group = (
             isinstance(node.func, ast.Attribute)
-            and isinstance(node.func.value, ast.Name)
-            and node.func.value.id in self.groups[-1]
+            and ast.unparse(node.func.value) in self.groups[-1]
         )
         if name in CALLBACKS or (name in SPAWNS and not in_group):
             self.note(node)
@@ -77,6 +74,15 @@ class Finder(ast.NodeVisitor):
         self.found.append((self.functions[-1] if self.functions else "module", node.lineno))
 
 
+def groups_of(node: ast.AsyncWith) -> set[str]:
+    """Names of the task groups that a `with` opens; "self.tasks" holds in the whole module."""
+    return {
+        ast.unparse(item.optional_vars)
+        for item in node.items
+        if item.optional_vars and ast.unparse(item.context_expr).endswith("TaskGroup()")
+    }
+
+
 def called(node: ast.Call) -> str:
     if isinstance(node.func, ast.Attribute):
         return node.func.attr
@@ -84,8 +90,9 @@ def called(node: ast.Call) -> str:
 
 
 def find(source: str) -> list[tuple[str, int]]:
-    finder = Finder()
-    finder.visit(ast.parse(source))
+    tree = ast.parse(source)
+    finder = Finder(tree)
+    finder.visit(tree)
     return finder.found
 
 
@@ -130,6 +137,8 @@ def test_a_task_that_nobody_awaits_is_found(source: str) -> None:
         "async def f():\n async with asyncio.TaskGroup() as tasks: tasks.create_task(g())",
         "def f(tasks: asyncio.TaskGroup): tasks.create_task(g())",
         "async def f():\n await asyncio.gather(g(), h())",
+        "async def f():\n async with asyncio.TaskGroup() as self.a: pass\n"
+        "def g(): self.a.create_task(h())",
         "def f(): return self.pool.submit(g)",
         "async def f():\n await loop.run_in_executor(None, g)",
     ],
