@@ -65,6 +65,23 @@ the int16 block are those of FMT, always; `[serving] int16_scale` in the cell fi
 vgrd is not a safety function.
 """
 
+_CHANGES = """\
+## What changed for robot programs since 0.1
+
+The addresses are those of before.
+
+* Policy 3 (REQUESTED): registers 23-28 are written anew for each request, all six, after TRIG
+  changed the last time; else 103 with DETAIL 23. Coil 0 does not start it: 103 with DETAIL 3.
+* OPT b2 (use REQ_POSE) and bits without a meaning are refused with 103, DETAIL 3. They were ignored.
+* A coordinate too large for the int16 block is refused there alone (EC16_STATUS 602, EC16_SEQ odd),
+  not in all blocks. STATUS is 1 then and DETAIL the axis: who reads EC16 judges by EC16_STATUS.
+* FMT b8-15 tells the units of the int16 block in every answer, also beside sentinels.
+* ECHO and STATUS belong to the very request, even when its TRIG was used before for another point;
+  POINT and OBJECT are those that were asked.
+* A peer may hold eight connections. One more takes the place of one that never asked, or asked once,
+  or was silent for a second; one that polls is never given up.
+"""
+
 _DETAILS = (
     ("101", "CMD"),
     ("102", "POINT"),
@@ -96,6 +113,7 @@ def document() -> str:
     return "\n".join(
         [
             _INTRODUCTION,
+            _CHANGES,
             "## Request: holding registers 0-31",
             "",
             *_block_table(REQUEST, None),
