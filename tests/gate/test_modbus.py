@@ -386,6 +386,26 @@ def test_a_listed_robot_behind_a_crowd_of_strangers_is_let_in_after_a_few_turns(
         assert turns.server.connections == 1
 
 
+def test_a_socket_that_listens_already_is_served_with_a_queue_of_our_length(tmp_path):
+    clock = SystemClock()
+    feed = ImageFeed(tmp_path, clock)
+    desk = Desk(feed, clock, deadline_s=0.25, forward=lambda _: True, abort=lambda: None)
+
+    async def serve() -> None:
+        server = ModbusServer(desk, clock, LIMITS)
+        given = socket.create_server(("127.0.0.1", 0), backlog=1)
+        port = given.getsockname()[1]
+        assert await server.listen("127.0.0.1", port, given) == port
+        with contextlib.ExitStack() as stack:
+            for _ in range(50):
+                stack.enter_context(connect_from("127.0.0.1", port))
+            await asyncio.sleep(0.05)
+            assert server.counters["accepted"] == 50
+        server.close()
+
+    asyncio.run(serve())
+
+
 def test_without_descriptors_the_server_rests_and_accepts_again_later(turns, monkeypatch):
     class Short:
         """A listener in a process that has no descriptor left."""

@@ -61,11 +61,18 @@ class ModbusServer:
         self._listeners: list[socket.socket] = []
         self._resting: list[socket.socket] = []  # listeners, until there are descriptors again
 
-    async def listen(self, host: str, port: int) -> int:
-        """Open the port and return its number (`port` 0: a free one). Raises ServingError."""
+    async def listen(self, host: str, port: int, given: socket.socket | None = None) -> int:
+        """Open the port and return its number (`port` 0: a free one). Raises ServingError.
+
+        given: a socket that listens already, at that very address.
+        """
         try:
-            self._listeners = _listeners(host, port)
+            self._listeners = _listeners(host, port) if given is None else [given]
+            for listener in self._listeners:
+                listener.setblocking(False)
+                listener.listen(_BACKLOG)
         except OSError as error:
+            self.close()
             raise ServingError(
                 f"cannot serve Modbus on {host}:{port}: {_remedy(error)}"
             ) from error
@@ -158,19 +165,17 @@ class ModbusServer:
 
 
 def _listeners(host: str, port: int) -> list[socket.socket]:
-    """One listening socket per address of `host`. Raises OSError."""
+    """One bound socket per address of `host`. Raises OSError."""
     found = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM, flags=socket.AI_PASSIVE)
     made: list[socket.socket] = []
     try:
         for family, kind, protocol, _, address in dict.fromkeys(found):
             listener = socket.socket(family, kind, protocol)
             made.append(listener)
-            listener.setblocking(False)
             listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
             if family == socket.AF_INET6:
                 listener.setsockopt(socket.IPPROTO_IPV6, socket.IPV6_V6ONLY, 1)
             listener.bind(address)
-            listener.listen(_BACKLOG)
     except OSError:
         for listener in made:
             listener.close()
