@@ -478,6 +478,26 @@ class TestAgreement:
         assert bench.measuring.wishes == 2
 
 
+@pytest.mark.parametrize("moment", ["picture", "second"])
+def test_a_calibration_activated_during_a_request_ends_it(
+    bench: Bench, taught: Taught, moment: str
+) -> None:
+    """Neither the old one's coordinate nor its identity may come out afterwards."""
+    other = replace(taught.calibration, id="cal-000009")
+    turning = moment == "second"
+    bench.measuring.coming = [turned(taught, 0.3, 1000.21), turned(taught, 0.3, 1000.25)]
+    fresh = bench.measuring.fresh
+
+    async def switching(timeout_s: float, *, whole: bool = True) -> Sight:
+        sight = await fresh(timeout_s, whole=whole)
+        if whole is not turning:
+            bench.serving.use(other, 77)
+        return sight
+
+    bench.measuring.fresh = switching  # type: ignore[method-assign]
+    assert bench.ask().answer.status is Status.CALIBRATION_MISMATCH
+
+
 class Unforeseen(Exception):
     """A fault of ours."""
 

@@ -194,21 +194,29 @@ class Serving:
         self._settle(answer, basis)
 
     async def _answer(self, request: Request) -> tuple[Answer, Basis | None]:
-        fault = self.fault()
-        if fault is not None or self.calibration is None:
-            status = fault[0] if fault else Status.NOT_CALIBRATED
-            return reply(request, status), None
-        refusal = check_request(request, self.calibration)
+        """Answer a request with the calibration that is active when it comes, and still at its end."""
+        fault, calibration = self.fault(), self.calibration
+        if fault is not None or calibration is None:
+            return reply(request, fault[0] if fault else Status.NOT_CALIBRATED), None
+        refusal = check_request(request, calibration)
         if refusal is not None:
             return refusal, None
-        end_s = self.clock.monotonic() + PICTURE_SHARE * (
-            request.timeout_s or self.limits.timeout_s
-        )
+        timeout_s = request.timeout_s or self.limits.timeout_s
+        end_s = self.clock.monotonic() + PICTURE_SHARE * timeout_s
         sight = self._newest() if request.command == Command.EC_NEWEST else None
         sight = sight or await self._picture(end_s, whole=True)
-        calibration = self.calibration
-        if sight is None or calibration is None:
+        if sight is None:
             return reply(request, self._blind_status()), None
+        answer, basis = self._judge(request, calibration, sight)
+        doubt = None if basis is None else await self._doubt(basis, end_s)
+        if self.calibration is not calibration:  # another one was activated meanwhile
+            doubt = Status.CALIBRATION_MISMATCH
+        return (answer, basis) if doubt is None else (replace(answer, status=doubt), None)
+
+    def _judge(
+        self, request: Request, calibration: Calibration, sight: Sight
+    ) -> tuple[Answer, Basis | None]:
+        """What one picture says; a basis only for a coordinate."""
         now, wall = self.clock.monotonic(), self.clock.wall()
         answer, pose = answer_request(
             request, calibration, self.calibration_id, sight, self.limits, now, wall
@@ -216,9 +224,6 @@ class Serving:
         if pose is None or sight.tag_b is None or not answer.status.is_ok:
             return answer, None
         points = points_in_tag(calibration, pose, sight.tag_b)
-        doubt = await self._doubt(points, sight.stamp_s, sight.tag_b, end_s)
-        if doubt is not None:
-            return replace(answer, status=doubt), None
         return answer, Basis(pose, points, sight.tag_b, sight.stamp_s, sight.stamp_s)
 
     async def _picture(self, end_s: float, *, whole: bool) -> Sight | None:
@@ -237,19 +242,17 @@ class Serving:
             return None
         return sight
 
-    async def _doubt(
-        self, points: Array, stamp_s: float, tag_b: TagObservation, end_s: float
-    ) -> Status | None:
+    async def _doubt(self, basis: Basis, end_s: float) -> Status | None:
         """Why one picture is not enough; None when a second one shows the object at the same place."""
-        earlier = self._earlier(stamp_s)
-        if earlier is not None and agree(points, earlier, tag_b):
+        earlier = self._earlier(basis.stamp_s)
+        if earlier is not None and agree(basis.points, earlier, basis.tag_b):
             return None
         second = await self._picture(end_s, whole=False)
         if second is None:
             return self._blind_status()
         if second.tag_b is None:
             return Status.TAG_B_NOT_FOUND
-        moved_mm = displacement_mm(points, tag_b, second.tag_b)
+        moved_mm = displacement_mm(basis.points, basis.tag_b, second.tag_b)
         return None if moved_mm <= self.limits.moved_mm else Status.OBJECT_MOVED
 
     def _earlier(self, stamp_s: float) -> TagObservation | None:
