@@ -1,58 +1,92 @@
 """Runs the benchmarks: `python -m tests.benchmarks [NAME ...]`.
 
-Every module bench_*.py in this folder has `rows() -> list[Row]`. Prints a table, writes
-build/bench.json, ends with exit code 1 when a bar is not cleared.
+Every module bench_*.py in this folder has `rows()`, which returns or yields rows. Each runs in a process
+of its own and shows its rows as they come; build/bench.json is written with every row. Exit code 1
+when a bar is not cleared or a module failed.
 """
 
-import importlib
+import argparse
 import json
 import sys
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 
 from rich.console import Console
 from rich.table import Table
 
 from tests.benchmarks.harness import Row
+from tests.benchmarks.measuring import measure
 
 HERE = Path(__file__).parent
-RESULT = HERE.parents[1] / "build" / "bench.json"
+ROOT = HERE.parents[1]
+TIMEOUT_S = (
+    1800.0  # the slowest row takes minutes; with all pictures (VGRD_BENCH_SHARE=1) give more
+)
 
 
-def measure(names: list[str], console: Console) -> list[Row]:
-    """Rows of all benchmark modules, or of those whose file name holds one of `names`."""
-    rows: list[Row] = []
-    for path in sorted(HERE.glob("bench_*.py")):
-        if names and not any(name in path.stem for name in names):
-            continue
-        with console.status(path.stem):
-            rows += importlib.import_module(f"tests.benchmarks.{path.stem}").rows()
-    return rows
+def chosen(folder: Path, names: Sequence[str]) -> list[Path]:
+    """The modules of a folder whose file name holds one of `names`; all without names."""
+    paths = sorted(folder.glob("bench_*.py"))
+    return [path for path in paths if not names or any(name in path.stem for name in names)]
 
 
-def show(rows: list[Row], console: Console) -> None:
-    """Print the table."""
+def rows_of(paths: Iterable[Path], timeout_s: float, console: Console) -> Iterable[Row]:
+    """Rows of modules one after the other; says which one runs."""
+    for path in paths:
+        console.print(f"{path.stem} ...", style="dim")
+        package = "tests.benchmarks." if path.parent == HERE else ""
+        yield from measure(f"{package}{path.stem}", str(path.parent), timeout_s)
+
+
+def table_of(rows: Sequence[Row]) -> Table:
+    """The table of all rows."""
     table = Table("benchmark", "value", "bar", "unit", "", "measured")
     table.columns[0].no_wrap = True
     for column in (1, 2):
         table.columns[column].justify = "right"
     for row in rows:
-        value, bar = f"{row.value:.3g}", f"{row.relation} {row.bar:g}"
-        table.add_row(row.name, value, bar, row.unit, "ok" if row.ok else "MISSED", row.note)
-    console.print(table)
+        table.add_row(*cells_of(row))
+    return table
 
 
-def main(names: list[str]) -> int:
+def cells_of(row: Row) -> tuple[str, ...]:
+    """What the table shows of a row."""
+    if row.failure:
+        return row.name, "", "", "", "FAILED", row.failure
+    value, bar = f"{row.value:.3g}", f"{row.relation} {row.bar:g}"
+    return row.name, value, bar, row.unit, "ok" if row.ok else "MISSED", row.note
+
+
+def write(rows: Sequence[Row], result: Path) -> None:
+    """Write all rows so far; a run that is cut short keeps them."""
+    result.parent.mkdir(parents=True, exist_ok=True)
+    fresh = result.with_suffix(".part")
+    fresh.write_text(json.dumps([row.as_json() for row in rows], indent=2) + "\n")
+    fresh.replace(result)
+
+
+def main() -> int:
     """Measure, show, write; 0 when all bars are cleared."""
+    parser = argparse.ArgumentParser(prog="python -m tests.benchmarks")
+    parser.add_argument("names", nargs="*", help="parts of module names; all when none is given")
+    parser.add_argument("--folder", type=Path, default=HERE, help="where the modules are")
+    parser.add_argument("--result", type=Path, default=ROOT / "build" / "bench.json")
+    parser.add_argument("--timeout-s", type=float, default=TIMEOUT_S, help="longest for one row")
+    asked = parser.parse_args()
     console = Console()
-    rows = measure(names, console)
-    if not rows:
-        console.print(f"no benchmark is called {' or '.join(names)}")
+    paths = chosen(asked.folder.resolve(), asked.names)
+    if not paths:
+        console.print(f"no benchmark is called {' or '.join(asked.names)}")
         return 2
-    show(rows, console)
-    RESULT.parent.mkdir(exist_ok=True)
-    RESULT.write_text(json.dumps([row.as_json() for row in rows], indent=2) + "\n")
+    rows: list[Row] = []
+    for row in rows_of(paths, asked.timeout_s, console):
+        rows.append(row)
+        write(rows, asked.result)
+        line = "  ".join(filter(None, cells_of(row)))
+        console.print(f"  {line}", style=None if row.ok else "red", markup=False, soft_wrap=True)
+    console.print(table_of(rows))
     return 0 if all(row.ok for row in rows) else 1
 
 
 if __name__ == "__main__":
-    sys.exit(main(sys.argv[1:]))
+    sys.exit(main())

@@ -5,7 +5,7 @@ and 8 touches, 4 of them tilted, once with an exact arm and once with an arm who
 expected coordinate is that of a picture taken after the table has turned.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 from numpy.random import SeedSequence
@@ -49,12 +49,12 @@ ARMS = {"exact": EXACT_ARM, "field": ArmErrors(sigma_mm=0.03, field_mm=0.15)}
 REGIONS = ("TCP", "EC xy", "EC z")
 
 
-def rows() -> list[Row]:
+def rows() -> Iterator[Row]:
     """universal_vs_bound, hand_eye_vs_bound, and of both arms coverage_*, joint_*_vs_bound."""
-    out = [_universal(), _hand_eye()]
+    yield _universal()
+    yield _hand_eye()
     for name, arm in ARMS.items():
-        out += _joint(name, arm)
-    return out
+        yield from _joint(name, arm)
 
 
 def _universal() -> Row:

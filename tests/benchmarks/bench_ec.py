@@ -7,13 +7,12 @@ import tempfile
 import time
 from pathlib import Path
 
-from pyapriltags import Detector
-
 from fakes.layout import Layout
 from fakes.poses import retracted_pose
 from fakes.rehearsal import Rehearsal, facts_of
 from fakes.world import World
 from tests.benchmarks.harness import Row, ratio_of
+from tests.benchmarks.peers import Peer
 from vgrd.calibration.system import calibrate_system
 from vgrd.cell.answering import Limits, answer_request
 from vgrd.cell.measuring import Sight
@@ -37,7 +36,6 @@ def rows() -> list[Row]:
     facts, layout = calibration.facts, world.layout
     tags = [layout.tag_a, layout.tag_b]
     ours = TagDetector(facts.camera_matrix, facts.distortion, tags, facts.image_size_px)
-    bare = Detector(families="tag36h11", nthreads=1, quad_decimate=2.0)
     values = dict.fromkeys((field.name for field in REQUEST.fields), 0)
     request = Request.parse(REQUEST.encode(values | {"TRIG": 1, "CMD": 2, "POINT": 1}), nonce=1)
     limits = Limits(Policy.FIXED, 3.0, 2.0, 2.0, 0.3)
@@ -55,11 +53,8 @@ def rows() -> list[Row]:
         assert (answer.status, len(registers)) == (Status.OK, 136)
         return time.perf_counter() - start
 
-    def detected() -> float:
-        start = time.perf_counter()
-        assert len(bare.detect(pixels)) == 2
-        return time.perf_counter() - start
-
-    ratio, ours_s, bare_s = ratio_of(served, detected, ROUNDS)
+    with Peer("pyapriltags", nthreads=1, quad_decimate=2.0) as bare:
+        assert bare.keep(pixels) == 2
+        ratio, ours_s, bare_s = ratio_of(served, bare.seconds, ROUNDS)
     note = f"{1e3 * ours_s:.0f} ms against {1e3 * bare_s:.0f} ms, 12 MP, both tags, cold"
     return [Row.at_most("ec_vs_bare_detector", ratio, "x", BAR, note)]

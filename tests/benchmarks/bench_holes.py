@@ -29,9 +29,8 @@ WORST_MM, WORST_RATIO = 0.0005, 2.0
 NEES = 2.0
 
 
-def rows() -> list[Row]:
+def rows() -> Iterator[Row]:
     """hole_mm and hole_vs_bound for every tilt, hole_nees over all."""
-    result: list[Row] = []
     nees: list[float] = []
     for tilt in TILTS_DEG:
         rng = np.random.default_rng(100 + tilt)
@@ -48,13 +47,11 @@ def rows() -> list[Row]:
         rmse = _rms(errors)
         bound = float(np.sqrt(np.mean(bounds)))
         note = f"bound {1e6 * bound:.0f} nm, centre of the ellipse {_rms(ellipses):.4f} mm"
-        result += [
-            Row.at_most(f"hole_mm_tilt_{tilt}", rmse, "mm", WORST_MM, note),
-            Row.at_most(f"hole_vs_bound_tilt_{tilt}", rmse / bound, "x", WORST_RATIO, note),
-        ]
+        yield Row.at_most(f"hole_mm_tilt_{tilt}", rmse, "mm", WORST_MM, note)
+        yield Row.at_most(f"hole_vs_bound_tilt_{tilt}", rmse / bound, "x", WORST_RATIO, note)
     off = abs(float(np.mean(nees)) / NEES - 1)
     note = f"mean NEES {np.mean(nees):.3f} of {len(nees)}, dimension 2"
-    return [*result, Row.at_most("hole_nees_off", off, "", 0.1, note)]
+    yield Row.at_most("hole_nees_off", off, "", 0.1, note)
 
 
 def _pictures(rng: np.random.Generator, tilt_deg: float) -> Iterator[tuple[Pose, RegionPicture]]:

@@ -9,6 +9,7 @@ from collections.abc import Iterator
 
 from fakes.raw_modbus import RawModbus
 from tests.benchmarks.harness import Row, ratio_of
+from vgrd.orphans import dying_with_us
 
 ROUNDS = 15
 ROUND_S = 0.2
@@ -21,7 +22,7 @@ ANSWER_BYTES = 9 + 2 * 68
 def server(name: str) -> Iterator[RawModbus]:
     """Start one of the servers and connect to it."""
     argv = [sys.executable, "-m", "tests.benchmarks.modbus_servers", name]
-    process = subprocess.Popen(argv, stdout=subprocess.PIPE, text=True)
+    process = subprocess.Popen(dying_with_us(argv), stdout=subprocess.PIPE, text=True)
     try:
         assert process.stdout is not None
         with RawModbus("127.0.0.1", int(process.stdout.readline())) as client:

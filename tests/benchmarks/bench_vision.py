@@ -1,4 +1,4 @@
-"""Accuracy, self-knowledge and speed of tag vision, against the physical bound and against peers.
+"""Accuracy and self-knowledge of tag vision against the physical bound; peers are in bench_vision_peers.
 
 Every row draws pictures with known truth (`fakes.pictures`). VGRD_BENCH_SHARE scales the number of
 pictures; 1 (300 poses per accuracy row, 2,000 for covariance and flags, 10,000 for flips) takes hours,
@@ -6,71 +6,45 @@ the default takes minutes.
 """
 
 import os
-import time
-from collections.abc import Callable, Sequence
-from concurrent.futures import ProcessPoolExecutor
-from multiprocessing import get_context
-from pathlib import Path
+from collections.abc import Iterator, Sequence
 
-import cv2
 import numpy as np
-import pupil_apriltags
-import pyapriltags
 
 from fakes.optics import Optics
 from fakes.patterns import Figure, charuco_pattern, grid_pattern, tag_pattern
-from fakes.pictures import Band, Look, Placed, Spot, draw
-from tests.benchmarks.harness import Row, ratio_of
-from tests.benchmarks.vision_truth import NARROW, WIDE, Shot, corner_bound, random_pose, rms, shot
-from vgrd.geometry import Array, Pose
-from vgrd.geometry.camera import CameraModel
+from fakes.pictures import Band, Look, Spot
+from tests.benchmarks.harness import Row
+from tests.benchmarks.vision_truth import (
+    NARROW,
+    WIDE,
+    corner_bound,
+    measured,
+    random_pose,
+    rms,
+    shot,
+)
+from vgrd.geometry import Pose
 from vgrd.model import TagSpec
 from vgrd.vision.board_fit import charuco_raster, tag_board_raster
 from vgrd.vision.boards import Charuco
-from vgrd.vision.codes import dictionary_of, square_corners
-from vgrd.vision.planar import PlanarPose, is_ambiguous, planar_poses
+from vgrd.vision.planar import is_ambiguous
 from vgrd.vision.quality import disturbance
 from vgrd.vision.raster import Raster, tag_raster
-from vgrd.vision.refining import Refined, refine
-from vgrd.vision.tags import TagDetector
-from vgrd.vision.warp import lens_vector
 
 SHARE = float(os.environ.get("VGRD_BENCH_SHARE", "0.05"))
 TILTS = (0, 20, 40, 60)
-ROUGH_PX = 0.7  # error of the corners that a fit starts from
 
 
-def rows() -> list[Row]:
-    """All rows of tag vision."""
-    return [
-        *_accuracy(),
-        *_peers(),
-        *_target_errors(),
-        *_flips(),
-        *_self_knowledge(),
-        *_latency(),
-    ]
+def rows() -> Iterator[Row]:
+    """All rows of accuracy and self-knowledge."""
+    yield from _accuracy()
+    yield from _target_errors()
+    yield from _flips()
+    yield from _self_knowledge()
 
 
 def _count(full: int, least: int) -> int:
     return max(round(full * SHARE), least)
-
-
-def _measured(
-    seen: Shot, raster: Raster, pose: Pose, rng: np.random.Generator
-) -> tuple[Refined, list[PlanarPose], Array]:
-    """Refined corners, poses, and the true corners; from a rough start."""
-    corners = np.column_stack([raster.corners, np.zeros(4)])
-    true = seen.camera.project(pose.apply(corners))
-    rough = true + rng.normal(0, ROUGH_PX, (4, 2))
-    refined = refine(seen.pixels, raster, rough, lens_vector(seen.camera))
-    if refined is None:
-        raise AssertionError("a clean target was not measured")
-    return (
-        refined,
-        planar_poses(seen.camera, corners, refined.corners_px, refined.covariance),
-        true,
-    )
 
 
 def _ratio_to_bound(
@@ -85,43 +59,49 @@ def _ratio_to_bound(
     for k in range(poses):
         pose = random_pose(camera, rng, tilt)
         seen = shot(camera, figure, pose, rng)
-        _, found, true = _measured(seen, raster, pose, rng)
+        _, found, true = measured(seen, raster, pose, rng)
         errors.append(seen.camera.project(found[0].pose.apply(corners)) - true)
         if k < 3:
             bounds.append(np.trace(corner_bound(camera, figure, pose, corners, inside)) / 8)
     return rms(errors) / float(np.sqrt(np.mean(bounds))), rms(errors)
 
 
-def _accuracy() -> list[Row]:
+def _accuracy() -> Iterator[Row]:
     n = _count(300, 12)
-    small, large = [], []
-    for camera, size_mm, tilts, group in (
-        (NARROW, 10.0, TILTS, small),
-        (NARROW, 20.0, (20,), small),
-        (WIDE, 30.0, TILTS, small),
-        (NARROW, 32.0, (0, 20, 60), large),
-    ):
+    small = [(NARROW, 10.0, TILTS), (NARROW, 20.0, (20,)), (WIDE, 30.0, TILTS)]
+    yield _worst("vision_corner_over_bound", _tags_over_bound(small, n), 1.2, n)
+    large = [(NARROW, 32.0, (0, 20, 60))]
+    yield _worst("vision_corner_over_bound_700px", _tags_over_bound(large, n), 1.6, n)
+    yield _worst("vision_board_over_bound", _boards_over_bound(n), 1.3, n)
+
+
+def _tags_over_bound(
+    geometries: Sequence[tuple[Optics, float, Sequence[int]]], n: int
+) -> list[tuple[float, str]]:
+    """Ratio to the bound, and words, of tags of some sizes (mm) at some tilts (deg)."""
+    found = []
+    for camera, size_mm, tilts in geometries:
         tag = TagSpec("36h11", 7, size_mm)
         raster = tag_raster(tag.family, tag.id, tag.size_mm)
         for tilt in tilts:
             ratio, error = _ratio_to_bound(camera, tag_pattern(tag), raster, tilt, n, 100 + tilt)
             px = size_mm / 600 * camera.matrix[0, 0]
-            group.append((ratio, f"{px:.0f} px at {tilt}: {error:.4f} px"))
+            found.append((ratio, f"{px:.0f} px at {tilt}: {error:.4f} px"))
+    return found
+
+
+def _boards_over_bound(n: int) -> list[tuple[float, str]]:
     board = Charuco(5, 5, 4.0, 3.2, "apriltag_36h11")
     tags = [TagSpec("36h11", i, 9.0) for i in range(4)]
     grid = {tag: np.array([i % 2, i // 2]) * 11.0 for i, tag in enumerate(tags)}
-    boards = []
+    found = []
     for name, figure, raster in (
         ("ChArUco 5x5", charuco_pattern(board), charuco_raster(board)),
         ("2x2 tags", grid_pattern(tags, 2, 2.0), tag_board_raster(grid, 9 / 8)),
     ):
         ratio, error = _ratio_to_bound(NARROW, figure, raster, 20, n, 7)
-        boards.append((ratio, f"{name}: {error:.4f} px"))
-    return [
-        _worst("vision_corner_over_bound", small, 1.2, n),
-        _worst("vision_corner_over_bound_700px", large, 1.6, n),
-        _worst("vision_board_over_bound", boards, 1.3, n),
-    ]
+        found.append((ratio, f"{name}: {error:.4f} px"))
+    return found
 
 
 def _worst(name: str, found: Sequence[tuple[float, str]], bar: float, n: int) -> Row:
@@ -131,71 +111,6 @@ def _worst(name: str, found: Sequence[tuple[float, str]], bar: float, n: int) ->
     return Row.at_most(
         name, value, "x", bar, f"worst of {len(found)}: {note}; all {mean:.2f}; {n} each"
     )
-
-
-def _peers() -> list[Row]:
-    rng = np.random.default_rng(5)
-    tag = TagSpec("36h11", 7, 10.0)
-    raster = tag_raster(tag.family, tag.id, tag.size_mm)
-    errors: dict[str, list[Array]] = {}
-    finders = _peer_finders()
-    for _ in range(_count(300, 10)):
-        pose = random_pose(NARROW, rng, 20)
-        seen = shot(NARROW, tag_pattern(tag), pose, rng)
-        _, poses, true = _measured(seen, raster, pose, rng)
-        ours = seen.camera.project(poses[0].pose.apply(square_corners(tag.size_mm)))
-        errors.setdefault("ours", []).append(ours - true)
-        for name, find in finders.items():
-            corners = find(seen.pixels)
-            if corners is not None:
-                errors.setdefault(name, []).append(_in_order(corners, true) - true)
-    best = rms(errors["ours"])
-    opencv = min(rms(errors[name]) for name in finders if name.startswith("OpenCV"))
-    note = ", ".join(f"{name} {rms(found):.4f}" for name, found in errors.items()) + " px"
-    return [
-        Row.at_least("vision_vs_pyapriltags", rms(errors["pyapriltags"]) / best, "x", 4, note),
-        Row.at_least("vision_vs_pupil", rms(errors["pupil-apriltags"]) / best, "x", 15),
-        Row.at_least("vision_vs_opencv", opencv / best, "x", 100, "its best refinement, as it is"),
-    ]
-
-
-def _peer_finders() -> dict[str, Callable[[np.ndarray], Array | None]]:
-    """Corner finders of other libraries; those that count pixels from their rim are shifted by a half."""
-
-    def published(detector: object) -> Callable[[np.ndarray], Array | None]:
-        def find(pixels: np.ndarray) -> Array | None:
-            found = detector.detect(pixels)
-            return np.array(found[0].corners) - 0.5 if found else None
-
-        return find
-
-    def opencv(method: int) -> Callable[[np.ndarray], Array | None]:
-        parameters = cv2.aruco.DetectorParameters()
-        parameters.cornerRefinementMethod = method
-        detector = cv2.aruco.ArucoDetector(dictionary_of("36h11"), parameters)
-
-        def find(pixels: np.ndarray) -> Array | None:
-            corners, ids, _ = detector.detectMarkers(pixels)
-            return None if ids is None else np.array(corners[0], float).reshape(4, 2)
-
-        return find
-
-    return {
-        "pyapriltags": published(pyapriltags.Detector(families="tag36h11", quad_decimate=1.0)),
-        "pupil-apriltags": published(
-            pupil_apriltags.Detector(families="tag36h11", quad_decimate=1.0)
-        ),
-        "OpenCV NONE": opencv(cv2.aruco.CORNER_REFINE_NONE),
-        "OpenCV SUBPIX": opencv(cv2.aruco.CORNER_REFINE_SUBPIX),
-        "OpenCV CONTOUR": opencv(cv2.aruco.CORNER_REFINE_CONTOUR),
-        "OpenCV APRILTAG": opencv(cv2.aruco.CORNER_REFINE_APRILTAG),
-    }
-
-
-def _in_order(corners: Array, true: Array) -> Array:
-    """The same four corners, starting and turning as the true ones."""
-    turned = [np.roll(way, k, 0) for way in (corners, corners[::-1]) for k in range(4)]
-    return min(turned, key=lambda c: float(np.abs(c - true).sum()))
 
 
 def _target_errors() -> list[Row]:
@@ -231,7 +146,7 @@ def _target_error(look: Look, n: int) -> float:
             seen = shot(NARROW, tag_pattern(tag), pose, rng, look)
             raster = tag_raster(tag.family, tag.id, tag.size_mm)
             true.append(pose)
-            found.append(_measured(seen, raster, pose, rng)[1][0].pose)
+            found.append(measured(seen, raster, pose, rng)[1][0].pose)
         angle = rng.uniform(0, 2 * np.pi)
         target = np.array([40 * np.cos(angle), 40 * np.sin(angle), 0.0])
         off = found[0].inverse().apply(found[1].apply(target)) - true[0].inverse().apply(
@@ -253,7 +168,7 @@ def _flips() -> list[Row]:
     )
     for k in range(n):
         pose = random_pose(NARROW, rng, rng.uniform(0, 2 if k % 2 else 60))
-        _, poses, _ = _measured(shot(NARROW, tag_pattern(tag), pose, rng), raster, pose, rng)
+        _, poses, _ = measured(shot(NARROW, tag_pattern(tag), pose, rng), raster, pose, rng)
         unsure += is_ambiguous(poses)
         if len(poses) > 1 and not is_ambiguous(poses):
             flips += poses[1].pose.distance(pose)[1] < poses[0].pose.distance(pose)[1]
@@ -262,7 +177,7 @@ def _flips() -> list[Row]:
     ]
 
 
-def _self_knowledge() -> list[Row]:
+def _self_knowledge() -> Iterator[Row]:
     """Whether covariance and flags tell the truth."""
     rng = np.random.default_rng(23)
     tag = TagSpec("36h11", 7, 10.0)
@@ -270,25 +185,23 @@ def _self_knowledge() -> list[Row]:
     squares, flagged, n = [], 0, _count(2000, 60)
     for _ in range(n):
         pose = random_pose(NARROW, rng, rng.uniform(0, 60))
-        refined, poses, _ = _measured(shot(NARROW, tag_pattern(tag), pose, rng), raster, pose, rng)
+        refined, poses, _ = measured(shot(NARROW, tag_pattern(tag), pose, rng), raster, pose, rng)
         xi = (poses[0].pose @ pose.inverse()).log()
         squares.append(float(xi @ np.linalg.solve(poses[0].covariance, xi)))
         flagged += disturbance(refined) is not None
     off = abs(float(np.mean(squares)) / 6 - 1)
-    note = f"mean NEES {np.mean(squares):.2f} of 6, {n} pictures"
-    found = [
-        Row.at_most("vision_nees_off_by", off, "", 0.05, note),
-        Row.at_most("vision_clean_flagged", flagged / n, "", 0.01, f"{n} clean pictures"),
-    ]
+    error = np.sqrt(2 / (6 * n))  # of the mean of n chi-squares of 6, over 6
+    note = f"mean NEES {np.mean(squares):.2f} of 6, {n} pictures, standard error {error:.3f}"
+    yield Row.at_most("vision_nees_off_by", off, "", round(0.05 + 2 * error, 3), note)
+    yield Row.at_most("vision_clean_flagged", flagged / n, "", 0.01, f"{n} clean pictures")
     m = _count(1000, 20)
     for name, look in (("shadow", _shadow), ("glare", _glare), ("motion", _motion)):
         caught = 0
         for _ in range(m):
             pose = random_pose(NARROW, rng, rng.uniform(0, 45))
             seen = shot(NARROW, tag_pattern(tag), pose, rng, look(rng))
-            caught += disturbance(_measured(seen, raster, pose, rng)[0]) is not None
-        found.append(Row.at_least(f"vision_{name}_flagged", caught / m, "", 0.99, f"{m} pictures"))
-    return found
+            caught += disturbance(measured(seen, raster, pose, rng)[0]) is not None
+        yield Row.at_least(f"vision_{name}_flagged", caught / m, "", 0.99, f"{m} pictures")
 
 
 def _shadow(rng: np.random.Generator) -> Look:
@@ -302,55 +215,3 @@ def _glare(rng: np.random.Generator) -> Look:
 
 def _motion(rng: np.random.Generator) -> Look:
     return Look(motion_px=rng.uniform(3, 6), motion_rad=rng.uniform(0, np.pi))
-
-
-def _latency() -> list[Row]:
-    """One picture of 12 MP with two tags: ours, cold and tracking, against pyapriltags on all of it."""
-    rng = np.random.default_rng(3)
-    tags = [TagSpec("36h11", 7, 15.0), TagSpec("36h11", 11, 10.0)]
-    places = [Pose(random_pose(NARROW, rng, 20, 0.0).rotation, (x, 5.0, 600.0)) for x in (-40, 35)]
-    scene = draw(NARROW, [Placed(tag_pattern(t), p) for t, p in zip(tags, places, strict=True)])
-    width, height = NARROW.size_px
-    clutter = cv2.resize(rng.uniform(70, 120, (48, 64)).astype(np.float32), (width, height))
-    for _ in range(250):
-        corner, size = rng.integers(0, [width, height]), int(rng.integers(20, 200))
-        quad = (corner + rng.integers(-size, size, (4, 2))).astype(np.int32)
-        cv2.fillConvexPoly(clutter, quad, float(rng.uniform(30, 180)))
-    picture = np.clip(clutter + rng.normal(0, 1.5, clutter.shape), 0, 255).astype(np.uint8)
-    picture[scene.region.slices] = scene.pixels
-    camera = CameraModel(NARROW.matrix, NARROW.distortion, NARROW.size_px)
-    bare = pyapriltags.Detector(families="tag36h11", nthreads=2, quad_decimate=1.0)
-    with TagDetector(camera.matrix, camera.distortion, tags, camera.size_px) as detector:
-        last = detector.detect(picture)
-
-        def timed(work: Callable[[], object]) -> Callable[[], float]:
-            def once() -> float:
-                start = time.perf_counter()
-                work()
-                return time.perf_counter() - start
-
-            return once
-
-        if sorted(last) != [7, 11]:
-            raise AssertionError("the benchmark's tags were not found")
-        cold = timed(lambda: detector.detect(picture))
-        tracking = timed(lambda: detector.detect(picture, last))
-        peer = timed(lambda: bare.detect(picture))
-        found = []
-        for name, ours, bar in (("cold", cold, 30.0), ("tracking", tracking, 100.0)):
-            ratio, peer_s, ours_s = ratio_of(peer, ours, 5)
-            note = f"{1e3 * ours_s:.1f} ms against {1e3 * peer_s:.0f} ms"
-            found.append(Row.at_least(f"vision_{name}_vs_pyapriltags", ratio, "x", bar, note))
-    with ProcessPoolExecutor(1, get_context("spawn")) as fresh:
-        used = fresh.submit(_peak_mib, camera, tags, picture).result()
-    found.append(Row.at_most("vision_memory", used, "MiB", 400.0, "peak of a process of its own"))
-    return found
-
-
-def _peak_mib(camera: CameraModel, tags: list[TagSpec], picture: np.ndarray) -> float:
-    """Peak memory of this process after it measured a picture cold and tracking."""
-    with TagDetector(camera.matrix, camera.distortion, tags, camera.size_px) as detector:
-        detector.detect(picture, detector.detect(picture))
-    status = Path("/proc/self/status").read_text()  # getrusage would count the parent's
-    (peak,) = (line.split()[1] for line in status.splitlines() if line.startswith("VmHWM"))
-    return int(peak) / 1024

@@ -1,8 +1,10 @@
 """What a benchmark module uses: a row of the table, and a fair comparison of two things."""
 
+import math
+import signal
 import statistics
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from typing import Literal, Self
 
 
@@ -10,7 +12,7 @@ from typing import Literal, Self
 class Row:
     """One figure and the bar it has to clear; times are ratios measured side by side in one run.
 
-    note: the absolute figures behind it, for the printed table only.
+    note: the absolute figures behind it, for the printed table only. failure: why there is no figure.
     """
 
     name: str
@@ -18,8 +20,9 @@ class Row:
     unit: str
     bar: float
     ok: bool
-    relation: Literal[">=", "<="]
+    relation: Literal[">=", "<=", ""]
     note: str = ""
+    failure: str = ""
 
     @classmethod
     def at_least(cls, name: str, value: float, unit: str, bar: float, note: str = "") -> Self:
@@ -31,14 +34,29 @@ class Row:
         """Less is better."""
         return cls(name, value, unit, bar, value <= bar, "<=", note)
 
+    @classmethod
+    def failed(cls, name: str, failure: str) -> Self:
+        """A figure, or all figures of a module, that could not be measured."""
+        return cls(name, math.nan, "", math.nan, ok=False, relation="", failure=failure)
+
     def as_json(self) -> dict[str, object]:
-        """Entry of build/bench.json."""
+        """Entry of build/bench.json; one that failed has no value and says why."""
+        if self.failure:
+            return {"name": self.name, "value": None, "ok": False, "failure": self.failure}
         return {
             "name": self.name,
             "value": round(self.value, 6),
             "unit": self.unit,
             "bar": self.bar,
             "ok": self.ok,
+        }
+
+    def as_message(self) -> dict[str, object]:
+        """All fields; `Row(**message)` takes them back."""
+        return asdict(self) | {
+            "value": float(self.value),
+            "bar": float(self.bar),
+            "ok": bool(self.ok),
         }
 
 
@@ -54,3 +72,8 @@ def ratio_of(
     pairs = [(ours(), peers()) for _ in range(rounds)]
     ratio = statistics.median(a / b for a, b in pairs)
     return ratio, statistics.median(a for a, _ in pairs), statistics.median(b for _, b in pairs)
+
+
+def ending(code: int) -> str:
+    """An exit code in words."""
+    return f"ended by {signal.Signals(-code).name}" if code < 0 else f"ended with exit code {code}"

@@ -11,9 +11,14 @@ from fakes.pictures import Look, Placed, clean_levels, draw, pinhole
 from fakes.sensor import Region
 from vgrd.geometry import Array, Pose
 from vgrd.geometry.camera import CameraModel
+from vgrd.vision.planar import PlanarPose, planar_poses
+from vgrd.vision.raster import Raster
+from vgrd.vision.refining import Refined, refine
+from vgrd.vision.warp import lens_vector
 
 DISTORTION = np.array([-0.08, 0.10, 2e-4, -1e-4])
 DEPTH_MM = 600.0
+ROUGH_PX = 0.7  # error of the corners that a fit starts from
 
 
 def camera_of(focal_px: float, size_px: tuple[int, int]) -> Optics:
@@ -124,3 +129,20 @@ def _inside(camera: Optics, pose: Pose, region: Region, inside: Array) -> Array:
 def rms(errors: Sequence[Array]) -> float:
     """Root mean square of all numbers."""
     return float(np.sqrt(np.mean(np.square(np.array(errors)))))
+
+
+def measured(
+    seen: Shot, raster: Raster, pose: Pose, rng: np.random.Generator
+) -> tuple[Refined, list[PlanarPose], Array]:
+    """Refined corners, poses, and the true corners; from a rough start."""
+    corners = np.column_stack([raster.corners, np.zeros(4)])
+    true = seen.camera.project(pose.apply(corners))
+    rough = true + rng.normal(0, ROUGH_PX, (4, 2))
+    refined = refine(seen.pixels, raster, rough, lens_vector(seen.camera))
+    if refined is None:
+        raise AssertionError("a clean target was not measured")
+    return (
+        refined,
+        planar_poses(seen.camera, corners, refined.corners_px, refined.covariance),
+        true,
+    )

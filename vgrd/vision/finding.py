@@ -22,6 +22,7 @@ _LEAST_REGION_PX = 16
 _CELL_PX = 6  # of the straightened tag that is read
 _LEAST_CONTRAST = 12.0  # grey levels between ink and paper
 _LEAST_SIDE_PX = 6.0
+_LEAST_PICTURE_PX = 8  # a tag of 6 px and its white rim; pyapriltags crashes on pictures less than 3 px high
 _PUBLISHED_BY_LIBRARY = ("16h5", "25h9", "36h11")
 
 
@@ -183,7 +184,7 @@ def read_cells(grey: Grey, corners_px: Array, cells: int) -> Array:
 def _pyramid(grey: Grey) -> list[tuple[int, Grey]]:
     """The picture and its halvings down to the coarse width, with their scales, finest first."""
     levels, scale = [(1, grey)], 1
-    while grey.shape[1] > _COARSE_WIDTH_PX:
+    while grey.shape[1] > _COARSE_WIDTH_PX and grey.shape[0] >= 2 * _LEAST_PICTURE_PX:
         half = (grey.shape[1] // 2, grey.shape[0] // 2)
         even = grey[: 2 * half[1], : 2 * half[0]]
         grey = np.asarray(cv2.resize(even, half, interpolation=cv2.INTER_AREA), np.uint8)
@@ -197,7 +198,7 @@ def _candidates(level: Grey, family: str, *, thorough: bool) -> Iterable[tuple[i
     for marker, quad in zip([] if ids is None else np.ravel(ids), corners, strict=True):
         square = np.asarray(quad, dtype=np.float64).reshape(4, 2)
         yield int(marker), square[[2, 3, 0, 1]] if family in APRILTAG_FAMILIES else square
-    if thorough and family in _PUBLISHED_BY_LIBRARY:
+    if thorough and family in _PUBLISHED_BY_LIBRARY and min(level.shape) >= _LEAST_PICTURE_PX:
         for tag in _apriltag(family).detect(level):
             # The library starts at (-,+) and counts pixels from their rim.
             yield tag.tag_id, np.asarray(tag.corners, dtype=np.float64)[[3, 2, 1, 0]] - 0.5
