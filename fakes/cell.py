@@ -21,6 +21,9 @@ from fakes.world import World
 CAMERA_PACKET_BYTES = 16000
 SNAPSHOT_RING = "world.ring"
 SNAPSHOT_PERIOD_S = 0.004
+START_TIMEOUT_S = (
+    60.0  # of a thread; takes milliseconds unless the machine has far more to do than it can
+)
 
 
 def free_port(host: str = "127.0.0.1") -> int:
@@ -58,7 +61,8 @@ class FakeCell:
             undo.callback(self._snapshots.close)
             self._publish()
             self._thread.start()
-            self._ready.wait(10)
+            if not self._ready.wait(START_TIMEOUT_S):
+                raise TimeoutError(f"the controller did not start within {START_TIMEOUT_S:.0f} s")
             if self._error is not None:
                 raise self._error
             settings = self._start_camera(undo)
@@ -76,7 +80,7 @@ class FakeCell:
             if self._controller is not None:
                 act(self._controller)
 
-        asyncio.run_coroutine_threadsafe(perform(), self._loop).result(timeout=5.0)
+        asyncio.run_coroutine_threadsafe(perform(), self._loop).result(START_TIMEOUT_S)
 
     def unplug_camera(self) -> None:
         """Take the camera off the network; LookupError where it is no process of its own."""

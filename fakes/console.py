@@ -1,4 +1,7 @@
-"""Lines typed at a running fake: `freeze on`, `drop rst`, ...; each is answered by one line."""
+"""Lines typed at a running fake: `freeze on`, `drop rst`, ...; each is answered by one line.
+
+Actions are known by how they are typed, `turn DEGREES`: the first word chooses, the others are given to it.
+"""
 
 import asyncio
 import signal
@@ -31,9 +34,9 @@ def word(words: Sequence[str], *choices: str) -> str:
 
 
 async def until_stopped(ready: str, actions: Mapping[str, Action]) -> None:
-    """Print `ready`, obey lines of standard input, return at Ctrl-C or SIGTERM."""
+    """Print `ready`, obey lines of standard input; return at Ctrl-C, SIGTERM or a closed terminal."""
     loop, stop = asyncio.get_running_loop(), asyncio.Event()
-    for number in (signal.SIGINT, signal.SIGTERM):
+    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
         loop.add_signal_handler(number, stop.set)
 
     def read_lines() -> None:
@@ -46,10 +49,16 @@ async def until_stopped(ready: str, actions: Mapping[str, Action]) -> None:
     await stop.wait()
 
 
+def what_can_be_typed(actions: Mapping[str, Action]) -> str:
+    """All lines, as the user types them."""
+    return ", ".join(sorted([*actions, "help"]))
+
+
 def _obey(words: Sequence[str], actions: Mapping[str, Action]) -> None:
-    action = actions.get(words[0])
+    action = {usage.split()[0]: action for usage, action in actions.items()}.get(words[0])
     if action is None:
-        print(f"unknown: {words[0]}; known: {', '.join(sorted(actions))}", flush=True)
+        unknown = "" if words[0] == "help" else f"unknown: {words[0]}; "
+        print(f"{unknown}known: {what_can_be_typed(actions)}", flush=True)
         return
     try:
         action(words[1:])

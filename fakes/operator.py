@@ -26,12 +26,18 @@ from vgrd.ipc.control import ControlClient
 SETTLE_S = 0.1
 LIFT_MM = 30.0
 SPEED_MM_S, TURN_RAD_S = 700.0, 3.0  # a brisk cell: nobody wants to wait for a simulated arm
-PRESSES, PRESS_AGAIN_S = 4, 0.3
+PRESSES, PRESS_AGAIN_S = 20, 0.3
+REPLY_TIMEOUT_S = 60.0  # a sample needs two pictures; on a busy machine each may take seconds
+# The daemon asks to wait and try again; nothing has happened yet.
+PASSING = ("NotSteady", "TooOld", "DeviceUnavailable")
 Step = Callable[[], None]
 
 
 class Operator:
-    """Teaches a cell; `seen` counts in how many samples of each kind each tag was in view."""
+    """Teaches a cell; `seen` counts in how many samples of each kind each tag was in view.
+
+    `repeats` counts the buttons that were pressed again because the daemon asked to wait.
+    """
 
     def __init__(self, world: World, control: ControlClient, seed: int) -> None:
         self.world = world
@@ -39,10 +45,19 @@ class Operator:
         self.seed = seed
         self.seen: Counter[tuple[str, str]] = Counter()
         self.taught: Counter[str] = Counter()
+        self.repeats = 0
 
     def press(self, op: str, **arguments: object) -> dict[str, Any]:
-        """Give a command and return its result."""
-        return dict(self.control.call(op, timeout_s=20.0, **arguments))
+        """Give a command and return its result; pressed again where the daemon asks to wait."""
+        for _ in range(PRESSES - 1):
+            try:
+                return dict(self.control.call(op, timeout_s=REPLY_TIMEOUT_S, **arguments))
+            except ControlError as refusal:
+                if refusal.error not in PASSING:
+                    raise
+                self.repeats += 1
+                time.sleep(PRESS_AGAIN_S)
+        return dict(self.control.call(op, timeout_s=REPLY_TIMEOUT_S, **arguments))
 
     def looks(self, count: int) -> list[Step]:
         """Hand-eye samples from varied wrists."""
@@ -110,21 +125,10 @@ class Operator:
         self.jog(Pose(pose.rotation, pose.translation + away))
 
     def _sample(self, op: str, **arguments: str) -> None:
-        reply = self._press_until_still(op, **arguments)
+        reply = self.press(op, **arguments)
         self.taught[op] += 1
         for tag in reply["tags"]:
             self.seen[op, tag] += 1
-
-    def _press_until_still(self, op: str, **arguments: str) -> dict[str, Any]:
-        """Press again where the daemon asks to wait, as a person does."""
-        for _ in range(PRESSES - 1):
-            try:
-                return self.press(op, **arguments)
-            except ControlError as refusal:
-                if refusal.error not in ("NotSteady", "TooOld"):
-                    raise
-                time.sleep(PRESS_AGAIN_S)
-        return self.press(op, **arguments)
 
     @staticmethod
     def _wait(arrival_s: float) -> None:

@@ -52,7 +52,8 @@ class Report:
             table.add_row(title, f"{np.median(values):.3f}", f"{np.max(values):.3f}")
         self.console.print(table)
         self.console.print(
-            f"requests that stopped the program and were made again: {self.shown.repeats}"
+            f"requests that stopped the program and were made again: {self.shown.repeats}; "
+            f"buttons that the operator pressed again: {self.shown.presses}"
         )
         error = true_tip_error_mm(layout, calibration_file)
         words = "unknown to this method" if error is None else f"{error:.3f} mm off the true one"

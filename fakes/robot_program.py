@@ -20,13 +20,18 @@ POLL_S = 0.01
 HEARTBEAT_LOST_S = 0.5
 ANSWER_TIMEOUT_S = 5.0
 APPROACH_MM = 25.0
+LINK_TIMEOUT_S = 1.0
 # What passes by itself on a busy machine: the program stops, goes back and asks again.
 PASSING = (
-    Status.GRAB_TIMEOUT,
     Status.TIMEOUT,
+    Status.CAMERA_OFFLINE,
+    Status.GRAB_TIMEOUT,
     Status.IMAGE_TOO_OLD,
     Status.ROBOT_OFFLINE,
+    Status.POSE_STALE,
+    Status.ROBOT_MOVING,
     Status.INTERNAL_ERROR,
+    Status.STARTING,
 )
 
 
@@ -38,6 +43,11 @@ class Stopped(Exception):
         self.status = status
         self.at_s = time.monotonic()
         super().__init__(reason)
+
+    @property
+    def passes(self) -> bool:
+        """It may pass by itself: no link, no heartbeat, no answer, or one of `PASSING`."""
+        return self.status is None or self.status in PASSING
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -51,11 +61,14 @@ class Reply:
 
 
 class RobotProgram:
-    """One robot with one connection to the registers."""
+    """One robot with one connection to the registers; `repeats` counts the requests that it made again."""
 
-    def __init__(self, world: World, host: str, port: int) -> None:
+    def __init__(
+        self, world: World, host: str, port: int, link_timeout_s: float = LINK_TIMEOUT_S
+    ) -> None:
         self.world = world
-        self.client: Any = ModbusTcpClient(host, port=port, timeout=1, retries=0)
+        self.repeats = 0
+        self.client: Any = ModbusTcpClient(host, port=port, timeout=link_timeout_s, retries=0)
         self.trigger = int(time.monotonic() * 10) % 30000
         self._beat = (-1, 0.0)
 
@@ -68,9 +81,13 @@ class RobotProgram:
 
     def read(self) -> dict[str, float]:
         """Read the whole response block at once; Stopped when the link or the heartbeat is gone."""
-        values = RESPONSE.decode(self.block())
+        values = self.view()
         self._watch_beat(int(values["HB"]))
         return values
+
+    def view(self) -> dict[str, float]:
+        """Read the whole response block at once, whatever the heartbeat; Stopped when the link is gone."""
+        return RESPONSE.decode(self.block())
 
     def block(self) -> bytes:
         """Bytes of the response block, in one read; Stopped when the link is gone."""
@@ -122,6 +139,18 @@ class RobotProgram:
         if written.isError():
             raise Stopped(f"the request was refused: {written}")
         return asked_s
+
+    def ask_until_good(self, point: int, within_s: float, pause_s: float = 0.05) -> Reply:
+        """Ask again as long as the reason may pass by itself, at most `within_s`; then Stopped."""
+        end_s = time.monotonic() + within_s
+        while True:
+            try:
+                return self.ask(point)
+            except Stopped as stop:
+                if not stop.passes or time.monotonic() > end_s:
+                    raise
+                self.repeats += 1
+                time.sleep(pause_s)
 
     def touch(self, reply: Reply) -> None:
         """Go to the coordinate by way of an approach above it, watching the answer on the way."""

@@ -50,12 +50,16 @@ def pictures(snapshots: Path | None, layout: Layout | None = None) -> Draw:
     reader, clock = RingReader.open(snapshots, KIND), SystemClock()
 
     def draw(region: Region | None) -> Picture:
-        try:
-            message = reader.wait_newer(reader.index, _WAIT_S, clock)
-        except IpcError as error:
-            raise TimeoutError(str(error)) from error
-        if message is None:
-            raise TimeoutError(f"{snapshots}: the world has stopped")
-        return renderer.render(WorldSnapshot.from_json(message.payload), region)
+        asked_s = clock.monotonic()
+        while True:
+            try:
+                message = reader.wait_newer(reader.index, _WAIT_S, clock)
+            except IpcError as error:
+                raise TimeoutError(str(error)) from error
+            if message is None:
+                raise TimeoutError(f"{snapshots}: the world has stopped")
+            # On a busy machine a snapshot of before may be published after.
+            if message.stamp_s >= asked_s:
+                return renderer.render(WorldSnapshot.from_json(message.payload), region)
 
     return draw

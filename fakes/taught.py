@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Self
 
 from fakes.cell import FakeCell, free_port
-from fakes.daemon import Daemon
+from fakes.daemon import Daemon, has_devices
 from fakes.layout import Layout
 from fakes.operator import SPEED_MM_S, TURN_RAD_S, Operator
 from fakes.poses import retracted_pose
@@ -20,6 +20,7 @@ from vgrd.model import Calibration
 from vgrd.store.calibrations import CalibrationStore
 
 SEED = 1
+LINK_TIMEOUT_S = 60.0  # a test judges how long an answer of the gate took; it does not hang up
 
 
 def rehearse(folder: Path) -> Calibration:
@@ -57,7 +58,7 @@ class TaughtCell:
 
     def program(self) -> RobotProgram:
         """A robot program, not connected yet."""
-        return RobotProgram(self.world, "127.0.0.1", self.port)
+        return RobotProgram(self.world, "127.0.0.1", self.port, LINK_TIMEOUT_S)
 
     def operator(self, daemon: Daemon) -> Operator:
         """Somebody who teaches this cell."""
@@ -76,9 +77,9 @@ class TaughtCell:
         now = time.monotonic()
         arrival = self.world.move_flange(retracted_pose(), now)
         arrival = max(arrival, self.world.turn_table(0.0, now))
-        daemon.wait_until(lambda status: status["robot"] == "ok" and status["camera"] == "ok")
+        daemon.wait_until(has_devices)
         with contextlib.suppress(ControlError):
-            daemon.control.call("record.stop")
-        daemon.control.call("confirm")
+            daemon.call("record.stop")
+        daemon.confirm()
         time.sleep(max(0.0, arrival - time.monotonic()) + 0.1)
         daemon.wait_until(lambda status: bool(status["serving"] and status["tag_b_seen"]))

@@ -61,8 +61,10 @@ class Arm:
 
         return {
             "reset": reset,
-            "pose": lambda words: self.place(numbers(words, 6)),
-            "tcp": lambda words: self.mount(numbers(words, 6)),
-            "circle": lambda words: setattr(self, "radius_mm", numbers(words, 1)[0]),
-            "inputs": lambda words: setattr(self, "digital_inputs", int(numbers(words, 1)[0])),
+            "pose X Y Z RX RY RZ": lambda words: self.place(numbers(words, 6)),
+            "tcp X Y Z RX RY RZ": lambda words: self.mount(numbers(words, 6)),
+            "circle RADIUS": lambda words: setattr(self, "radius_mm", numbers(words, 1)[0]),
+            "inputs NUMBER": lambda words: setattr(
+                self, "digital_inputs", int(numbers(words, 1)[0])
+            ),
         }

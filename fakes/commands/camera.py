@@ -6,7 +6,7 @@ from typing import Annotated
 
 import typer
 
-from fakes.console import Action, numbers, switch, until_stopped
+from fakes.console import Action, numbers, switch, until_stopped, what_can_be_typed
 from fakes.gige_camera import GigeCamera
 from fakes.layout import Layout
 from fakes.scene import pictures
@@ -15,10 +15,10 @@ from fakes.scene import pictures
 def _actions(camera: GigeCamera) -> dict[str, Action]:
     faults = camera.faults
     return {
-        "freeze": lambda words: setattr(faults, "freeze", switch(words)),
-        "lost": lambda words: setattr(faults, "lost", numbers(words, 1)[0]),
-        "resend": lambda words: setattr(faults, "resend", switch(words)),
-        "repeat": lambda words: setattr(faults, "repeat", switch(words)),
+        "freeze on|off": lambda words: setattr(faults, "freeze", switch(words)),
+        "lost SHARE": lambda words: setattr(faults, "lost", numbers(words, 1)[0]),
+        "resend on|off": lambda words: setattr(faults, "resend", switch(words)),
+        "repeat on|off": lambda words: setattr(faults, "repeat", switch(words)),
     }
 
 
@@ -26,7 +26,7 @@ async def _serve(host: str, snapshots: Path | None) -> None:
     layout = Layout()
     with GigeCamera(pictures(snapshots, layout), host, layout.optics.size_px) as camera:
         actions = _actions(camera)
-        ready = f"GigE Vision camera at {host}; type: {', '.join(sorted(actions))}"
+        ready = f"GigE Vision camera at {host}; type: {what_can_be_typed(actions)}"
         await until_stopped(ready, actions)
 
 

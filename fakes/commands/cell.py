@@ -12,7 +12,7 @@ from rich.console import Console
 
 from fakes.cell import FakeCell
 from fakes.commands.demo import set_up_table
-from fakes.console import Action, numbers, until_stopped, word
+from fakes.console import Action, numbers, until_stopped, what_can_be_typed, word
 from fakes.daemon import Daemon
 from fakes.layout import Layout
 from fakes.operator import SPEED_MM_S, TURN_RAD_S, Operator
@@ -46,7 +46,8 @@ def main(
         console.print(f"registers on 127.0.0.1:{port}, map in docs/registers.md")
         console.print(f"vgrd status --config {cell.cell_file}")
         actions = world_actions(world)
-        asyncio.run(until_stopped(f"type: {', '.join(sorted(actions))}; Ctrl-C ends", actions))
+        ready = f"type: {what_can_be_typed(actions)}; Ctrl-C ends"
+        asyncio.run(until_stopped(ready, actions))
 
 
 def _teach_once(console: Console, world: World, daemon: Daemon, port: int) -> None:
@@ -83,9 +84,9 @@ def world_actions(world: World) -> dict[str, Action]:
         print(f"true tip minus {name}: {off.round(3).tolist()} mm", flush=True)
 
     return {
-        "turn": lambda words: turn(numbers(words, 1)),
-        "flange": lambda words: flange(numbers(words, 6)),
-        "tcp": lambda words: tcp(numbers(words, 6)),
-        "cover": lambda words: cover(word(words, "a", "b", "none")),
-        "miss": lambda words: miss(word(words, *world.targets)),
+        "turn DEGREES": lambda words: turn(numbers(words, 1)),
+        "flange X Y Z RX RY RZ": lambda words: flange(numbers(words, 6)),
+        "tcp X Y Z RX RY RZ": lambda words: tcp(numbers(words, 6)),
+        "cover a|b|none": lambda words: cover(word(words, "a", "b", "none")),
+        "miss TARGET": lambda words: miss(word(words, *world.targets)),
     }

@@ -48,6 +48,9 @@ def main(
     except VgrdError as error:
         console.print(f"the daemon refused: {error}", style="bold red")
         good = False
+    except TimeoutError as error:
+        console.print(str(error), style="bold red", markup=False)
+        good = False
     sys.exit(0 if good else 1)
 
 
@@ -75,6 +78,7 @@ def _perform(
             if faults:
                 show.faults()
             stop_s = daemon.stop()
+            show.shown.presses = operator.repeats
     sessions = place / "state" / "sessions"
     teaching, asking = sessions / "teaching", sessions / "requests"
     by_method = misses_by_method(world, teaching, asking, show.shown.requests)

@@ -8,7 +8,7 @@ import typer
 
 from drivers import robot_profile
 from fakes.commands.arm import Arm
-from fakes.console import Action, switch, until_stopped
+from fakes.console import Action, switch, until_stopped, what_can_be_typed
 from fakes.modbus_robot import ModbusFaults, ModbusRobotServer
 
 
@@ -21,8 +21,8 @@ def _actions(arm: Arm, server: ModbusRobotServer) -> dict[str, Action]:
 
     return still | {
         "reset": reset,
-        "silent": lambda words: setattr(server.faults, "silent", switch(words)),
-        "refuse": lambda words: setattr(server.faults, "refuse", switch(words)),
+        "silent on|off": lambda words: setattr(server.faults, "silent", switch(words)),
+        "refuse on|off": lambda words: setattr(server.faults, "refuse", switch(words)),
     }
 
 
@@ -30,7 +30,7 @@ async def _serve(arm: Arm, profile: str, host: str, port: int) -> None:
     loaded = robot_profile.load(profile)
     async with ModbusRobotServer(arm.state, loaded, host, port) as server:
         actions = _actions(arm, server)
-        ready = f"{loaded.name} at {host}:{port}; type: {', '.join(sorted(actions))}"
+        ready = f"{loaded.name} at {host}:{port}; type: {what_can_be_typed(actions)}"
         await until_stopped(ready, actions)
 
 

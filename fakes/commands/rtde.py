@@ -7,7 +7,7 @@ from typing import Annotated
 import typer
 
 from fakes.commands.arm import Arm
-from fakes.console import Action, numbers, switch, until_stopped, word
+from fakes.console import Action, numbers, switch, until_stopped, what_can_be_typed, word
 from fakes.rtde import PORT, RtdeFaults, RtdeServer
 
 
@@ -20,7 +20,9 @@ def _actions(arm: Arm, server: RtdeServer) -> dict[str, Action]:
         "nan": "not_a_number",
     }
     flags: dict[str, Action] = {
-        name: lambda words, attribute=attribute: setattr(server.faults, attribute, switch(words))  # type: ignore[misc]
+        f"{name} on|off": lambda words, attribute=attribute: setattr(
+            server.faults, attribute, switch(words)
+        )  # type: ignore[misc]
         for name, attribute in switches.items()
     }
     still = arm.actions()
@@ -34,11 +36,11 @@ def _actions(arm: Arm, server: RtdeServer) -> dict[str, Action]:
         | flags
         | {
             "reset": reset,
-            "late": lambda words: setattr(server.faults, "late_s", numbers(words, 1)[0]),
-            "clock": lambda words: setattr(server.faults, "clock_s", numbers(words, 1)[0]),
-            "drop": lambda words: server.drop(reset=word(words, "fin", "rst") == "rst"),
-            "text": lambda words: server.send_text(" ".join(words)),
-            "missing": lambda words: setattr(server.faults, "missing", frozenset(words)),
+            "late SECONDS": lambda words: setattr(server.faults, "late_s", numbers(words, 1)[0]),
+            "clock SECONDS": lambda words: setattr(server.faults, "clock_s", numbers(words, 1)[0]),
+            "drop fin|rst": lambda words: server.drop(reset=word(words, "fin", "rst") == "rst"),
+            "text WORDS": lambda words: server.send_text(" ".join(words)),
+            "missing NAMES": lambda words: setattr(server.faults, "missing", frozenset(words)),
         }
     )
 
@@ -47,7 +49,7 @@ async def _serve(arm: Arm, host: str, port: int, *, silent: bool) -> None:
     async with RtdeServer(arm.state, host, port) as server:
         server.faults.silent = silent
         actions = _actions(arm, server)
-        ready = f"RTDE controller at {host}:{port}; type: {', '.join(sorted(actions))}"
+        ready = f"RTDE controller at {host}:{port}; type: {what_can_be_typed(actions)}"
         await until_stopped(ready, actions)
 
 

@@ -15,6 +15,7 @@ from fakes.layout import Layout
 from fakes.recordings import SimulatedCell, fixed_wrist
 from vgrd.clock import SystemClock
 from vgrd.model import Recording
+from vgrd.orphans import dying_with_us
 from vgrd.store.sessions import SampleKind, SessionWriter
 
 SEED = 4
@@ -239,7 +240,9 @@ def test_a_taken_port_ends_the_start_with_host_port_and_remedy(tmp_path) -> None
     with socket.create_server(("127.0.0.1", 0)) as taken:
         port = taken.getsockname()[1]
         done = subprocess.run(
-            [sys.executable, "-m", "vgrd.cli", "run", str(write_cell(tmp_path, port))],
+            dying_with_us(
+                [sys.executable, "-m", "vgrd.cli", "run", str(write_cell(tmp_path, port))]
+            ),
             capture_output=True,
             text=True,
             timeout=30,

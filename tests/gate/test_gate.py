@@ -18,6 +18,7 @@ from fakes.raw_modbus import RawModbus
 from vgrd.errors import IpcError
 from vgrd.ipc.messages import GATE_KIND, GATE_RING, GateReport, ProcessReport
 from vgrd.ipc.ring import RingReader
+from vgrd.orphans import dying_with_us
 from vgrd.registers import RESPONSE, Command, State, Status
 
 HERE = Path(__file__).parent
@@ -54,7 +55,7 @@ class GateProcess:
     def __enter__(self) -> "GateProcess":
         self.log = (self.runtime_dir / "gate.log").open("a")
         self.process = subprocess.Popen(
-            [sys.executable, "-m", "vgrd.gate", str(self.runtime_dir)],
+            dying_with_us([sys.executable, "-m", "vgrd.gate", str(self.runtime_dir)]),
             stderr=self.log,
             env=self.env,
         )
@@ -307,7 +308,9 @@ def test_what_a_dead_child_had_started_dies_too(tmp_path):
 
 def test_a_second_daemon_exits_at_once_and_leaves_the_first_untouched(gate):
     argv = [sys.executable, "-m", "vgrd.gate", str(gate.runtime_dir)]
-    second = subprocess.run(argv, capture_output=True, text=True, timeout=10, check=False)
+    second = subprocess.run(
+        dying_with_us(argv), capture_output=True, text=True, timeout=10, check=False
+    )
     assert second.returncode == 69
     assert f"process {gate.process.pid}" in second.stderr
     assert "runtime_dir" in second.stderr
@@ -325,7 +328,9 @@ def test_a_taken_port_is_named_with_the_remedy(tmp_path):
         table["modbus"]["port"] = port
         (tmp_path / "processes.json").write_text(json.dumps(table))
         argv = [sys.executable, "-m", "vgrd.gate", str(gate.runtime_dir)]
-        done = subprocess.run(argv, capture_output=True, text=True, timeout=10, check=False)
+        done = subprocess.run(
+            dying_with_us(argv), capture_output=True, text=True, timeout=10, check=False
+        )
     assert done.returncode == 69
     assert f"127.0.0.1:{port}" in done.stderr
     assert "[serving] port" in done.stderr
@@ -344,7 +349,9 @@ def test_a_taken_port_is_named_with_the_remedy(tmp_path):
 def test_a_bad_process_table_is_refused_with_its_faults(tmp_path, text, fault):
     (tmp_path / "processes.json").write_text(text)
     argv = [sys.executable, "-m", "vgrd.gate", str(tmp_path)]
-    done = subprocess.run(argv, capture_output=True, text=True, timeout=10, check=False)
+    done = subprocess.run(
+        dying_with_us(argv), capture_output=True, text=True, timeout=10, check=False
+    )
     assert done.returncode == 78
     assert fault in done.stderr
     assert "Traceback" not in done.stderr
@@ -403,7 +410,7 @@ def test_standard_error_that_takes_nothing_stops_neither_the_registers_nor_the_c
     with standard_error() as stderr:
         if stderr is None:
             argv = ["sh", "-c", 'exec "$@" 2>&-', "sh", *argv]
-        gate.process = subprocess.Popen(argv, stderr=stderr)
+        gate.process = subprocess.Popen(dying_with_us(argv), stderr=stderr)
         try:
             gate.port = until(lambda: gate.report()).port
             with gate.client() as client:

@@ -13,6 +13,7 @@ from vgrd.errors import IpcError, RingUnavailable
 from vgrd.ipc import ring
 from vgrd.ipc.ring import RingReader, RingWriter
 from vgrd.ipc.ring_file import RingFile
+from vgrd.orphans import dying_with_us
 
 KIND = "test"
 # Publishes forever; every 8-byte word of message i holds i, so a mixed payload shows itself.
@@ -30,7 +31,7 @@ while True:
 
 def start_racer(path: Path, slots: int, words: int, *, crc: bool) -> subprocess.Popen[str]:
     argv = [sys.executable, "-c", RACER, str(path), str(slots), str(words), str(int(crc))]
-    process = subprocess.Popen(argv, stdout=subprocess.PIPE, text=True)
+    process = subprocess.Popen(dying_with_us(argv), stdout=subprocess.PIPE, text=True)
     assert process.stdout is not None
     assert process.stdout.readline() == "up\n"
     return process

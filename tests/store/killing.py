@@ -16,6 +16,7 @@ from pathlib import Path
 from fakes.samples import Samples
 from vgrd.clock import SystemClock
 from vgrd.model import Plan
+from vgrd.orphans import die_with
 from vgrd.store.calibrations import CalibrationStore
 from vgrd.store.sessions import (
     SampleKind,
@@ -63,8 +64,10 @@ def save(state_dir, _name, tell):
 def acknowledged_until_killed(work, seconds):
     """Tell what a child running `work` was told until `seconds` after its first word."""
     reader, writer = os.pipe()
+    parent = os.getpid()
     child = os.fork()
     if child == 0:
+        die_with(parent)
         try:
             work(lambda word: os.write(writer, word.encode()))
         finally:

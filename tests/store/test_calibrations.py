@@ -13,6 +13,7 @@ import pytest
 from fakes.samples import Samples
 from fakes.testing import ManualClock
 from vgrd.errors import Corrupt, InputError, NoCurrentCalibration, SchemaTooNew, StoreError
+from vgrd.orphans import dying_with_us
 from vgrd.store.calibrations import Activation, CalibrationStore, register_id
 from vgrd.store.encoding import encode
 from vgrd.store.files import read_document, write_document
@@ -164,7 +165,7 @@ def test_a_folder_that_cannot_be_written_is_named_and_the_old_one_stays_in_use(t
 def test_kills_never_leave_half_a_calibration(tmp_path):
     script = Path(__file__).with_name("killing.py")
     result = subprocess.run(
-        [sys.executable, script, "saver", tmp_path, "20"],
+        dying_with_us([sys.executable, str(script), "saver", str(tmp_path), "20"]),
         capture_output=True,
         text=True,
         timeout=100,

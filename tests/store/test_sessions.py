@@ -13,6 +13,7 @@ from fakes.testing import ManualClock
 from vgrd.clock import SystemClock
 from vgrd.errors import Corrupt, InputError, SchemaTooNew, StoreError
 from vgrd.model import Plan
+from vgrd.orphans import dying_with_us
 from vgrd.store.encoding import encode
 from vgrd.store.files import read_document, write_document
 from vgrd.store.recovery import read_messages
@@ -317,7 +318,10 @@ def test_an_unrecoverable_segment_is_a_warning_not_a_lost_session(samples_file):
 
 def run_child(script, *arguments):
     result = subprocess.run(
-        [sys.executable, script, *map(str, arguments)], capture_output=True, text=True, timeout=100
+        dying_with_us([sys.executable, str(script), *map(str, arguments)]),
+        capture_output=True,
+        text=True,
+        timeout=100,
     )
     assert result.returncode == 0, result.stdout + result.stderr
     return result.stdout

@@ -12,6 +12,7 @@ import pytest
 from numpy.random import SeedSequence
 
 from vgrd.errors import DeviceUnavailable, InputError, NotObservable
+from vgrd.orphans import dying_with_us
 from vgrd.studies.catalogue import STUDIES, study_called
 from vgrd.studies.conducting import conduct
 from vgrd.studies.drawing import panels
@@ -60,7 +61,7 @@ def test_results_are_bit_identical_for_one_and_two_workers(name, tmp_path):
 @pytest.mark.parametrize("how", [signal.SIGTERM, signal.SIGKILL])
 def test_no_worker_outlives_a_study_that_is_killed(how):
     argv = [sys.executable, str(Path(__file__).with_name("endless_study.py"))]
-    with subprocess.Popen(argv, stdout=subprocess.PIPE, text=True) as study:
+    with subprocess.Popen(dying_with_us(argv), stdout=subprocess.PIPE, text=True) as study:
         workers = [os.pidfd_open(int(study.stdout.readline())) for _ in range(2)]
         study.send_signal(how)
     for worker in workers:

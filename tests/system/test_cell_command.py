@@ -5,64 +5,103 @@ import signal
 import subprocess
 import sys
 import time
+from collections.abc import Iterator
 from pathlib import Path
+from typing import NamedTuple
 
 import pytest
-from pymodbus.client import ModbusTcpClient
 
 from fakes.cell import free_port
-from fakes.memory import descendants
+from fakes.layout import Layout
+from fakes.processes import descendants, is_alive
+from fakes.raw_modbus import RawModbus
+from fakes.robot_program import RobotProgram
+from fakes.world import World
 from vgrd.model import Calibration
-from vgrd.registers import RESPONSE, Command, Status
+from vgrd.orphans import dying_with_us
 from vgrd.store.calibrations import CalibrationStore
 
 pytestmark = pytest.mark.system
-READY_S, ANSWER_S = 60.0, 10.0
+COMES_WITHIN_S = 240.0
+GONE_WITHIN_S = 5.0
 
 
-def answer(port: int) -> Status:
-    """Ask for target 1 as a robot program under development would."""
-    with ModbusTcpClient("127.0.0.1", port=port) as client:
-        client.write_registers(0, [7, Command.EC_FRESH, 1], device_id=1)
-        end_s = time.monotonic() + ANSWER_S
-        while time.monotonic() < end_s:
-            registers = client.read_holding_registers(
-                RESPONSE.start, count=5, device_id=1
-            ).registers
-            if registers[3] == 7:
-                return Status(registers[4])
-            time.sleep(0.02)
-    raise TimeoutError("no answer")
+class Running(NamedTuple):
+    """The command, its registers' port, and all processes of it."""
+
+    process: subprocess.Popen[str]
+    port: int
+    family: set[int]
+
+    def line(self) -> str:
+        assert self.process.stdout is not None
+        return self.process.stdout.readline().strip()
+
+    def type(self, words: str) -> str:
+        """Type a line and return the answer."""
+        assert self.process.stdin is not None
+        self.process.stdin.write(f"{words}\n")
+        self.process.stdin.flush()
+        return self.line()
 
 
-def test_a_cell_of_an_earlier_run_serves_at_once_and_ends_with_ctrl_c(
-    tmp_path: Path, calibration: Calibration
-) -> None:
+@pytest.fixture
+def running(tmp_path: Path, calibration: Calibration) -> Iterator[Running]:
+    """A cell whose earlier run was calibrated, up and serving."""
     store = CalibrationStore(tmp_path / "state")
     store.activate(store.save(calibration), by="test")
     port = free_port()
     command = ["cell", "--folder", str(tmp_path), "--port", str(port)]
     process = subprocess.Popen(
-        [sys.executable, "-m", "fakes", *command],
+        dying_with_us([sys.executable, "-m", "fakes", *command]),
         stdin=subprocess.PIPE,
         stdout=subprocess.PIPE,
         text=True,
         start_new_session=True,
     )
     try:
-        assert process.stdout is not None
-        end_s = time.monotonic() + READY_S
-        while not (line := process.stdout.readline()).startswith("type: "):
-            assert line, "the fake cell ended early"
-            assert time.monotonic() < end_s
-        assert answer(port) is Status.OK
-        family = set(descendants(process.pid))
-        assert len(family) > 4
-        os.killpg(process.pid, signal.SIGINT)
-        assert process.wait(10.0) == 0
-        time.sleep(0.5)
-        assert not [pid for pid in family if Path(f"/proc/{pid}").exists()]
+        cell = Running(process, port, set())
+        while not (line := cell.line()).startswith("type: "):
+            assert process.poll() is None, "the fake cell ended early"
+        assert "help" in line
+        cell.family.update(descendants(process.pid))
+        assert len(cell.family) > 4
+        yield cell
     finally:
-        if process.poll() is None:
-            process.kill()
+        process.kill()
         process.communicate()
+
+
+def assert_gone(cell: Running, stopwatch) -> None:
+    """No process is left, and the port is free."""
+    start = time.monotonic()
+    while any(is_alive(pid) for pid in cell.family):
+        assert time.monotonic() < start + COMES_WITHIN_S
+        time.sleep(0.02)
+    stopwatch.judge("all processes are gone", time.monotonic() - start, GONE_WITHIN_S)
+    with pytest.raises(ConnectionRefusedError):
+        RawModbus("127.0.0.1", cell.port)
+
+
+def test_a_cell_of_an_earlier_run_serves_at_once_and_ends_with_ctrl_c(running, stopwatch) -> None:
+    with RobotProgram(World(Layout(), 1), "127.0.0.1", running.port, COMES_WITHIN_S) as program:
+        program.ask_until_good(1, COMES_WITHIN_S)
+    os.killpg(running.process.pid, signal.SIGINT)
+    assert running.process.wait(COMES_WITHIN_S) == 0
+    assert_gone(running, stopwatch)
+
+
+@pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGHUP, signal.SIGTERM])
+def test_nothing_of_it_outlives_it_however_it_ends(running, number, stopwatch) -> None:
+    running.process.send_signal(number)
+    running.process.wait(COMES_WITHIN_S)
+    assert_gone(running, stopwatch)
+
+
+def test_what_can_be_typed_is_told(running) -> None:
+    told = running.type("help")
+    for word in ("turn DEGREES", "cover a|b|none", "flange X Y Z", "miss TARGET"):
+        assert word in told
+    assert "turn DEGREES" in running.type("jump")
+    assert running.type("turn 20").startswith("ok")
+    assert "bad turn" in running.type("turn around")

@@ -1,13 +1,19 @@
-"""Every live fault of the cell takes the coordinate out of the registers, says why, and heals."""
+"""Every live fault of the cell takes the coordinate out of the registers, says why, and heals.
+
+A busy machine may end a request, or let an answer expire, before what a test is about comes about: then the
+test asks again, as a person would. What is never forgiven is a valid coordinate that is wrong.
+"""
 
 import math
 import time
 from collections.abc import Callable, Iterator
+from pathlib import Path
 
 import pytest
 
+from fakes.daemon import Daemon
 from fakes.poses import retracted_pose
-from fakes.robot_program import Reply, RobotProgram, Stopped
+from fakes.robot_program import PASSING, Reply, RobotProgram, Stopped
 from fakes.rtde import RtdeServer
 from fakes.taught import TaughtCell
 from vgrd.errors import ControlError
@@ -16,8 +22,11 @@ from vgrd.registers import State, Status
 
 pytestmark = pytest.mark.system
 
-HEALS_WITHIN_S = 30.0
-ROBOT_LOST_WITHIN_S = 3.0
+COMES_WITHIN_S = 120.0
+ATTEMPTS = 10
+TOLD_WITHIN_S = 3.0
+MAX_AGE_MS = 3000
+BEATS = 20  # the cell gives ten a second
 I16_SENTINEL, I32_SENTINEL = -(2**15), -(2**31)
 
 
@@ -28,34 +37,49 @@ def program(live) -> Iterator[RobotProgram]:
 
 
 def wait_for(
-    program: RobotProgram, *wanted: Status, within_s: float = HEALS_WITHIN_S
+    program: RobotProgram, good: Callable[[dict[str, float]], object]
 ) -> dict[str, float]:
-    """The first view with one of these statuses."""
-    end, values = time.monotonic() + within_s, {}
+    """The first view that is good."""
+    end, values = time.monotonic() + COMES_WITHIN_S, {}
     while time.monotonic() < end:
-        values = program.read()
-        if values["STATUS"] in wanted:
+        values = program.view()
+        if good(values):
             return values
         time.sleep(0.005)
-    raise AssertionError(f"still {Status(int(values['STATUS'])).name}")
+    raise AssertionError(f"still {Status(int(values['STATUS'])).name}, state {values['STATE']:b}")
 
 
-def ask_until_good(program: RobotProgram, point: int = 1) -> Reply:
-    end, reason = time.monotonic() + HEALS_WITHIN_S, ""
-    while time.monotonic() < end:
+def has(*wanted: Status) -> Callable[[dict[str, float]], bool]:
+    return lambda values: values["STATUS"] in wanted
+
+
+def ask(program: RobotProgram, point: int = 1) -> Reply:
+    """A good answer, asked for until it comes."""
+    end = time.monotonic() + COMES_WITHIN_S
+    while True:
         try:
-            return program.ask(point)
-        except Stopped as stop:
-            reason = stop.reason
+            return program.ask_until_good(point, COMES_WITHIN_S)
+        except Stopped:  # what a test did heals a moment after it was undone
+            if time.monotonic() > end:
+                raise
             time.sleep(0.05)
-    raise AssertionError(f"it does not serve again: {reason}")
 
 
-def refusal(program: RobotProgram, point: int = 1) -> Status | None:
-    """Status with which a request is refused."""
-    with pytest.raises(Stopped) as stopped:
-        program.ask(point)
-    return stopped.value.status
+def refusal(program: RobotProgram, *moot: Status) -> Status | None:
+    """Status with which a request is refused; asked again where that is one of `moot`."""
+    end = time.monotonic() + COMES_WITHIN_S
+    while True:
+        with pytest.raises(Stopped) as stopped:
+            program.ask(1)
+        status = stopped.value.status
+        if not (status is None or status in moot) or time.monotonic() > end:
+            return status
+        time.sleep(0.05)
+
+
+def busy(*but: Status) -> list[Status]:
+    """With what a busy machine may end a request, leaving out what a test waits for."""
+    return [status for status in PASSING if status not in but]
 
 
 def assert_no_coordinate(values: dict[str, float]) -> None:
@@ -72,52 +96,86 @@ def assert_leads_onto(cell: TaughtCell, reply: Reply, target: str) -> None:
     assert float((miss @ miss) ** 0.5) < 1.0
 
 
-def test_a_table_turned_after_the_answer_invalidates_it(live, program) -> None:
-    assert_leads_onto(live.cell, program.ask(1), "P1")
-    live.cell.world.turn_table(0.3, time.monotonic())
-    assert_no_coordinate(wait_for(program, Status.OBJECT_MOVED))
-    live.cell.operator(live.daemon).turn(0.3)
-    assert program.read()["STATUS"] == Status.OBJECT_MOVED
-    assert_leads_onto(live.cell, ask_until_good(program), "P1")
+def test_a_table_turned_after_the_answer_invalidates_it(live, program, stopwatch) -> None:
+    operator, told = live.cell.operator(live.daemon), []
+    for k in range(ATTEMPTS):
+        angle = 0.3 * (k + 1)
+        assert_leads_onto(live.cell, ask(program), "P1")
+        operator.turn(angle)
+        values = wait_for(program, lambda values: not int(values["STATE"]) & State.VALID)
+        assert_no_coordinate(values)
+        told.append(Status(int(values["STATUS"])))
+        if told[-1] is Status.OBJECT_MOVED:
+            assert program.view()["STATUS"] == Status.OBJECT_MOVED
+            break
+        assert told[-1] in PASSING  # the answer expired before there was another picture
+    else:
+        stopwatch.give_up(f"the object was never seen to have moved: {told}")
+    assert_leads_onto(live.cell, ask(program), "P1")
 
 
-def test_an_answer_read_late_has_expired_while_its_age_runs_on(program) -> None:
-    program.ask(2)
-    first = program.read()
-    last_good = first
-    while (values := program.read())["STATUS"] == Status.OK:
-        assert values["AGE"] <= 3000
-        last_good = values
+def expiry(program: RobotProgram) -> list[dict[str, float]]:
+    """Views from a good answer on until it is not valid any more."""
+    ask(program, 2)
+    views = [program.view()]
+    while int(views[-1]["STATE"]) & State.VALID:
         time.sleep(0.02)
-    assert values["STATUS"] == Status.IMAGE_TOO_OLD
-    assert_no_coordinate(values)
-    assert values["ECHO"] == first["ECHO"]
-    assert values["AGE"] >= 3000 > last_good["AGE"] > first["AGE"]
+        views.append(program.view())
+    return views
+
+
+def test_an_answer_read_late_has_expired_while_its_age_runs_on(program, stopwatch) -> None:
+    for _ in range(ATTEMPTS):
+        *good, last = expiry(program)
+        assert all(values["AGE"] <= MAX_AGE_MS for values in good)
+        assert_no_coordinate(last)
+        if len(good) > 1 and last["STATUS"] == Status.IMAGE_TOO_OLD:
+            break
+        assert last["STATUS"] in PASSING
+    else:
+        stopwatch.give_up("no answer lived until it was too old")
+    assert last["ECHO"] == good[0]["ECHO"]
+    assert last["AGE"] >= MAX_AGE_MS
+    ages = [values["AGE"] for values in good]
+    assert ages == sorted(ages)
+    assert ages[0] < ages[-1]
 
 
 def test_a_covered_tag_is_named_until_it_is_free_again(live, program) -> None:
     live.cell.world.cover("b")
-    assert refusal(program) is Status.TAG_B_NOT_FOUND
-    assert_no_coordinate(program.read())
+    assert refusal(program, *busy()) is Status.TAG_B_NOT_FOUND
+    assert_no_coordinate(program.view())
     live.cell.world.cover()
-    assert_leads_onto(live.cell, ask_until_good(program, 3), "P3")
+    assert_leads_onto(live.cell, ask(program, 3), "P3")
 
 
-def test_another_tcp_on_the_pendant_stops_everything_until_it_is_confirmed(live, program) -> None:
-    program.ask(1)
+def test_another_tcp_on_the_pendant_stops_everything_until_it_is_confirmed(
+    live, program, stopwatch
+) -> None:
+    ask(program)
     arm = live.cell.world.arm
     arm.wrist_from_tcp = live.cell.wrist_from_tcp @ Pose.from_rotvec((0, 0, 0), (0, 0, 5.0))
-    assert_no_coordinate(
-        wait_for(program, Status.TCP_OFFSET_CHANGED, within_s=ROBOT_LOST_WITHIN_S)
-    )
-    assert refusal(program) is Status.TCP_OFFSET_CHANGED
-    with pytest.raises(ControlError, match="still there"):
-        live.daemon.control.call("confirm")
+    changed = time.monotonic()
+    assert_no_coordinate(wait_for(program, has(Status.TCP_OFFSET_CHANGED)))
+    stopwatch.judge("another TCP is told", time.monotonic() - changed, TOLD_WITHIN_S)
+    assert refusal(program, *busy()) is Status.TCP_OFFSET_CHANGED
+    assert "still there" in why_not_confirmed(live.daemon)
     arm.wrist_from_tcp = live.cell.wrist_from_tcp
     time.sleep(0.5)
-    assert refusal(program) is Status.TCP_OFFSET_CHANGED
-    live.daemon.control.call("confirm")
-    assert_leads_onto(live.cell, ask_until_good(program), "P1")
+    assert refusal(program, *busy()) is Status.TCP_OFFSET_CHANGED
+    live.daemon.confirm()
+    assert_leads_onto(live.cell, ask(program), "P1")
+
+
+def why_not_confirmed(daemon: Daemon) -> str:
+    """Why the daemon refuses to forget a fault; asked again where it had no fresh reading to see the cause in."""
+    end = time.monotonic() + COMES_WITHIN_S
+    while time.monotonic() < end:
+        try:
+            daemon.call("confirm")
+        except ControlError as refused:
+            return str(refused)
+    return "it was confirmed"
 
 
 def freeze(controller: RtdeServer) -> None:
@@ -136,22 +194,24 @@ def fall_silent(controller: RtdeServer) -> None:
 
 @pytest.mark.parametrize("strike", [freeze, drop, fall_silent])
 def test_a_robot_that_is_lost_is_told_at_once_and_comes_back_by_itself(
-    live, program, strike: Callable[[RtdeServer], None]
+    live, program, strike: Callable[[RtdeServer], None], stopwatch
 ) -> None:
-    program.ask(1)
+    ask(program)
     live.cell.fake.disturb(strike)
-    lost = wait_for(program, Status.ROBOT_OFFLINE, within_s=ROBOT_LOST_WITHIN_S)
+    struck = time.monotonic()
+    lost = wait_for(program, has(Status.ROBOT_OFFLINE))
+    stopwatch.judge("a lost robot is told", time.monotonic() - struck, TOLD_WITHIN_S)
     assert_no_coordinate(lost)
     assert not int(lost["STATE"]) & (State.ROBOT_OK | State.READY)
-    assert refusal(program) is Status.ROBOT_OFFLINE
-    status = live.daemon.control.call("status", timeout_s=2.0)
-    assert status["robot"] != "ok"
-    assert status["camera"] == "ok"
+    assert refusal(program, *busy(Status.ROBOT_OFFLINE)) is Status.ROBOT_OFFLINE
+    live.daemon.wait_until(lambda status: status["robot"] != "ok" and status["camera"] == "ok")
     live.cell.restore(live.daemon)
-    assert_leads_onto(live.cell, ask_until_good(program), "P1")
+    assert_leads_onto(live.cell, ask(program), "P1")
 
 
-def test_a_controller_that_accepts_and_never_answers_freezes_only_its_own_process(taught) -> None:
+def test_a_controller_that_accepts_and_never_answers_freezes_only_its_own_process(
+    taught, stopwatch
+) -> None:
     def never_answer(controller: RtdeServer) -> None:
         controller.faults.silent = True
 
@@ -160,30 +220,41 @@ def test_a_controller_that_accepts_and_never_answers_freezes_only_its_own_proces
     daemon = taught.daemon()
     daemon.good = lambda status: status["camera"] == "ok" and bool(status["tag_b_seen"])
     with daemon, taught.program() as program:
-        start = time.monotonic()
-        while time.monotonic() < start + 4.0:
-            values = program.read()
-            assert values["STATUS"] == Status.ROBOT_OFFLINE
-            assert int(values["STATE"]) & State.CAMERA_OK
+        start, seen = time.monotonic(), set()
+        while time.monotonic() < start + 4.0 or len(seen) < BEATS:
+            values = program.view()
+            assert_no_coordinate(values)
+            assert values["STATUS"] in (Status.ROBOT_OFFLINE, *busy())
+            if values["STATUS"] == Status.ROBOT_OFFLINE and int(values["STATE"]) & State.CAMERA_OK:
+                seen.add(values["HB"])
+            assert time.monotonic() < start + COMES_WITHIN_S
             time.sleep(0.01)
         asked = time.monotonic()
-        assert daemon.control.call("status", timeout_s=2.0)["camera"] == "ok"
-        assert time.monotonic() - asked < 1.0
+        daemon.wait_until(lambda status: status["camera"] == "ok")
+        stopwatch.judge("the status is told", time.monotonic() - asked, 1.0)
         daemon.wait_until(lambda status: "does not answer" in str(status["robot"]))
         taught.restore(daemon)
-        assert_leads_onto(taught, ask_until_good(program), "P1")
+        assert_leads_onto(taught, ask(program), "P1")
 
 
 def test_a_camera_that_is_lost_is_told_and_comes_back_by_itself(live, program) -> None:
     if live.cell.fake.camera != "aravis":
         pytest.skip("only a camera on the network can be unplugged")
-    program.ask(1)
+    ask(program)
     live.cell.fake.unplug_camera()
     live.daemon.wait_until(lambda status: status["camera"] != "ok")
-    assert refusal(program) is Status.CAMERA_OFFLINE
-    values = program.read()
-    assert_no_coordinate(values)
-    assert not int(values["STATE"]) & State.CAMERA_OK
-    assert int(values["STATE"]) & State.ROBOT_OK
+    assert refusal(program, *busy(Status.CAMERA_OFFLINE)) is Status.CAMERA_OFFLINE
+    assert_no_coordinate(program.view())
+    wait_for(
+        program,
+        lambda values: int(values["STATE"]) & (State.CAMERA_OK | State.ROBOT_OK) == State.ROBOT_OK,
+    )
     live.cell.fake.plug_camera()
-    assert_leads_onto(live.cell, ask_until_good(program), "P1")
+    assert_leads_onto(live.cell, ask(program), "P1")
+
+
+def test_the_process_that_serves_never_loads_the_library_that_can_crash(live, program) -> None:
+    ask(program)
+    maps = Path(f"/proc/{live.daemon.pid_of('cell')}/maps").read_text(encoding="utf-8")
+    assert "numba" in maps
+    assert "apriltag" not in maps

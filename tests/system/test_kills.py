@@ -6,7 +6,7 @@ import subprocess
 import sys
 import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from itertools import pairwise
 from pathlib import Path
@@ -15,11 +15,12 @@ from typing import NamedTuple
 import numpy as np
 import pytest
 
-from fakes.daemon import Daemon
+from fakes.processes import is_alive, started_s
 from fakes.robot_program import RobotProgram, Stopped
-from fakes.taught import TaughtCell
+from fakes.taught import LINK_TIMEOUT_S, TaughtCell
 from vgrd.errors import ControlError, DaemonUnreachable
 from vgrd.geometry import Pose
+from vgrd.orphans import dying_with_us
 from vgrd.registers import RESPONSE, State, Status
 from vgrd.registers.layout import crc_of
 from vgrd.store.sessions import iterate_flanges, load_session
@@ -28,8 +29,9 @@ pytestmark = pytest.mark.system
 
 MAX_AGE_S = 3.0
 LONGEST_GAP_S = 1.0
+DEADLINE_S = 0.25  # of the gate: what a cell that is gone said last is not valid any more
 GONE_WITHIN_S = 2.0
-BACK_WITHIN_S = 40.0
+COMES_WITHIN_S = 120.0
 MISS_MM = 1.0
 WORK_S = 1.5
 SETTLE_S = 0.3
@@ -59,7 +61,7 @@ class Witness(RobotProgram):
     """A robot program that keeps every view it read."""
 
     def __init__(self, cell: TaughtCell) -> None:
-        super().__init__(cell.world, "127.0.0.1", cell.port)
+        super().__init__(cell.world, "127.0.0.1", cell.port, LINK_TIMEOUT_S)
         self.views: list[View] = []
         self.replies: list[float] = []
         self.lost: list[str] = []
@@ -94,14 +96,14 @@ def polled(cell: TaughtCell) -> Iterator[Witness]:
         thread = threading.Thread(target=witness.work, args=(stop,))
         thread.start()
         try:
-            wait_for(lambda: len(witness.replies) > 0)
+            wait_for(lambda: len(witness.replies) > 1)
             yield witness
         finally:
             stop.set()
             thread.join()
 
 
-def wait_for(condition: Callable[[], object], within_s: float = BACK_WITHIN_S) -> float:
+def wait_for(condition: Callable[[], object], within_s: float = COMES_WITHIN_S) -> float:
     """Seconds until it came true."""
     start = time.monotonic()
     while not condition():
@@ -138,10 +140,6 @@ def longest_gap_s(witness: Witness) -> float:
     return max(after.came_s - before.came_s for before, after in pairwise(witness.views))
 
 
-def strike(daemon: Daemon, process: str, number: signal.Signals) -> None:
-    os.kill(daemon.pid_of(process), number)
-
-
 @pytest.mark.parametrize(
     ("process", "number", "told"),
     [
@@ -153,36 +151,38 @@ def strike(daemon: Daemon, process: str, number: signal.Signals) -> None:
     ids=["cell killed", "robot process killed", "camera process killed", "cell stopped"],
 )
 def test_a_process_that_dies_never_makes_the_robot_read_a_wrong_coordinate(
-    live, process: str, number: signal.Signals, told: set[Status], record_property
+    live, process: str, number: signal.Signals, told: set[Status], record_property, stopwatch
 ) -> None:
     daemon, cell = live.daemon, live.cell
     gate, victim = daemon.process.pid, daemon.pid_of(process)
     with polled(cell) as witness:
         time.sleep(WORK_S)
+        os.kill(victim, number)
         struck = time.monotonic()
-        strike(daemon, process, number)
         daemon.wait_reborn(process, victim)
-        reborn = time.monotonic()
-        wait_for(lambda: len(witness.replies) and witness.replies[-1] > reborn)
+        reborn = started_s(daemon.pid_of(process))
+        wait_for(lambda: witness.replies[-1] > reborn)
         back_s = witness.replies[-1] - struck
         time.sleep(SETTLE_S)
     assert daemon.process.poll() is None
     assert daemon.process.pid == gate
     assert_every_view_is_honest(cell, witness)
-    assert longest_gap_s(witness) < LONGEST_GAP_S
+    stopwatch.judge("longest gap of the registers", longest_gap_s(witness), LONGEST_GAP_S)
     stale = [v.sent_s - struck for v in witness.views if v.valid and struck < v.sent_s < reborn]
     assert told & {int(v.values["STATUS"]) for v in witness.views if v.sent_s > struck}
     if process == "cell":
-        assert all(since_s < GONE_WITHIN_S for since_s in stale)
+        assert all(since_s < DEADLINE_S for since_s in stale)
     record_property("back_s", round(back_s, 2))
     record_property("longest_gap_ms", round(1e3 * longest_gap_s(witness)))
     record_property("views", len(witness.views))
     record_property("last_valid_ms", round(1e3 * max(stale, default=0.0)))
 
 
-def test_a_teaching_session_cut_short_by_a_kill_keeps_all_that_was_acknowledged(live) -> None:
+def test_a_teaching_session_cut_short_by_a_kill_keeps_all_that_was_acknowledged(
+    live, stopwatch
+) -> None:
     daemon, operator = live.daemon, live.cell.operator(live.daemon)
-    started_s = time.monotonic()
+    began = time.monotonic()
     folder = Path(operator.press("record.start", session="cut-short", plan="joint")["folder"])
     for step in operator.looks(2) + operator.spins(1) + operator.touches(["P1", "P2"], False):
         step()
@@ -201,8 +201,8 @@ def test_a_teaching_session_cut_short_by_a_kill_keeps_all_that_was_acknowledged(
     thread = threading.Thread(target=touch_until_killed)
     thread.start()
     wait_for(lambda: acknowledged["touch"] >= 4)
-    killed_s = time.monotonic()
     daemon.kill("cell")
+    killed_at = time.monotonic()
     thread.join()
     daemon.wait_reborn("cell", victim)
     live.cell.restore(daemon)
@@ -216,37 +216,32 @@ def test_a_teaching_session_cut_short_by_a_kill_keeps_all_that_was_acknowledged(
     assert not list(folder.glob("*.mcap.open"))
     assert list(folder.glob("*.mcap"))
     stamps = np.array([reading.stamp_s for reading in iterate_flanges(folder)])
-    assert stamps.min() < started_s + 1.0
-    assert killed_s - 1.0 < stamps.max() < killed_s + 1.0
+    assert stamps.max() < killed_at
     steps = np.diff(stamps)
     assert np.all(steps > 0)
-    assert np.median(steps) < 2.5 / 125
-    assert daemon.control.call("status")["recording"] == {"session": None, "last": None}
+    stopwatch.judge("the recording begins", float(stamps.min()) - began, 1.0)
+    stopwatch.judge("what the recording lost", killed_at - float(stamps.max()), 1.0)
+    stopwatch.judge("time from pose to pose", float(np.median(steps)), 2.5 / 125)
+    assert daemon.call("status")["recording"] == {"session": None, "last": None}
 
 
-def is_alive(pid: int) -> bool:
-    try:
-        return "Z" not in Path(f"/proc/{pid}/stat").read_text().rsplit(")", 1)[1].split()[0]
-    except (FileNotFoundError, ProcessLookupError):
-        return False
+def assert_no_orphans(pids: Iterable[int], stopwatch) -> None:
+    gone_s = wait_for(lambda: not any(is_alive(pid) for pid in pids))
+    stopwatch.judge("the processes are gone", gone_s, GONE_WITHIN_S)
 
 
-def assert_no_orphans(pids: dict[str, int]) -> None:
-    wait_for(lambda: not any(is_alive(pid) for pid in pids.values()), GONE_WITHIN_S)
-
-
-def test_no_process_survives_a_gate_that_is_killed(taught) -> None:
+def test_no_process_survives_a_gate_that_is_killed(taught, stopwatch) -> None:
     with taught.daemon() as daemon:
         pids = daemon.pids()
         daemon.process.kill()
         daemon.process.wait()
-        assert_no_orphans(pids)
+        assert_no_orphans(pids.values(), stopwatch)
         with taught.daemon() as next_one:
-            assert next_one.control.call("status")["calibration"] == taught.calibration
+            assert next_one.call("status")["calibration"] == taught.calibration
 
 
 @pytest.mark.parametrize("how", ["ctrl-c on the terminal", "SIGTERM"])
-def test_the_daemon_stops_quickly_and_cleanly(taught, how: str) -> None:
+def test_the_daemon_stops_quickly_and_cleanly(taught, how: str, stopwatch) -> None:
     with taught.daemon() as daemon:
         pids = daemon.pids()
         start = time.monotonic()
@@ -254,9 +249,9 @@ def test_the_daemon_stops_quickly_and_cleanly(taught, how: str) -> None:
             daemon.process.send_signal(signal.SIGTERM)
         else:
             os.killpg(daemon.process.pid, signal.SIGINT)
-        assert daemon.process.wait(10.0) == 0
-        assert time.monotonic() - start < STOP_S
-        assert_no_orphans(pids)
+        assert daemon.process.wait(COMES_WITHIN_S) == 0
+        stopwatch.judge("the daemon stops", time.monotonic() - start, STOP_S)
+        assert_no_orphans(pids.values(), stopwatch)
     log = daemon.log.read_text(encoding="utf-8")
     assert "Traceback" not in log
     assert "stopped" in log
@@ -265,11 +260,12 @@ def test_the_daemon_stops_quickly_and_cleanly(taught, how: str) -> None:
 def test_a_second_daemon_in_the_same_folder_leaves_the_first_alone(live) -> None:
     before = live.daemon.pids()
     table = (live.daemon.runtime / "processes.json").read_bytes()
+    command = [sys.executable, "-m", "vgrd.cli", "run", str(live.daemon.cell_file)]
     second = subprocess.run(
-        [sys.executable, "-m", "vgrd.cli", "run", str(live.daemon.cell_file)],
+        dying_with_us(command),
         capture_output=True,
         text=True,
-        timeout=30,
+        timeout=COMES_WITHIN_S,
         check=False,
     )
     assert second.returncode == 69
@@ -279,4 +275,4 @@ def test_a_second_daemon_in_the_same_folder_leaves_the_first_alone(live) -> None
     assert live.daemon.pids() == before
     assert (live.daemon.runtime / "processes.json").read_bytes() == table
     with live.cell.program() as program:
-        program.ask(1)
+        program.ask_until_good(1, COMES_WITHIN_S)

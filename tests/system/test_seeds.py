@@ -1,5 +1,6 @@
 """Twenty cells, each taught and asked from its own seed: the accuracy that a user may expect."""
 
+import os
 import tempfile
 from concurrent.futures import ProcessPoolExecutor
 from multiprocessing import get_context
@@ -16,6 +17,7 @@ from fakes.world import World
 from vgrd.calibration.system import calibrate_system, expected_coordinate
 from vgrd.geometry import Array
 from vgrd.model import Policy
+from vgrd.orphans import die_with
 
 pytestmark = [pytest.mark.system, pytest.mark.timeout(600)]
 
@@ -57,7 +59,9 @@ def taught_and_asked(seed: int) -> Outcome:
 
 
 def test_over_twenty_seeds_the_true_miss_and_its_stated_uncertainty_hold(record_property) -> None:
-    with ProcessPoolExecutor(2, mp_context=get_context("spawn")) as workers:
+    with ProcessPoolExecutor(
+        2, get_context("spawn"), initializer=die_with, initargs=(os.getpid(),)
+    ) as workers:
         outcomes = list(workers.map(taught_and_asked, range(1, SEEDS + 1)))
     means = np.array([outcome.mean_xy_mm for outcome in outcomes])
     norms = np.linalg.norm(np.concatenate([o.misses for o in outcomes]), axis=1)

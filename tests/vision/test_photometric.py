@@ -1,3 +1,4 @@
+import os
 from concurrent.futures import ProcessPoolExecutor
 from importlib import import_module
 from multiprocessing import get_context
@@ -13,6 +14,7 @@ from fakes.pictures import Band, Look, Placed, Spot, draw, pinhole
 from vgrd.geometry import Pose
 from vgrd.geometry.camera import CameraModel
 from vgrd.model import TagSpec
+from vgrd.orphans import die_with
 from vgrd.vision import edges
 from vgrd.vision.board_fit import fit_charuco, fit_tag_board
 from vgrd.vision.boards import Charuco
@@ -189,7 +191,9 @@ def loops_compiled_after_warming_up() -> dict[str, int]:
 
 
 def test_no_loop_is_compiled_in_the_first_picture():
-    with ProcessPoolExecutor(1, mp_context=get_context("spawn")) as fresh:
+    with ProcessPoolExecutor(
+        1, get_context("spawn"), initializer=die_with, initargs=(os.getpid(),)
+    ) as fresh:
         added = fresh.submit(loops_compiled_after_warming_up).result()
     assert len(added) > 3
     assert {name for name, count in added.items() if count} == set()

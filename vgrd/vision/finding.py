@@ -22,7 +22,9 @@ _LEAST_REGION_PX = 16
 _CELL_PX = 6  # of the straightened tag that is read
 _LEAST_CONTRAST = 12.0  # grey levels between ink and paper
 _LEAST_SIDE_PX = 6.0
-_LEAST_PICTURE_PX = 8  # a tag of 6 px and its white rim; pyapriltags crashes on pictures less than 3 px high
+_LEAST_PICTURE_PX = (
+    8  # a tag of 6 px and its white rim; pyapriltags crashes on pictures less than 3 px high
+)
 _PUBLISHED_BY_LIBRARY = ("16h5", "25h9", "36h11")
 
 
