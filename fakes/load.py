@@ -11,6 +11,9 @@ TICK_S = 0.005
 KEPT = 20_000  # of the moments when this process came late; an hour of a bad machine
 BUSY_LATE_S = 0.1  # a process that only wants to wake up waits less than 20 ms on a machine with time to spare
 BUSY_SHARE = 0.6  # the fake cell and its daemon by themselves make tasks wait for a processor 10 to 40 % of the time
+EXPLAINS = (
+    0.2  # of a delay: a chain of processes that hand over to each other waits about five times
+)
 _PRESSURE = Path("/proc/pressure/cpu")
 
 
@@ -41,12 +44,15 @@ class Load:
         """Begin a span."""
         return Moment(time.monotonic(), _waited_s())
 
-    def evidence(self, since: Moment) -> str:
-        """How busy the machine was since then, in words; empty when it had time to spare."""
+    def evidence(self, since: Moment, missing_s: float = 0.0) -> str:
+        """How busy the machine was since then, in words; empty when it had time to spare.
+
+        missing_s: what the load would have to explain; a small delay explains no large one.
+        """
         late_s = max((late for at_s, late in list(self._late) if at_s >= since.at_s), default=0.0)
         span_s = max(time.monotonic() - since.at_s, TICK_S)
         share = (_waited_s() - since.waited_s) / span_s
-        if late_s < BUSY_LATE_S and share < BUSY_SHARE:
+        if late_s < max(BUSY_LATE_S, EXPLAINS * missing_s) and share < BUSY_SHARE:
             return ""
         return (
             f"this process woke up to {1e3 * late_s:.0f} ms late, "

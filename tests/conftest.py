@@ -74,7 +74,7 @@ class Stopwatch:
         if figure_s < limit_s:
             return
         missed = f"{what}: {figure_s:.2f} s, limit {limit_s:g} s"
-        evidence = self._load.evidence(self._since)
+        evidence = self._load.evidence(self._since, figure_s - limit_s)
         assert evidence, missed
         self._told.append(f"{missed}; {evidence}")
 

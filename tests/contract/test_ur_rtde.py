@@ -108,7 +108,9 @@ def test_repeated_samples_are_one_sample(controller, robot):
 
 
 @pytest.mark.parametrize("jump_s", [-3.0, 3.0])
-def test_a_jump_of_the_controllers_clock_costs_at_most_a_few_samples(controller, robot, jump_s):
+def test_a_jump_of_the_controllers_clock_costs_at_most_a_few_samples(
+    controller, robot, jump_s, stopwatch
+):
     before = robot.read_flange(1.0)
     controller.type(f"clock {jump_s}")
     bad = 0
@@ -118,7 +120,9 @@ def test_a_jump_of_the_controllers_clock_costs_at_most_a_few_samples(controller,
         except BadReading:
             bad += 1
             continue
-        assert 0.0 <= CLOCK.monotonic() - reading.stamp_s < 0.2
+        age_s = CLOCK.monotonic() - reading.stamp_s
+        assert age_s >= 0.0
+        stopwatch.judge("age of a reading", age_s, 0.2)
     assert bad <= 6
     assert bad > 0 or jump_s > 0
     assert abs(reading.controller_s - before.controller_s - jump_s) < 2.0
@@ -145,13 +149,15 @@ def test_inputs_arrive_as_bits_and_text_messages_are_harmless(controller, robot)
 
 
 @pytest.mark.parametrize("fault", ["freeze on", "drop fin", "drop rst"])
-def test_a_lost_stream_is_unavailable_in_time_and_closes_cleanly(controller, robot, fault):
+def test_a_lost_stream_is_unavailable_in_time_and_closes_cleanly(
+    controller, robot, fault, stopwatch
+):
     robot.read_flange(1.0)
     controller.type(fault)
     start = time.monotonic()
     with pytest.raises(DeviceUnavailable):
         read_many(robot, 100)
-    assert time.monotonic() - start < 1.0
+    stopwatch.judge("it is told", time.monotonic() - start, 1.0)
     robot.close()
     with pytest.raises(DeviceUnavailable, match="closed"):
         robot.read_flange(0.3)
@@ -167,20 +173,20 @@ def test_a_controller_that_is_killed_does_not_take_the_process_with_it():
         opened(host)
 
 
-def test_a_silent_controller_is_unavailable_within_the_time_limit(controller, host):
+def test_a_silent_controller_is_unavailable_within_the_time_limit(controller, host, stopwatch):
     controller.type("silent on")
     start = time.monotonic()
     with pytest.raises(DeviceUnavailable, match="does not answer"):
         opened(host, timeout_s=0.3)
-    assert time.monotonic() - start < 0.6
+    stopwatch.judge("it is told", time.monotonic() - start, 0.6)
 
 
-def test_a_controller_without_data_is_never_handed_to_ur_rtde(controller, host):
+def test_a_controller_without_data_is_never_handed_to_ur_rtde(controller, host, stopwatch):
     controller.type("freeze on")
     start = time.monotonic()
     with pytest.raises(DeviceUnavailable, match="sends no data"):
         opened(host, timeout_s=0.3)
-    assert time.monotonic() - start < 1.0
+    stopwatch.judge("it is told", time.monotonic() - start, 1.0)
 
 
 def test_an_old_controller_is_refused_by_name_of_what_it_lacks(controller, host):

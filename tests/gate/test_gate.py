@@ -14,6 +14,7 @@ from pathlib import Path
 
 import pytest
 
+from fakes.processes import is_alive
 from fakes.raw_modbus import RawModbus
 from vgrd.errors import IpcError
 from vgrd.ipc.messages import GATE_KIND, GATE_RING, GateReport, ProcessReport
@@ -25,6 +26,7 @@ HERE = Path(__file__).parent
 DEADLINE_S = 0.25
 # What a fault may take beyond the deadline on a busy machine.
 MARGIN_S = 0.35
+COMES_WITHIN_S = 60.0
 HANG_WITH_GIL, ABORT, EXIT, STOP, SILENT, CONFIG, IGNORE_TERM = range(66, 73)
 HANG_DEVICE = "import ctypes; ctypes.PyDLL(None).pause()"
 
@@ -92,11 +94,11 @@ class GateProcess:
         """Ask it to stop and return how long that took."""
         begin = time.monotonic()
         self.process.send_signal(number)
-        self.process.wait(timeout=5)
+        self.process.wait(COMES_WITHIN_S)
         return time.monotonic() - begin
 
 
-def until(condition, timeout_s: float = 15.0):
+def until(condition, timeout_s: float = COMES_WITHIN_S):
     """First true value of `condition`."""
     end = time.monotonic() + timeout_s
     while time.monotonic() < end:
@@ -127,11 +129,17 @@ def answered(client: RawModbus, trig: int) -> dict[str, float]:
     return until(lambda: (v := see(client))["ECHO"] == trig and v)
 
 
-def is_alive(pid: int) -> bool:
-    try:
-        return "Z" not in Path(f"/proc/{pid}/stat").read_text().rsplit(")", 1)[1].split()[0]
-    except (FileNotFoundError, ProcessLookupError):
-        return False
+def served(client: RawModbus, trig: int, point: int) -> dict[str, float]:
+    """A good answer; asked for again, with the next trigger, where a busy machine lost the cell or the time."""
+    end = time.monotonic() + COMES_WITHIN_S
+    while True:
+        ask(client, trig, point)
+        v = answered(client, trig)
+        if v["STATUS"] == Status.OK or time.monotonic() > end:
+            return v
+        assert v["STATUS"] in (Status.INTERNAL_ERROR, Status.TIMEOUT, Status.STARTING)
+        trig += 1
+        time.sleep(0.1)
 
 
 @pytest.fixture
@@ -144,11 +152,10 @@ def gate(tmp_path):
 
 def test_a_request_is_answered_with_the_cells_coordinate(gate):
     with gate.client() as client:
-        ask(client, 1, 5)
-        v = answered(client, 1)
+        v = served(client, 1, 5)
         assert (v["STATUS"], v["EC32_X"], v["EC16_RZ"]) == (Status.OK, 5000, 1571)
-        beats = {see(client)["HB"] for _ in range(20) if not time.sleep(0.01)}
-        assert len(beats) > 3
+        beats: set[float] = set()
+        until(lambda: beats.add(see(client)["HB"]) or len(beats) > 3)
 
 
 @pytest.mark.parametrize(
@@ -157,34 +164,32 @@ def test_a_request_is_answered_with_the_cells_coordinate(gate):
     ids=["hangs holding the GIL", "aborts", "exits", "is stopped", "has a bad configuration"],
 )
 def test_a_failed_cell_is_invalid_within_the_deadline_and_the_gate_answers_on(
-    gate, fault, recovers, record_property
+    gate, fault, recovers, record_property, stopwatch
 ):
     with gate.client() as robot, gate.client() as saboteur:
-        ask(robot, 1, 5)
-        assert answered(robot, 1)["STATUS"] == Status.OK
+        assert served(robot, 11, 5)["STATUS"] == Status.OK
         pid = gate.row("cell").pid
         begin = time.monotonic()
         ask(saboteur, 2, fault)
         slowest, v = 0.0, {}
         while v.get("ECHO") != 2:
             sent = time.monotonic()
-            assert sent < begin + 10
+            assert sent < begin + COMES_WITHIN_S
             v = see(robot)
             slowest = max(slowest, time.monotonic() - sent)
             assert v["STATUS"] not in (Status.OK, Status.OK_DEGRADED)
             assert v["EC32_X"] == -(2**31)
         took_s = time.monotonic() - begin
         record_property("ms_to_invalid", round(took_s * 1000))
-        assert took_s < DEADLINE_S + MARGIN_S
-        assert slowest < MARGIN_S
+        stopwatch.judge("a failed cell is told", took_s, DEADLINE_S + MARGIN_S)
+        stopwatch.judge("slowest answer of the gate", slowest, MARGIN_S)
         assert v["STATUS"] in (Status.INTERNAL_ERROR, Status.CONFIG_ERROR)
         if recovers:
             until(lambda: see(robot)["STATE"] & State.READY)
             assert gate.row("cell").pid != pid or until(lambda: gate.row("cell").starts == 2)
             assert not is_alive(pid)
             assert see(robot)["ECHO"] == 2
-            ask(robot, 3, 6)
-            assert answered(robot, 3)["EC32_X"] == 6000
+            assert served(robot, 31, 6)["EC32_X"] == 6000
         else:
             until(lambda: gate.row("cell").state == "stopped")
             assert see(robot)["STATUS"] == Status.CONFIG_ERROR
@@ -218,17 +223,24 @@ def test_rings_deleted_before_the_cell_restarts_are_followed(gate):
         until(lambda: gate.row("cell").health == "ok")
 
 
-def test_an_unanswered_request_ends_with_timeout(gate):
+def test_an_unanswered_request_ends_with_timeout(gate, stopwatch):
     with gate.client() as client:
-        begin = time.monotonic()
-        ask(client, 1, SILENT, timeout_ms=300)
-        v = answered(client, 1)
+        for trig in range(1, 20):
+            served(client, 100 * trig, 5)
+            begin = time.monotonic()
+            ask(client, trig, SILENT, timeout_ms=300)
+            v = answered(client, trig)
+            took_s = time.monotonic() - begin
+            if v["STATUS"] != Status.INTERNAL_ERROR:  # the machine is busy and the cell was late
+                break
         assert v["STATUS"] == Status.TIMEOUT
-        assert 0.29 < time.monotonic() - begin < 0.3 + MARGIN_S
+        assert took_s > 0.29
+        stopwatch.judge("the timeout", took_s, 0.3 + MARGIN_S)
 
 
 def test_a_device_that_hangs_is_killed_and_restarted_while_the_registers_go_on(tmp_path):
-    processes = [cell(tmp_path), script("camera", HANG_DEVICE, hang_s=0.3, start_s=0.4)]
+    calm = cell(tmp_path, hang_s=COMES_WITHIN_S)
+    processes = [calm, script("camera", HANG_DEVICE, hang_s=0.3, start_s=0.4)]
     with GateProcess(tmp_path, processes) as gate, gate.client() as client:
         first = until(lambda: gate.row("camera").pid)
         until(lambda: gate.row("camera").starts > 1)
@@ -259,14 +271,14 @@ def test_a_device_that_dies_is_restarted_later_each_time(tmp_path):
 
 
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])
-def test_stopping_is_clean_and_quick_though_children_ignore_it(tmp_path, number):
+def test_stopping_is_clean_and_quick_though_children_ignore_it(tmp_path, number, stopwatch):
     device = "import signal, time; signal.signal(15, signal.SIG_IGN); time.sleep(60)"
     processes = [cell(tmp_path), script("robot", device), script("camera", HANG_DEVICE)]
     with GateProcess(tmp_path, processes) as gate:
         until(lambda: gate.row("cell").health == "ok")
         report = gate.report()
         assert report is not None
-        assert gate.stop(number) < 3.0
+        stopwatch.judge("the gate stops", gate.stop(number), 3.0)
         assert gate.process.returncode == 0
         assert not any(is_alive(row.pid) for row in report.processes)
 
@@ -279,10 +291,10 @@ def test_while_stopping_the_registers_say_so(tmp_path):
             time.sleep(0.2)  # the device must have got to its signal handler
             gate.process.send_signal(signal.SIGTERM)
             assert until(lambda: see(client)["STATUS"] == Status.SHUTTING_DOWN)
-        gate.process.wait(timeout=5)
+        gate.process.wait(COMES_WITHIN_S)
 
 
-def test_no_orphan_survives_the_gate_killed_with_sigkill(tmp_path):
+def test_no_orphan_survives_the_gate_killed_with_sigkill(tmp_path, stopwatch):
     processes = [cell(tmp_path), script("camera", HANG_DEVICE)]
     with GateProcess(tmp_path, processes) as gate:
         until(lambda: gate.row("cell").health == "ok")
@@ -290,7 +302,9 @@ def test_no_orphan_survives_the_gate_killed_with_sigkill(tmp_path):
         assert report is not None
         gate.process.kill()
         gate.process.wait()
-        until(lambda: not any(is_alive(row.pid) for row in report.processes), 2.0)
+        killed = time.monotonic()
+        until(lambda: not any(is_alive(row.pid) for row in report.processes))
+        stopwatch.judge("the children are gone", time.monotonic() - killed, 2.0)
 
 
 def test_what_a_dead_child_had_started_dies_too(tmp_path):
@@ -306,17 +320,23 @@ def test_what_a_dead_child_had_started_dies_too(tmp_path):
         until(lambda: not is_alive(pid))
 
 
-def test_a_second_daemon_exits_at_once_and_leaves_the_first_untouched(gate):
+def test_a_second_daemon_exits_at_once_and_leaves_the_first_untouched(tmp_path):
+    calm = cell(tmp_path, hang_s=COMES_WITHIN_S)
+    with GateProcess(tmp_path, [calm]) as gate:
+        until(lambda: gate.row("cell").health == "ok")
+        assert_a_second_one_leaves_it_alone(gate)
+
+
+def assert_a_second_one_leaves_it_alone(gate):
     argv = [sys.executable, "-m", "vgrd.gate", str(gate.runtime_dir)]
     second = subprocess.run(
-        dying_with_us(argv), capture_output=True, text=True, timeout=10, check=False
+        dying_with_us(argv), capture_output=True, text=True, timeout=COMES_WITHIN_S, check=False
     )
     assert second.returncode == 69
     assert f"process {gate.process.pid}" in second.stderr
     assert "runtime_dir" in second.stderr
     with gate.client() as client:
-        ask(client, 1, 5)
-        assert answered(client, 1)["STATUS"] == Status.OK
+        assert served(client, 1, 5)["STATUS"] == Status.OK
     assert gate.row("cell").starts == 1
 
 
@@ -329,7 +349,11 @@ def test_a_taken_port_is_named_with_the_remedy(tmp_path):
         (tmp_path / "processes.json").write_text(json.dumps(table))
         argv = [sys.executable, "-m", "vgrd.gate", str(gate.runtime_dir)]
         done = subprocess.run(
-            dying_with_us(argv), capture_output=True, text=True, timeout=10, check=False
+            dying_with_us(argv),
+            capture_output=True,
+            text=True,
+            timeout=COMES_WITHIN_S,
+            check=False,
         )
     assert done.returncode == 69
     assert f"127.0.0.1:{port}" in done.stderr
@@ -350,7 +374,7 @@ def test_a_bad_process_table_is_refused_with_its_faults(tmp_path, text, fault):
     (tmp_path / "processes.json").write_text(text)
     argv = [sys.executable, "-m", "vgrd.gate", str(tmp_path)]
     done = subprocess.run(
-        dying_with_us(argv), capture_output=True, text=True, timeout=10, check=False
+        dying_with_us(argv), capture_output=True, text=True, timeout=COMES_WITHIN_S, check=False
     )
     assert done.returncode == 78
     assert fault in done.stderr
@@ -361,7 +385,7 @@ def test_systemd_hears_ready_watchdog_status_and_stopping(tmp_path):
     path = tmp_path / "notify"
     with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as manager:
         manager.bind(str(path))
-        manager.settimeout(5)
+        manager.settimeout(COMES_WITHIN_S)
         env = {"NOTIFY_SOCKET": str(path), "WATCHDOG_USEC": "200000"}
         heard: list[str] = []
         with GateProcess(tmp_path / "run", [cell(tmp_path / "run")], env) as gate:
@@ -372,13 +396,14 @@ def test_systemd_hears_ready_watchdog_status_and_stopping(tmp_path):
             gate.process.send_signal(signal.SIGTERM)
             while "STOPPING=1" not in heard[-1]:
                 heard.append(manager.recv(4096).decode())
-            gate.process.wait(timeout=5)
+            gate.process.wait(COMES_WITHIN_S)
         assert heard[0].startswith("READY=1")
 
 
 @contextlib.contextmanager
 def full_pipe():
     """The end to write to of a pipe that is full and that nobody reads."""
+def test_standard_error_that_nobody_reads_does_not_stop_the_registers(tmp_path, stopwatch):
     reading, writing = os.pipe()
     os.set_blocking(writing, False)
     with contextlib.suppress(BlockingIOError):
@@ -423,6 +448,17 @@ def test_standard_error_that_takes_nothing_stops_neither_the_registers_nor_the_c
         finally:
             gate.process.kill()
             gate.process.wait()
+    gate.process = subprocess.Popen(dying_with_us(argv), stderr=writing)
+    try:
+        gate.port = until(lambda: gate.report()).port
+        with gate.client() as client:
+            until(lambda: see(client)["STATE"] == State.READY)
+        stopwatch.judge("the gate stops", gate.stop(), 3.0)
+    finally:
+        gate.process.kill()
+        gate.process.wait()
+        os.close(reading)
+        os.close(writing)
 
 
 def test_the_gate_stays_under_40_mib_and_imports_nothing_heavy(gate):
