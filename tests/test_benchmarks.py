@@ -19,6 +19,22 @@ def rows():
     {then}
     yield Row.at_least("{name}_second", 2.0, "x", 1.0)
 """
+PEER = """
+import multiprocessing
+import numpy as np
+from tests.benchmarks.harness import Row
+from tests.benchmarks.peers import Peer, PeerLost
+def rows():
+    with Peer("OpenCV", refinement="NONE") as peer:
+        for child in multiprocessing.active_children():
+            child.kill()
+        try:
+            peer.corners(np.zeros((50, 50), np.uint8))
+        except PeerLost as lost:
+            yield Row.failed("crashed", str(lost))
+    with Peer("OpenCV", refinement="NONE") as peer:
+        yield Row.at_most("tags", peer.keep(np.zeros((50, 50), np.uint8)), "", 0)
+"""
 CRASHES = "import os; os.abort()"
 RAISES = "raise ZeroDivisionError('by nothing')"
 WAITS = "import time; time.sleep(987654)"
@@ -118,6 +134,16 @@ def test_rows_are_shown_and_kept_while_the_next_ones_are_measured(folder: Path) 
     while processes_called("bench_wait") and time.monotonic() < end_s:
         time.sleep(0.05)
     assert not processes_called("bench_wait")
+
+
+def test_a_peer_that_crashes_costs_its_own_figure_only(folder: Path) -> None:
+    (folder / "bench_peer.py").write_text(PEER, encoding="utf-8")
+    result = folder / "bench.json"
+    done = benchmarks("peer", "--folder", folder, "--result", result)
+    assert done.returncode == 1
+    first, second = json.loads(result.read_text(encoding="utf-8"))
+    assert first["failure"] == "OpenCV ended by SIGKILL"
+    assert (second["name"], second["ok"]) == ("tags", True)
 
 
 def test_names_choose_modules_and_an_unknown_one_is_told(folder: Path) -> None:

@@ -35,10 +35,10 @@ REFINEMENTS = ("NONE", "SUBPIX", "CONTOUR", "APRILTAG")
 CORNERS = (
     ("vision_vs_pyapriltags", "pyapriltags", 4.0),
     ("vision_vs_pupil", "pupil_apriltags", 15.0),
-    ("vision_vs_opencv", "OpenCV", 80.0),
+    ("vision_vs_opencv", "OpenCV", 100.0),
 )
 # quad_decimate of pyapriltags; its default, 2, is as accurate here. Bars of a cold and of a tracking search.
-DECIMATIONS = {1.0: (30.0, 60.0), 2.0: (5.0, 10.0), 4.0: (1.0, 2.0)}
+DECIMATIONS = {1.0: (30.0, 100.0), 2.0: (5.0, 10.0), 4.0: (1.0, 2.0)}
 ROUNDS = 5
 
 

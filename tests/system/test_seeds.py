@@ -19,7 +19,7 @@ from vgrd.geometry import Array
 from vgrd.model import Policy
 from vgrd.orphans import die_with
 
-pytestmark = [pytest.mark.system, pytest.mark.timeout(600)]
+pytestmark = [pytest.mark.system, pytest.mark.timeout(1800)]
 
 SEEDS, REQUESTS = 20, 8
 MEDIAN_BAR_MM, WORST_BAR_MM = 0.18, 0.30
