@@ -116,9 +116,10 @@ class Daemon:
         path = self.runtime / HEALTH_FOLDER / f"{process}.ring"
         with RingReader.open(path, HEALTH_KIND) as ring:
             message = ring.newest()
-        if message is None:
+        pid = Health.unpack(message.payload).pid if message else 0
+        if not pid:  # a signal to process 0 would hit us and all of our group
             raise LookupError(f"{process} has not said anything yet")
-        return Health.unpack(message.payload).pid
+        return pid
 
     def wait_reborn(self, process: str, former_pid: int) -> None:
         """Wait until a process runs again, as another one than `former_pid`. TimeoutError."""
