@@ -110,7 +110,7 @@ def trial(
             if now >= start + delay_s:
                 strike()
             before = time.monotonic()
-            values = program.read()
+            values = program.view()
             status = Status(int(values["STATUS"]))
             valid_s += (before - last_s) * was_valid
             wrong_s += (before - last_s) * was_wrong
