@@ -403,9 +403,6 @@ def test_systemd_hears_ready_watchdog_status_and_stopping(tmp_path):
 @contextlib.contextmanager
 def full_pipe():
     """The end to write to of a pipe that is full and that nobody reads."""
-
-
-def test_standard_error_that_nobody_reads_does_not_stop_the_registers(tmp_path, stopwatch):
     reading, writing = os.pipe()
     os.set_blocking(writing, False)
     with contextlib.suppress(BlockingIOError):

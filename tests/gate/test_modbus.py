@@ -311,8 +311,8 @@ def test_connections_that_all_poll_are_not_given_up_for_one_more(tmp_path):
         full = [stack.enter_context(serving.client()) for _ in range(LIMITS.connections_per_peer)]
         for client in full * 2:
             assert client.read(100, 1) == b"\x01\x00"
-        with serving.client() as one_more:
-            assert is_closed(one_more)
+        with contextlib.suppress(ConnectionResetError), serving.client() as one_more:
+            assert is_closed(one_more)  # unless it was closed before it was even connected
         for client in full:
             assert client.read(100, 1) == b"\x01\x00"
         assert serving.server.counters["refused"] == 1
