@@ -14,7 +14,7 @@ from fakes.samples import Samples
 from fakes.testing import ManualClock
 from vgrd.errors import Corrupt, InputError, NoCurrentCalibration, SchemaTooNew, StoreError
 from vgrd.orphans import dying_with_us
-from vgrd.store.calibrations import Activation, CalibrationStore, register_id
+from vgrd.store.calibrations import Activation, CalibrationStore
 from vgrd.store.encoding import encode
 from vgrd.store.files import read_document, write_document
 
@@ -50,7 +50,7 @@ def test_the_number_for_robots_is_the_start_of_the_checksum_in_the_file(store):
         json.dumps(seal, sort_keys=True, separators=(",", ":")).encode()
     ).digest()
     assert sealed["sha256"] == digest.hex()
-    assert register_id(store.load(name)) == int.from_bytes(digest[:4], "big")
+    assert store.read(name).register_id == int.from_bytes(digest[:4], "big")
 
 
 def test_nothing_is_in_use_before_the_first_activation(store):
@@ -171,3 +171,23 @@ def test_kills_never_leave_half_a_calibration(tmp_path):
         timeout=100,
     )
     assert result.returncode == 0, result.stdout + result.stderr
+
+
+def test_a_calibration_activated_by_a_version_with_fewer_fields_stays_in_use(store):
+    name = store.save(Samples(1).calibration())
+    store.activate(name)
+    path = store.path / f"{name}.json"
+    body = read_document(path, 1)
+    del body["joint"]  # a field that came later
+    write_document(path, body, 1)
+    sealed = json.loads(path.read_bytes())["sha256"]
+    write_document(store.path / "CURRENT", {"id": name, "sha256": sealed}, 1)
+    assert store.current().id == name
+    assert store.current().register_id == int(sealed[:8], 16)
+
+
+def test_a_pointer_that_was_removed_is_told_with_what_it_pointed_to(store):
+    store.activate(store.save(Samples(1).calibration()))
+    (store.path / "CURRENT").unlink()
+    with pytest.raises(NoCurrentCalibration, match=r"CURRENT is gone; cal-000001"):
+        store.current()

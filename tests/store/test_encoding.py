@@ -159,13 +159,36 @@ def test_what_is_not_json_is_corrupt(text):
         parse(text, "file")
 
 
-@given(
-    st.recursive(
-        st.none() | st.booleans() | FLOATS.filter(math.isfinite) | st.text(),
-        lambda c: st.lists(c) | st.dictionaries(st.text(), c),
-        max_leaves=10,
-    )
+JSON = st.recursive(
+    st.none() | st.booleans() | st.integers() | FLOATS.filter(math.isfinite) | st.text(),
+    lambda inner: st.lists(inner) | st.dictionaries(st.text(), inner),
+    max_leaves=10,
 )
+
+
+@given(JSON)
 def test_the_canonical_spelling_is_json_and_stable(data):
     text = canonical(data)
     assert canonical(json.loads(text)) == text
+
+
+@given(JSON)
+def test_the_spelling_in_parts_is_that_of_one_call(data):
+    whole = json.dumps(data, sort_keys=True, separators=(",", ":"), allow_nan=False)
+    assert canonical(data) == whole.encode("ascii")
+
+
+def test_no_single_call_spells_much_of_a_large_calibration(monkeypatch):
+    """A call of the encoder holds the GIL, and the serving loop, until it is done."""
+    spelled = []
+    dumps = json.dumps
+
+    def measured(data, **options):
+        text = dumps(data, **options)
+        spelled.append(len(text))
+        return text
+
+    monkeypatch.setattr(json, "dumps", measured)
+    large = {"matrix": np.random.default_rng(1).normal(size=(300, 300)).tolist(), "id": "x"}
+    whole = canonical(large)
+    assert max(spelled) < len(whole) / 250

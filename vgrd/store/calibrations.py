@@ -14,6 +14,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import NamedTuple
 
 from filelock import FileLock, Timeout
 
@@ -21,11 +22,11 @@ from vgrd.clock import Clock, SystemClock
 from vgrd.errors import Corrupt, InputError, NoCurrentCalibration, StoreError
 from vgrd.model import Calibration
 from vgrd.store.encoding import decode, encode
-from vgrd.store.files import digest, guarded, read_document, write_document
+from vgrd.store.files import guarded, read_document, read_sealed, write_document
 from vgrd.store.journal import Journal, read_journal
 
 SCHEMA = 1
-_LOCK_S = 10.0
+_LOCK_S = 10.0  # a save of the largest calibration takes 2 s on a busy machine
 _ID = re.compile(r"cal-(\d{6})")
 
 
@@ -45,9 +46,21 @@ class _Current:
     sha256: str
 
 
-def register_id(calibration: Calibration) -> int:
-    """Give the number by which robots know it: 32 bits of its checksum, never 0."""
-    return int(_checksum(calibration)[:8], 16) or 1
+class StoredCalibration(NamedTuple):
+    """A calibration and the checksum that seals its file."""
+
+    calibration: Calibration
+    sha256: str
+
+    @property
+    def id(self) -> str:
+        """Id of the calibration."""
+        return self.calibration.id
+
+    @property
+    def register_id(self) -> int:
+        """Number by which robots know it: 32 bits of its file's checksum, never 0."""
+        return int(self.sha256[:8], 16) or 1
 
 
 class CalibrationStore:
@@ -71,15 +84,20 @@ class CalibrationStore:
 
         Raises InputError (no such calibration), Corrupt, SchemaTooNew.
         """
+        return self.read(name).calibration
+
+    def read(self, name: str) -> StoredCalibration:
+        """As `load`, with the checksum of the file."""
         path = self._file(name)
         if not path.exists():
             known = ", ".join(self.list()) or "none"
             raise InputError(f"no calibration {name!r} in {self.path}; there are: {known}")
         remedy = "restore it from a backup or solve its session again"
-        calibration = decode(Calibration, read_document(path, SCHEMA, remedy), str(path))
+        sealed = read_sealed(path, SCHEMA, remedy)
+        calibration = decode(Calibration, sealed.body, str(path))
         if calibration.id != name:
             raise Corrupt(f"{path} holds {calibration.id}: the file was renamed; name it back")
-        return calibration
+        return StoredCalibration(calibration, sealed.sha256)
 
     def list(self) -> tuple[str, ...]:
         """Ids of all stored calibrations, oldest first."""
@@ -89,28 +107,28 @@ class CalibrationStore:
         """Id of the calibration in use, its file not read; as `current`."""
         return self._read_current().id
 
-    def current(self) -> Calibration:
+    def current(self) -> StoredCalibration:
         """Calibration in use, verified to be the very one that was activated.
 
         Raises NoCurrentCalibration, Corrupt, SchemaTooNew; never falls back to another one.
         """
         current = self._read_current()
         try:
-            calibration = self.load(current.id)
+            stored = self.read(current.id)
         except InputError as error:
             raise Corrupt(f"{error}; {self._way_out(current.id)}") from error
         except Corrupt as error:
             raise Corrupt(f"{error}; or {self._way_out(current.id)}") from error
-        if _checksum(calibration) != current.sha256:
+        if stored.sha256 != current.sha256:
             raise Corrupt(
                 f"{self._file(current.id)} is not the file that was activated; "
                 f"{self._way_out(current.id)}"
             )
-        return calibration
+        return stored
 
-    def activate(self, name: str, by: str = "") -> Calibration:
+    def activate(self, name: str, by: str = "") -> StoredCalibration:
         """Put a stored calibration in use and log who did it; returns it, verified."""
-        calibration = self.load(name)
+        stored = self.read(name)
         with self._locked():
             try:
                 previous = self.current_id()
@@ -123,9 +141,9 @@ class CalibrationStore:
                 journal.append(encode(activation, "activation"))
             finally:
                 journal.close()
-            current = _Current(name, _checksum(calibration))
+            current = _Current(name, stored.sha256)
             write_document(self.path / "CURRENT", encode(current, "CURRENT"), SCHEMA)
-        return calibration
+        return stored
 
     def activations(self) -> tuple[Activation, ...]:
         """Every activation ever asked for, in order."""
@@ -158,8 +176,11 @@ class CalibrationStore:
     def _read_current(self) -> _Current:
         path = self.path / "CURRENT"
         if not path.exists():
+            last = self._last_activated()
+            before = f" (the file CURRENT is gone; {last} was activated last)" if last else ""
             raise NoCurrentCalibration(
-                f"no calibration is in use in {self.path}; solve a session and run `vgrd activate`"
+                f"no calibration is in use in {self.path}{before}; solve a session and run "
+                "`vgrd activate`"
             )
         remedy = "activate a calibration again: `vgrd activate`"
         return decode(_Current, read_document(path, SCHEMA, remedy), str(path))
@@ -172,7 +193,3 @@ class CalibrationStore:
         earlier = [a.calibration for a in self.activations() if a.calibration != name]
         other = earlier[-1] if earlier else "another one"
         return f"activate {other} (`vgrd activate`) if it is still right for the cell"
-
-
-def _checksum(calibration: Calibration) -> str:
-    return digest(encode(calibration, calibration.id), SCHEMA)

@@ -6,7 +6,7 @@ import os
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import IO
+from typing import IO, NamedTuple
 
 from vgrd.errors import Corrupt, SchemaTooNew, StoreError
 from vgrd.store.encoding import Json, canonical, parse
@@ -81,8 +81,20 @@ def write_document(path: Path, body: object, schema: int) -> None:
         file.write(canonical(sealed, indent=1) + b"\n")
 
 
+class Sealed(NamedTuple):
+    """Body of a document and the checksum that it was found to have."""
+
+    body: Json
+    sha256: str
+
+
 def read_document(path: Path, schema: int, remedy: str = "restore it from a backup") -> Json:
-    """Body of a file written by `write_document`.
+    """Body of a file written by `write_document`; raises as `read_sealed`."""
+    return read_sealed(path, schema, remedy).body
+
+
+def read_sealed(path: Path, schema: int, remedy: str = "restore it from a backup") -> Sealed:
+    """Content of a file written by `write_document`.
 
     Raises StoreError (unreadable), Corrupt (a bit differs from what was written) naming `remedy`,
     SchemaTooNew.
@@ -108,4 +120,4 @@ def read_document(path: Path, schema: int, remedy: str = "restore it from a back
         )
     if found < schema:
         raise Corrupt(f"{path}: schema {found} is unknown; {remedy}")
-    return sealed["body"]
+    return Sealed(sealed["body"], sealed["sha256"])
