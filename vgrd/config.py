@@ -104,8 +104,11 @@ class TagsSection(Section):
 
     @model_validator(mode="after")
     def _distinct(self) -> Self:
-        if (self.a.family, self.a.id) == (self.b.family, self.b.id):
-            msg = "tags a and b must differ in id: the daemon could not tell them apart"
+        if self.a.id == self.b.id:  # what is seen is known by id alone, whatever the family
+            msg = (
+                "tags a and b must differ in id, whatever their families: "
+                "the daemon could not tell them apart"
+            )
             raise ValueError(msg)
         return self
 

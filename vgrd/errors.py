@@ -5,6 +5,7 @@
     VgrdError
       ConfigError            every fault of a file in one message
       InputError             a dataset, a pose list or an argument cannot be used
+        CalibrationMismatch  a calibration was made for another cell than the configured one
       DeviceError
         DeviceUnavailable    link down, timeout: retry with back-off
         DeviceRefused        wrong model, licence or version: retry slowly, tell the operator
@@ -26,6 +27,7 @@
         RingUnavailable      the ring's file is not there (yet) or is another kind of ring
       ServingError           the registers cannot be served: port taken, address not here
         AlreadyRunning       another daemon uses the runtime folder
+      InternalError          a fault of vgrd itself, as the user is told of it
       ControlError           the daemon refused a command
         DaemonUnreachable    no daemon answers on the control socket
 
@@ -56,6 +58,10 @@ class InputError(VgrdError):
     """A file or an argument given by the user cannot be used."""
 
     exit_code = 65
+
+
+class CalibrationMismatch(InputError):
+    """A calibration was made for another cell than the one that the cell file describes."""
 
 
 class DeviceError(VgrdError):
@@ -161,6 +167,20 @@ class ServingError(VgrdError):
 
 class AlreadyRunning(ServingError):
     """Another daemon uses the runtime folder."""
+
+
+class InternalError(VgrdError):
+    """A fault of vgrd itself: neither the input nor the machine is to blame."""
+
+    exit_code = 70
+
+    @classmethod
+    def of(cls, where: str, fault: BaseException) -> "InternalError":
+        """Say in words what went wrong where; the log has the traceback."""
+        return cls(
+            f"internal error in {where}: {type(fault).__name__}: {fault}; this is a fault of vgrd, "
+            "please report it with the daemon's log"
+        )
 
 
 class ControlError(VgrdError):

@@ -625,8 +625,9 @@ def test_an_answer_that_another_calibration_drops_stays_the_answer_to_its_reques
 
 
 def test_without_a_calibration_nothing_is_served(bench: Bench) -> None:
-    bench.serving.use(None, 0)
-    assert bench.ask().answer.status is Status.NOT_CALIBRATED
+    bench.serving.serve_none(Status.CALIBRATION_MISMATCH, "of another cell")
+    assert bench.ask().answer.status is Status.CALIBRATION_MISMATCH
+    assert bench.serving.fault() == (Status.CALIBRATION_MISMATCH, "of another cell")
 
 
 def test_a_tcp_that_the_robot_does_not_tell_is_no_difference() -> None:

@@ -214,7 +214,8 @@ def samples_file(tmp_path, clock):
     return writer.path / "samples.jsonl"
 
 
-def test_a_torn_last_line_is_left_out_with_a_warning(samples_file):
+def test_a_torn_last_line_of_a_session_that_a_kill_ended_is_left_out_with_a_warning(samples_file):
+    (samples_file.parent / "closed.json").unlink()
     whole = samples_file.read_bytes()
     last = whole.rindex(b"\n", 0, -1) + 1
     for cut in range(last + 1, len(whole), 97):
@@ -241,6 +242,17 @@ def test_a_lost_line_is_corrupt(samples_file):
     lines = samples_file.read_bytes().splitlines(keepends=True)
     samples_file.write_bytes(b"".join(lines[:2] + lines[3:]))
     with pytest.raises(Corrupt, match="line 3:"):
+        load_recording(samples_file.parent)
+
+
+@pytest.mark.parametrize("left", [0, 1, 4])
+def test_lines_that_a_closed_session_has_lost_are_told(samples_file, left):
+    lines = samples_file.read_bytes().splitlines(keepends=True)
+    samples_file.write_bytes(b"".join(lines[:left]))
+    with pytest.raises(Corrupt, match=rf"has {left} lines.*closed with 5.*restore"):
+        load_recording(samples_file.parent)
+    samples_file.unlink()
+    with pytest.raises(Corrupt, match="has 0 lines"):
         load_recording(samples_file.parent)
 
 

@@ -10,6 +10,7 @@ from pathlib import Path
 import structlog
 
 from vgrd import logs
+from vgrd.cell.activation import Activation
 from vgrd.cell.advisor import Advisor
 from vgrd.cell.answering import Limits
 from vgrd.cell.control_server import ControlServer
@@ -74,9 +75,9 @@ class Cell:
         )
         advisor = Advisor(Policy(serving.policy))
         teaching = Teaching(self.measuring, self.recorder, facts, config.touch, advisor)
-        store = CalibrationStore(state, clock)
+        self.activation = Activation(self.serving, CalibrationStore(state, clock), facts)
         self.operations = Operations(
-            self.measuring, self.serving, teaching, store, runtime, state, clock
+            self.measuring, self.serving, teaching, self.activation, runtime, state, clock
         )
         self.control = ControlServer(runtime / CONTROL_SOCKET, self.operations.table())
         self.measuring.on_readings.append(self.recorder.on_readings)
@@ -84,21 +85,14 @@ class Cell:
 
     async def run(self, gate: socket.socket) -> None:
         """Work until cancelled or until the gate is gone."""
-        self._recover()
-        log.info("calibration", in_use=self._load())
         async with asyncio.TaskGroup() as tasks:
+            tasks.create_task(self.activation.load_current())
+            tasks.create_task(asyncio.to_thread(self._recover))
             tasks.create_task(self.measuring.run())
             tasks.create_task(self.serving.run())
             tasks.create_task(self.control.serve())
             tasks.create_task(self._tell_health())
             tasks.create_task(self._obey(gate))
-
-    def _load(self) -> str:
-        try:
-            return self.operations.load_current()
-        except VgrdError as err:
-            log.warning("calibration_unusable", reason=str(err))
-            return ""
 
     def _recover(self) -> None:
         """Make sessions whole that a kill left open; one that cannot be is told and left alone."""

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from vgrd.calibration.system import expected_coordinate
+from vgrd.cell.activation import Activation
 from vgrd.cell.advisor import policy_called
 from vgrd.cell.control_server import Arguments, Operation, text_argument
 from vgrd.cell.feeds import GateFeed
@@ -21,12 +22,9 @@ from vgrd.errors import (
     CalibrationError,
     ControlError,
     InputError,
-    NoCurrentCalibration,
     TagNotSeen,
 )
 from vgrd.geometry import Array, exp_rotation
-from vgrd.model import Calibration, CellFacts
-from vgrd.store.calibrations import CalibrationStore, register_id
 from vgrd.store.sessions import SampleKind, list_sessions, session_directory
 
 SOLVE_TIMEOUT_S = 280.0
@@ -40,7 +38,7 @@ class Operations:
         measuring: Measuring,
         serving: Serving,
         teaching: Teaching,
-        store: CalibrationStore,
+        activation: Activation,
         runtime_dir: Path,
         state_dir: Path,
         clock: Clock,
@@ -48,7 +46,7 @@ class Operations:
         self.measuring = measuring
         self.serving = serving
         self.teaching = teaching
-        self.store = store
+        self.activation = activation
         self.state_dir = state_dir
         self.clock = clock
         self.gate = GateFeed(runtime_dir)
@@ -78,16 +76,6 @@ class Operations:
             "ec": self._ec,
             "confirm": self._confirm,
         }
-
-    def load_current(self) -> str:
-        """Serve with the calibration in use, if there is one; returns its id or why there is none."""
-        try:
-            calibration = self.store.current()
-        except NoCurrentCalibration as err:
-            return str(err)
-        self._check_usable(calibration)
-        self.serving.use(calibration, register_id(calibration))
-        return calibration.id
 
     async def _status(self, _: Arguments) -> Mapping[str, Any]:
         sight, fault = self.measuring.sight, self.serving.fault()
@@ -159,10 +147,7 @@ class Operations:
 
     async def _activate(self, arguments: Arguments) -> Mapping[str, Any]:
         name = text_argument(arguments, "calibration")
-        self._check_usable(self.store.load(name))
-        calibration = self.store.activate(name, text_argument(arguments, "by", ""))
-        self.serving.use(calibration, register_id(calibration))
-        return {"calibration": name, "register_id": f"{register_id(calibration):08x}"}
+        return await self.activation.activate(name, text_argument(arguments, "by", ""))
 
     async def _ec(self, arguments: Arguments) -> Mapping[str, Any]:
         target = text_argument(arguments, "target")
@@ -191,18 +176,6 @@ class Operations:
         fault = self.serving.fault()
         return {"confirmed": True, "fault": None if fault is None else fault[1]}
 
-    def _check_usable(self, calibration: Calibration) -> None:
-        """InputError for a calibration that was rejected, or made for another cell."""
-        if not calibration.verdict.ok:
-            reasons = "; ".join(f.message for f in calibration.verdict.findings if f.fatal)
-            raise InputError(f"{calibration.id} was rejected: {reasons}")
-        differences = fact_differences(calibration.facts, self.teaching.facts)
-        if differences:
-            raise InputError(
-                f"{calibration.id} was made for another cell: {'; '.join(differences)}. "
-                "Teach again, or restore the cell file"
-            )
-
 
 def _orientation(arguments: Arguments) -> Array | None:
     """base_from_wrist (3, 3) from argument work_rotvec_deg, "RX RY RZ"; None without it."""
@@ -223,23 +196,3 @@ def _number(arguments: Arguments, name: str) -> float:
         return float(arguments[name])
     except (TypeError, ValueError) as err:
         raise ControlError(f"argument {name!r} must be a number, got {arguments[name]!r}") from err
-
-
-def fact_differences(calibrated: CellFacts, configured: CellFacts) -> list[str]:
-    """What differs between the cell that was calibrated and the one configured, in words."""
-    pairs = {
-        "camera.mount": (calibrated.mount, configured.mount),
-        "camera.id": (calibrated.camera_id, configured.camera_id),
-        "camera.matrix": (calibrated.camera_matrix.tolist(), configured.camera_matrix.tolist()),
-        "camera.distortion": (calibrated.distortion.tolist(), configured.distortion.tolist()),
-        "robot.id": (calibrated.robot_id, configured.robot_id),
-        "tags.b": (_tag_words(calibrated.tag_b), _tag_words(configured.tag_b)),
-        "tags.a": (_tag_words(calibrated.tag_a), _tag_words(configured.tag_a)),
-        "tool.name": (calibrated.tool.name, configured.tool.name),
-    }
-    return [f"{key} was {old}, is {new}" for key, (old, new) in pairs.items() if old != new]
-
-
-def _tag_words(tag: object) -> str:
-    fields = ("family", "id", "size_mm")
-    return "none" if tag is None else " ".join(str(getattr(tag, name)) for name in fields)

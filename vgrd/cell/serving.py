@@ -80,6 +80,7 @@ class Serving:
         self.simulation = simulation
         self.calibration: Calibration | None = None
         self.calibration_id = 0
+        self.absence = (Status.STARTING, "the calibration is being loaded")
         self.answer = Answer()
         self.latched: tuple[Status, str] | None = None
         self.vouch = Vouch(measuring.watch_period_s)
@@ -113,6 +114,11 @@ class Serving:
             None,
         )
 
+    def serve_none(self, status: Status, reason: str) -> None:
+        """Serve nothing from now on; status and reason say why there is no calibration."""
+        self.absence = (status, reason)
+        self.use(None, 0)
+
     def confirm(self) -> None:
         """Forget a latched fault; ControlError while its cause is still there."""
         trouble = self._tcp_trouble()
@@ -143,7 +149,7 @@ class Serving:
         if reading is not None and not reading.running:
             return Status.ROBOT_SAFETY_STOP, "the controller is not in normal mode"
         if self.calibration is None:
-            return Status.NOT_CALIBRATED, "activate a calibration: vgrd activate CALIBRATION"
+            return self.absence
         if self._drifting >= DRIFT_PICTURES:
             return Status.CALIBRATION_DRIFT, "tag A is not where the calibration puts it"
         if trouble := self.measuring.camera_trouble():
@@ -197,7 +203,7 @@ class Serving:
         """Answer a request with the calibration that is active when it comes, and still at its end."""
         fault, calibration = self.fault(), self.calibration
         if fault is not None or calibration is None:
-            return reply(request, fault[0] if fault else Status.NOT_CALIBRATED), None
+            return reply(request, fault[0] if fault else self.absence[0]), None
         refusal = check_request(request, calibration)
         if refusal is not None:
             return refusal, None

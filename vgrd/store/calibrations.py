@@ -10,7 +10,7 @@
 
 import os
 import re
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -89,7 +89,7 @@ class CalibrationStore:
     def read(self, name: str) -> StoredCalibration:
         """As `load`, with the checksum of the file."""
         path = self._file(name)
-        if not path.exists():
+        if not _is_there(path):
             known = ", ".join(self.list()) or "none"
             raise InputError(f"no calibration {name!r} in {self.path}; there are: {known}")
         remedy = "restore it from a backup or solve its session again"
@@ -126,9 +126,15 @@ class CalibrationStore:
             )
         return stored
 
-    def activate(self, name: str, by: str = "") -> StoredCalibration:
-        """Put a stored calibration in use and log who did it; returns it, verified."""
+    def activate(
+        self, name: str, by: str = "", check: Callable[[Calibration], None] = lambda _: None
+    ) -> StoredCalibration:
+        """Put a stored calibration in use and log who did it; returns it, verified.
+
+        What `check` raises for it leaves everything as it was.
+        """
         stored = self.read(name)
+        check(stored.calibration)
         with self._locked():
             try:
                 previous = self.current_id()
@@ -175,7 +181,7 @@ class CalibrationStore:
 
     def _read_current(self) -> _Current:
         path = self.path / "CURRENT"
-        if not path.exists():
+        if not _is_there(path):
             last = self._last_activated()
             before = f" (the file CURRENT is gone; {last} was activated last)" if last else ""
             raise NoCurrentCalibration(
@@ -193,3 +199,8 @@ class CalibrationStore:
         earlier = [a.calibration for a in self.activations() if a.calibration != name]
         other = earlier[-1] if earlier else "another one"
         return f"activate {other} (`vgrd activate`) if it is still right for the cell"
+
+
+def _is_there(path: Path) -> bool:
+    with guarded("look for", path):
+        return path.exists()

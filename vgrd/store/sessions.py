@@ -5,6 +5,7 @@
     STATE_DIR/sessions/NAME/
       session.json      plan and cell facts, sealed by a checksum
       samples.jsonl     one line per taught sample, on the disk before it is acknowledged
+      closed.json       how many lines that are, written when the session is closed
       000.mcap ...      flange poses, observations, pictures; `.mcap.open` while growing, the
                         original of a recovered one is `.mcap.damaged`
 """
@@ -37,6 +38,7 @@ from vgrd.store.topics import Topic, pose_in_frame
 SCHEMA = 1
 _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,79}")
 _HEADER, _SAMPLES, _LOCK = "session.json", "samples.jsonl", ".lock"
+_CLOSED = "closed.json"
 _NS = 1_000_000_000
 
 T = TypeVar("T")
@@ -186,6 +188,8 @@ class SessionWriter:
         try:
             with self._recording:
                 self._segments.close()
+            with self._teaching:
+                write_document(self.path / _CLOSED, {"lines": self._samples.sequence}, SCHEMA)
         finally:
             self._samples.close()
             self._lock.release()
@@ -206,8 +210,10 @@ class SessionWriter:
 
 def list_sessions(state_dir: Path) -> tuple[str, ...]:
     """Names of all sessions, oldest first."""
-    headers = (state_dir / "sessions").glob(f"*/{_HEADER}")
-    dated = sorted((path.stat().st_mtime_ns, path.parent.name) for path in headers)
+    folder = state_dir / "sessions"
+    with guarded("list", folder):
+        headers = folder.glob(f"*/{_HEADER}")
+        dated = sorted((path.stat().st_mtime_ns, path.parent.name) for path in headers)
     return tuple(name for _, name in dated)
 
 
@@ -223,6 +229,7 @@ def load_session(directory: Path) -> StoredSession:
     """
     header = _read_header(directory)
     content = read_journal(directory / _SAMPLES)
+    _check_complete(directory, len(content.records))
     recording = _recording(header, content.records, directory / _SAMPLES)
     warnings = [content.warning] if content.warning else []
     try:
@@ -286,6 +293,19 @@ def _read_header(directory: Path) -> SessionHeader:
     if not path.exists():
         raise StoreError(f"{directory} is not a session: it has no {_HEADER}; check the name")
     return decode(SessionHeader, read_document(path, SCHEMA), str(path))
+
+
+def _check_complete(directory: Path, lines: int) -> None:
+    """Raise Corrupt when a closed session has not the number of samples with which it was closed."""
+    path = directory / _CLOSED
+    if not path.exists():
+        return
+    closed = read_document(path, SCHEMA)["lines"]
+    if closed != lines:
+        raise Corrupt(
+            f"{directory / _SAMPLES} has {lines} lines, the session was closed with {closed}: "
+            "samples are lost; restore the file from a backup"
+        )
 
 
 def _recording(header: SessionHeader, records: tuple[Json, ...], path: Path) -> Recording:
