@@ -18,7 +18,7 @@ import structlog
 from vgrd import logs
 from vgrd.calibration.reach import Reach
 from vgrd.calibration.session_advice import advise_session
-from vgrd.errors import CalibrationError, InputError, VgrdError
+from vgrd.errors import CalibrationError, InputError, InternalError, VgrdError
 from vgrd.model import Policy
 from vgrd.store.sessions import load_recording
 
@@ -145,6 +145,10 @@ def answer_line(line: str) -> str:
         advice = advise_folder(Path(request["folder"]), policy, **limits)
     except VgrdError as err:
         advice = {"policy": policy.value, "trouble": str(err), "next": None}
+    except Exception as err:
+        log.exception("advice_failed")
+        fault = InternalError.of("advise", err)
+        advice = {"policy": policy.value, "trouble": str(fault), "next": None}
     return json.dumps(advice, allow_nan=False)
 
 

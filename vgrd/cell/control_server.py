@@ -1,94 +1,212 @@
 """The control API: newline-delimited JSON on a Unix socket, one reply per request, `subscribe` for events."""
 
 import asyncio
-import contextlib
+import errno
+import resource
+import socket
 from collections.abc import Awaitable, Callable, Mapping
+from contextlib import suppress
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import structlog
 
-from vgrd.errors import ControlError, VgrdError
-from vgrd.ipc.messages import decode_line, encode_line
+from vgrd.cell.control_lines import (
+    Arguments,
+    Asked,
+    ControlLimits,
+    Lines,
+    accepted,
+    refused,
+    shown,
+)
+from vgrd.errors import ControlError, InternalError, VgrdError
+from vgrd.ipc.messages import encode_line
 
-Arguments = Mapping[str, Any]
-Operation = Callable[[Arguments], Awaitable[Mapping[str, Any]]]
-LINE_LIMIT = 1 << 20
-EVENT_BACKLOG = 100
+SUBSCRIBE = "subscribe"
+_QUEUED = 64  # connections that the kernel holds until they are accepted
+_RETRY_S = 0.2  # until a descriptor may be free again
+_DESCRIPTOR_SHARE = 4  # the cell itself has about 30 open
+_HEARD_BYTES = 4096
+_NO_DESCRIPTOR = (errno.EMFILE, errno.ENFILE, errno.ENOBUFS, errno.ENOMEM)
 
 log = structlog.get_logger()
 
 
-class ControlServer:
-    """Serves `operations` by name; everything that raises VgrdError is answered, never fatal."""
+@dataclass(frozen=True, slots=True)
+class Operation:
+    """What `perform` does with the arguments that it knows by name."""
 
-    def __init__(self, path: Path, operations: Mapping[str, Operation]) -> None:
+    perform: Callable[[Arguments], Awaitable[Mapping[str, Any]]]
+    arguments: tuple[str, ...] = ()
+
+
+class ControlServer:
+    """Serves `operations` by name; whatever a client sends or leaves out, the others are served on."""
+
+    def __init__(
+        self,
+        path: Path,
+        operations: Mapping[str, Operation],
+        limits: ControlLimits | None = None,
+    ) -> None:
         self.path = path
         self.operations = operations
-        self.listeners: set[asyncio.Queue[Mapping[str, Any]]] = set()
+        self.limits = _affordable(limits or ControlLimits())
+        self.clients = 0
+        self.listeners: dict[asyncio.Queue[Mapping[str, Any]], asyncio.StreamWriter] = {}
 
     async def serve(self) -> None:
         """Listen until cancelled."""
-        self.path.unlink(missing_ok=True)
-        server = await asyncio.start_unix_server(self._client, str(self.path), limit=LINE_LIMIT)
-        self.path.chmod(0o660)
-        async with server:
-            await server.serve_forever()
+        with self._listening() as listening:
+            try:
+                async with asyncio.TaskGroup() as clients:
+                    while True:
+                        self._receive(await _accepted(listening), clients)
+            finally:
+                self.path.unlink(missing_ok=True)
+
+    def _receive(self, link: socket.socket, clients: asyncio.TaskGroup) -> None:
+        if self.clients >= self.limits.clients:
+            self._turn_away(link)
+        else:
+            self.clients += 1
+            clients.create_task(self._client(link))
 
     def emit(self, event: str, **fields: object) -> None:
-        """Tell every subscriber; a subscriber that does not read loses events, nobody waits for it."""
-        for queue in self.listeners:
-            with contextlib.suppress(asyncio.QueueFull):
+        """Tell every subscriber; one that is too far behind is dropped, nobody waits for it."""
+        for queue, writer in list(self.listeners.items()):
+            try:
                 queue.put_nowait({"event": event, **fields})
+            except asyncio.QueueFull:
+                writer.transport.abort()
 
-    async def _client(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+    def _listening(self) -> socket.socket:
+        self.path.unlink(missing_ok=True)
+        listening = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
+        listening.setblocking(False)
+        listening.bind(str(self.path))
+        self.path.chmod(0o660)
+        listening.listen(_QUEUED)
+        return listening
+
+    def _turn_away(self, link: socket.socket) -> None:
+        refusal = ControlError(
+            f"{self.limits.clients} clients are connected, more are not served: close one"
+        )
+        log.warning("control_client_refused", connected=self.clients)
+        with link, suppress(OSError):  # it may have gone, which is as good
+            link.send(refused(None, refusal))
+
+    async def _client(self, link: socket.socket) -> None:
+        """One connection, from its first request to its end, whoever ends it."""
         try:
-            while line := await reader.readline():
-                await self._serve_line(line, writer)
-        except (ConnectionError, ValueError) as err:
-            log.info("control_client_lost", reason=str(err))
+            reader, writer = await asyncio.open_unix_connection(sock=link)
+            writer.transport.set_write_buffer_limits(high=0)  # drain waits until all is taken
+            try:
+                await self._converse(reader, writer)
+            except ControlError as err:
+                await self._send(writer, refused(None, err))
+            finally:
+                writer.transport.abort()
+        except (
+            OSError
+        ) as err:  # of the connection or of its time: operations answer for themselves
+            log.info("control_client_lost", reason=str(err) or "silent for too long")
         finally:
-            writer.close()
+            link.close()
+            self.clients -= 1
 
-    async def _serve_line(self, line: bytes, writer: asyncio.StreamWriter) -> None:
-        request: Mapping[str, Any] = {}
-        try:
-            request = decode_line(line)
-            if request.get("op") == "subscribe":
-                await self._stream_events(request, writer)
+    async def _converse(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        """Answer line by line. ControlError where a line cannot be told from the next any more."""
+        lines = Lines(reader, self.limits)
+        while (line := await lines.next()) is not None:
+            try:
+                request = Asked.parse(line)
+            except ControlError as err:
+                await self._send(writer, refused(None, err))
+                continue
+            if request.op == SUBSCRIBE:
+                await self._stream_events(request, reader, writer)
                 return
-            reply = await self._perform(request)
-        except VgrdError as err:
-            reply = {"ok": False, "error": type(err).__name__, "message": str(err)}
-        writer.write(encode_line({"id": request.get("id"), **reply}))
-        await writer.drain()
+            await self._send(writer, await self._reply(request))
 
-    async def _perform(self, request: Mapping[str, Any]) -> dict[str, Any]:
-        name = request.get("op")
-        operation = self.operations.get(str(name))
+    async def _send(self, writer: asyncio.StreamWriter, line: bytes) -> None:
+        """Send; TimeoutError when the client does not take it."""
+        writer.write(line)
+        async with asyncio.timeout(self.limits.taking_s):
+            await writer.drain()
+
+    async def _reply(self, request: Asked) -> bytes:
+        """The answer to a request; a fault of ours is told as one, logged whole, and ends nothing."""
+        try:
+            operation = self._operation(request)
+            return accepted(request.id, await operation.perform(request.arguments))
+        except VgrdError as err:
+            return refused(request.id, err)
+        except Exception as err:
+            log.exception("operation_failed", op=request.op)
+            return refused(request.id, InternalError.of(request.op, err))
+
+    def _operation(self, request: Asked) -> Operation:
+        operation = self.operations.get(request.op)
         if operation is None:
-            known = ", ".join(sorted(self.operations))
-            raise ControlError(f"unknown operation {name!r}; known are: {known}")
-        arguments = {key: value for key, value in request.items() if key not in ("op", "id")}
-        return {"ok": True, "result": await operation(arguments)}
+            known = ", ".join(sorted([*self.operations, SUBSCRIBE]))
+            raise ControlError(f"unknown operation {shown(request.op)}; known are: {known}")
+        for name in request.arguments:
+            if name not in operation.arguments:
+                known = ", ".join(operation.arguments) or "none"
+                raise ControlError(
+                    f"{request.op}: unknown argument {shown(name)}; known are: {known}"
+                )
+        return operation
 
     async def _stream_events(
-        self, request: Mapping[str, Any], writer: asyncio.StreamWriter
+        self, request: Asked, reader: asyncio.StreamReader, writer: asyncio.StreamWriter
     ) -> None:
-        queue: asyncio.Queue[Mapping[str, Any]] = asyncio.Queue(EVENT_BACKLOG)
-        self.listeners.add(queue)
+        """Forward events until the subscriber leaves or does not take them."""
+        queue: asyncio.Queue[Mapping[str, Any]] = asyncio.Queue(self.limits.backlog)
+        self.listeners[queue] = writer
         try:
-            writer.write(encode_line({"id": request.get("id"), "ok": True, "result": {}}))
-            while True:
-                await writer.drain()
-                writer.write(encode_line(dict(await queue.get())))
+            await self._send(writer, accepted(request.id, {}))
+            async with asyncio.TaskGroup() as both:
+                both.create_task(self._forward(queue, writer))
+                both.create_task(_until_it_leaves(reader))
+        except* (ConnectionError, TimeoutError) as gone:
+            log.info("subscriber_gone", reason=str(gone.exceptions[0]) or "it takes no events")
         finally:
-            self.listeners.discard(queue)
+            del self.listeners[queue]
+
+    async def _forward(
+        self, queue: asyncio.Queue[Mapping[str, Any]], writer: asyncio.StreamWriter
+    ) -> None:
+        while True:
+            await self._send(writer, encode_line(dict(await queue.get())))
 
 
-def text_argument(arguments: Arguments, name: str, default: str | None = None) -> str:
-    """A string argument of a request; ControlError when it is missing or of another type."""
-    value = arguments.get(name, default)
-    if not isinstance(value, str):
-        raise ControlError(f"argument {name!r} must be a text, got {value!r}")
-    return value
+async def _until_it_leaves(reader: asyncio.StreamReader) -> None:
+    """ConnectionResetError when the client has gone; what it still says is not heard."""
+    while await reader.read(_HEARD_BYTES):
+        pass
+    raise ConnectionResetError("it has left")
+
+
+async def _accepted(listening: socket.socket) -> socket.socket:
+    """The next connection, as soon as there is a descriptor for it."""
+    while True:
+        try:
+            link, _ = await asyncio.get_running_loop().sock_accept(listening)
+        except OSError as err:
+            if err.errno not in _NO_DESCRIPTOR:
+                raise
+            log.warning("control_client_waits", reason=err.strerror)
+            await asyncio.sleep(_RETRY_S)
+        else:
+            return link
+
+
+def _affordable(limits: ControlLimits) -> ControlLimits:
+    """At most a quarter of this process's descriptors for clients, so that rings and files get theirs."""
+    descriptors, _ = resource.getrlimit(resource.RLIMIT_NOFILE)
+    return replace(limits, clients=min(limits.clients, max(1, descriptors // _DESCRIPTOR_SHARE)))

@@ -2,6 +2,7 @@
 
 import asyncio
 import json
+import math
 import sys
 from collections.abc import Mapping
 from pathlib import Path
@@ -12,7 +13,8 @@ import numpy as np
 from vgrd.calibration.system import expected_coordinate
 from vgrd.cell.activation import Activation
 from vgrd.cell.advisor import policy_called
-from vgrd.cell.control_server import Arguments, Operation, text_argument
+from vgrd.cell.control_lines import Arguments, optional_number, optional_text, text_argument
+from vgrd.cell.control_server import Operation
 from vgrd.cell.feeds import GateFeed
 from vgrd.cell.measuring import Measuring
 from vgrd.cell.serving import Serving
@@ -56,25 +58,31 @@ class Operations:
         teaching = self.teaching
 
         def sample(kind: SampleKind) -> Operation:
-            return lambda arguments: teaching.touch(text_argument(arguments, "target"), kind)
+            return Operation(
+                lambda arguments: teaching.touch(text_argument(arguments, "target"), kind),
+                ("target",),
+            )
 
         return {
-            "status": self._status,
-            "record.start": lambda a: teaching.start(
-                text_argument(a, "plan", "joint"), a.get("session")
+            "status": Operation(self._status),
+            "record.start": Operation(
+                lambda a: teaching.start(
+                    text_argument(a, "plan", "joint"), optional_text(a, "session")
+                ),
+                ("plan", "session"),
             ),
-            "record.stop": lambda _: teaching.stop(),
-            "look": lambda _: teaching.look(),
-            "spin": lambda _: teaching.spin(),
+            "record.stop": Operation(lambda _: teaching.stop()),
+            "look": Operation(lambda _: teaching.look()),
+            "spin": Operation(lambda _: teaching.spin()),
             "touch": sample(SampleKind.TOUCH),
             "verify": sample(SampleKind.VERIFY),
-            "point": lambda a: teaching.point(text_argument(a, "name")),
-            "undo": lambda _: teaching.undo(),
-            "advise": self._advise,
-            "solve": self._solve,
-            "activate": self._activate,
-            "ec": self._ec,
-            "confirm": self._confirm,
+            "point": Operation(lambda a: teaching.point(text_argument(a, "name")), ("name",)),
+            "undo": Operation(lambda _: teaching.undo()),
+            "advise": Operation(self._advise, ("policy", "tilt_deg", "yaw_deg")),
+            "solve": Operation(self._solve, ("session",)),
+            "activate": Operation(self._activate, ("calibration", "by")),
+            "ec": Operation(self._ec, ("target", "policy", "work_rotvec_deg")),
+            "confirm": Operation(self._confirm),
         }
 
     async def _status(self, _: Arguments) -> Mapping[str, Any]:
@@ -108,21 +116,17 @@ class Operations:
         }
 
     async def _advise(self, arguments: Arguments) -> Mapping[str, Any]:
-        limits: dict[str, str | float] = {
-            name: _number(arguments, name)
-            for name in ("tilt_deg", "yaw_deg")
-            if arguments.get(name) is not None
-        }
-        if arguments.get("policy") is not None:
-            limits["policy"] = policy_called(text_argument(arguments, "policy")).value
+        limits: dict[str, str | float] = {}
+        for name in ("tilt_deg", "yaw_deg"):
+            if (value := optional_number(arguments, name)) is not None:
+                limits[name] = value
+        if (policy := optional_text(arguments, "policy")) is not None:
+            limits["policy"] = policy_called(policy).value
         return await self.teaching.advise(**limits)
 
     async def _solve(self, arguments: Arguments) -> Mapping[str, Any]:
         """Run the solver in a process of its own: it can be killed, and never delays an answer."""
-        names = list_sessions(self.state_dir)
-        name = arguments.get("session") or (names[-1] if names else None)
-        if not isinstance(name, str):
-            raise InputError("there is no recorded session to solve: vgrd record start")
+        name = optional_text(arguments, "session") or await self._last_session()
         folder = session_directory(self.state_dir, name)
         limits = self.serving.limits
         command = ["-m", "vgrd.cell.solver", str(folder), str(self.state_dir)]
@@ -142,8 +146,14 @@ class Operations:
             raise ControlError(f"the solver died with {process.returncode}; its log says why")
         reply = json.loads(output)
         if not reply["ok"]:
-            raise CalibrationError(reply["message"])
+            raise ControlError(reply["message"], error=reply["error"])
         return dict(reply["result"])
+
+    async def _last_session(self) -> str:
+        names = await asyncio.to_thread(list_sessions, self.state_dir)
+        if not names:
+            raise InputError("there is no recorded session to solve: vgrd record start")
+        return names[-1]
 
     async def _activate(self, arguments: Arguments) -> Mapping[str, Any]:
         name = text_argument(arguments, "calibration")
@@ -151,7 +161,9 @@ class Operations:
 
     async def _ec(self, arguments: Arguments) -> Mapping[str, Any]:
         target = text_argument(arguments, "target")
-        policy = policy_called(arguments.get("policy") or self.serving.limits.policy.value)
+        policy = policy_called(
+            optional_text(arguments, "policy") or self.serving.limits.policy.value
+        )
         work = _orientation(arguments)
         calibration, fault = self.serving.calibration, self.serving.fault()
         if calibration is None or fault is not None:
@@ -179,20 +191,13 @@ class Operations:
 
 def _orientation(arguments: Arguments) -> Array | None:
     """base_from_wrist (3, 3) from argument work_rotvec_deg, "RX RY RZ"; None without it."""
-    text = arguments.get("work_rotvec_deg")
+    text = optional_text(arguments, "work_rotvec_deg")
     if text is None:
         return None
     try:
-        x, y, z = (float(word) for word in str(text).split())
-    except ValueError as err:
-        raise InputError(
-            f"work_rotvec_deg {text!r}: three numbers in degrees, as in '180 0 0'"
-        ) from err
-    return exp_rotation(np.radians([x, y, z]))
-
-
-def _number(arguments: Arguments, name: str) -> float:
-    try:
-        return float(arguments[name])
-    except (TypeError, ValueError) as err:
-        raise ControlError(f"argument {name!r} must be a number, got {arguments[name]!r}") from err
+        degrees = [float(word) for word in text.split()]
+    except ValueError:
+        degrees = []
+    if len(degrees) != 3 or not all(map(math.isfinite, degrees)):
+        raise InputError(f"work_rotvec_deg {text!r}: three numbers in degrees, as in '180 0 0'")
+    return exp_rotation(np.radians(degrees))

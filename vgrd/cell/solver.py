@@ -18,7 +18,7 @@ from vgrd.calibration.system import calibrate_system
 from vgrd.cell.hole_pictures import draw_searched
 from vgrd.cell.hole_sightings import HolesSeen, Report, holes_of, see_holes
 from vgrd.clock import Clock, SystemClock
-from vgrd.errors import CalibrationError, StoreError, VgrdError
+from vgrd.errors import CalibrationError, InternalError, StoreError, VgrdError
 from vgrd.model import Calibration, Plan, Policy, Recording
 from vgrd.orphans import die_with
 from vgrd.store.calibrations import CalibrationStore
@@ -127,6 +127,10 @@ def main(argv: list[str] | None = None) -> int:
         reply = {"ok": True, "result": result}
     except VgrdError as err:
         reply = {"ok": False, "error": type(err).__name__, "message": str(err)}
+    except Exception as err:
+        log.exception("solve_failed")
+        fault = InternalError.of("solve", err)
+        reply = {"ok": False, "error": type(fault).__name__, "message": str(fault)}
     sys.stdout.write(json.dumps(reply, allow_nan=False) + "\n")
     return 0
 

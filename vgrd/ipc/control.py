@@ -2,6 +2,7 @@
 
 import socket
 import time
+from contextlib import suppress
 from pathlib import Path
 
 from vgrd.errors import ControlError, DaemonUnreachable
@@ -22,11 +23,11 @@ class ControlClient:
         """
         line = self._exchange(encode_line({"id": 1, "op": op, **args}), timeout_s)
         reply = decode_line(line)
-        if reply.get("id") != 1 or not isinstance(reply.get("ok"), bool):
-            raise ControlError(f"{self._path}: the daemon's reply to '{op}' has no id or no ok")
-        if not reply["ok"]:
+        if reply.get("ok") is False and reply.get("id") in (1, None):  # None: not even read
             error = str(reply.get("error", "ControlError"))
             raise ControlError(str(reply.get("message", error)), error=error)
+        if reply.get("id") != 1 or reply.get("ok") is not True:
+            raise ControlError(f"{self._path}: the daemon's reply to '{op}' has no id or no ok")
         result = reply.get("result")
         if not isinstance(result, dict):
             raise ControlError(f"{self._path}: the daemon's reply to '{op}' holds no result")
@@ -38,7 +39,8 @@ class ControlClient:
             with socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as link:
                 link.settimeout(timeout_s)
                 link.connect(str(self._path))
-                link.sendall(request)
+                with suppress(BrokenPipeError):  # refused before it was read: the reply says why
+                    link.sendall(request)
                 return _read_line(link, end_s)
         except OSError as error:
             raise DaemonUnreachable(

@@ -1,6 +1,7 @@
 """What travels beside poses and pixels: health of a process, and commands as JSON lines."""
 
 import json
+import math
 from dataclasses import asdict, dataclass
 from typing import Final, Literal, get_args
 
@@ -108,12 +109,19 @@ def encode_line(message: dict[str, object]) -> bytes:
         raise ControlError(f"message cannot be sent: {error}") from error
 
 
+def _finite(text: str) -> float:
+    value = float(text)
+    if not math.isfinite(value):
+        raise ValueError(f"{text} is no JSON number")
+    return value
+
+
 def decode_line(line: bytes) -> dict[str, object]:
     """Inverse of `encode_line`. Raises ControlError naming the fault."""
     if len(line) > MAX_LINE_BYTES:
         raise ControlError(f"message of {len(line)} bytes, at most {MAX_LINE_BYTES} are taken")
     try:
-        message = json.loads(line)
+        message = json.loads(line, parse_float=_finite, parse_constant=_finite)
     except (ValueError, RecursionError) as error:
         raise ControlError(f"message is not JSON: {error}") from error
     if not isinstance(message, dict):
