@@ -245,7 +245,7 @@ def test_the_cap_leaves_most_descriptors_to_the_cell(tmp_path: Path) -> None:
         (b'{"op": "echo"', "not complete within 0.1 s"),
         (b"x" * 3000, "more than 2000 bytes"),
         (b"x" * 3000 + b"\n", "more than 2000 bytes"),
-        (bytes(range(11, 256)) * 1000, "more than 2000 bytes"),
+        (bytes(range(11, 256)) * 10, "more than 2000 bytes"),
     ],
 )
 def test_a_line_that_does_not_end_or_is_huge_is_told_and_ends_the_connection(
@@ -339,7 +339,9 @@ LINES = REQUESTS.map(lambda request: json.dumps(request).encode()) | st.binary(m
 )
 
 
-@settings(max_examples=60, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(
+    max_examples=60, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
+)
 @given(lines=st.lists(LINES, min_size=1, max_size=20), cut=st.integers(1, 40))
 def test_every_line_of_any_bytes_in_any_pieces_gets_exactly_one_reply(
     tmp_path: Path, lines: list[bytes], cut: int
