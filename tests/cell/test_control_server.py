@@ -73,6 +73,7 @@ async def serving(folder: Path, limits: ControlLimits) -> AsyncIterator[ControlS
     finally:
         task.cancel()
         await asyncio.gather(task, return_exceptions=True)
+        await asyncio.sleep(0.01)  # for aborted connections to be closed
     assert faults == []
 
 
