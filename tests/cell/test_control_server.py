@@ -22,7 +22,7 @@ from vgrd.ipc.control import ControlClient
 
 LONG_S = 10.0  # a test that waits so long has failed
 QUICK = ControlLimits(clients=3, request_bytes=2000, idle_s=0.2, line_s=0.1, taking_s=0.1)
-PATIENT = ControlLimits(request_bytes=2000, idle_s=LONG_S, line_s=LONG_S)
+PATIENT = ControlLimits(idle_s=LONG_S, line_s=LONG_S)
 
 
 async def echo(arguments: Mapping[str, Any]) -> Mapping[str, Any]:
