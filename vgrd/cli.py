@@ -16,6 +16,7 @@ from vgrd.commands import (
     detect,
     intrinsics,
     recording,
+    reloading,
     solving,
     study,
     target,
@@ -28,7 +29,18 @@ app = typer.Typer(
     rich_markup_mode=None,
     help="Calibrate a vision-guided robot cell and serve expected coordinates over Modbus.",
 )
-for group in (advise, budget, daemon, detect, intrinsics, recording, solving, study, target):
+for group in (
+    advise,
+    budget,
+    daemon,
+    detect,
+    intrinsics,
+    recording,
+    reloading,
+    solving,
+    study,
+    target,
+):
     group.register(app)
 
 

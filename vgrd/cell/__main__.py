@@ -1,4 +1,4 @@
-"""The cell process; started by the gate: `python -m vgrd.cell CELL_FILE`."""
+"""The cell process; started by the gate: `python -m vgrd.cell RESOLVED_FILE`."""
 
 import asyncio
 import contextlib
@@ -17,12 +17,12 @@ from vgrd.cell.control_server import ControlServer
 from vgrd.cell.measuring import Measuring
 from vgrd.cell.operations import Operations
 from vgrd.cell.recorder import Recorder
+from vgrd.cell.resolved import Resolved, load_resolved
 from vgrd.cell.serving import Serving
 from vgrd.cell.setup import CONTROL_SOCKET, cell_facts
 from vgrd.cell.teaching import Teaching
 from vgrd.cell.vouching import Hold
 from vgrd.clock import SystemClock
-from vgrd.config import CellConfig, load_config
 from vgrd.errors import StoreError, VgrdError
 from vgrd.ipc.health import HealthReporter
 from vgrd.ipc.messages import decode_line, encode_line
@@ -41,7 +41,8 @@ log = structlog.get_logger()
 class Cell:
     """Everything the process is made of, put together once."""
 
-    def __init__(self, config: CellConfig) -> None:
+    def __init__(self, resolved: Resolved) -> None:
+        config = resolved.config
         clock = SystemClock()
         runtime, state = Path(config.cell.runtime_dir), Path(config.cell.state_dir)
         self.state = state
@@ -77,7 +78,14 @@ class Cell:
         teaching = Teaching(self.measuring, self.recorder, facts, config.touch, advisor)
         self.activation = Activation(self.serving, CalibrationStore(state, clock), facts)
         self.operations = Operations(
-            self.measuring, self.serving, teaching, self.activation, runtime, state, clock
+            self.measuring,
+            self.serving,
+            teaching,
+            self.activation,
+            runtime,
+            state,
+            clock,
+            resolved,
         )
         self.control = ControlServer(runtime / CONTROL_SOCKET, self.operations.table())
         self.measuring.on_readings.append(self.recorder.on_readings)
@@ -135,7 +143,7 @@ def main() -> int:
     """Entry point; VGRD_GATE_FD is the inherited link to the gate."""
     logs.configure("cell")
     try:
-        cell = Cell(load_config(Path(sys.argv[1])))
+        cell = Cell(load_resolved(Path(sys.argv[1])))
     except VgrdError as err:
         log.warning("cell_not_started", reason=str(err))
         return err.exit_code

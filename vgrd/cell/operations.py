@@ -17,6 +17,7 @@ from vgrd.cell.control_lines import Arguments, optional_number, optional_text, t
 from vgrd.cell.control_server import Operation
 from vgrd.cell.feeds import GateFeed
 from vgrd.cell.measuring import Measuring
+from vgrd.cell.resolved import Resolved
 from vgrd.cell.serving import Serving
 from vgrd.cell.teaching import PICTURE_TIMEOUT_S, Teaching
 from vgrd.clock import Clock
@@ -44,6 +45,7 @@ class Operations:
         runtime_dir: Path,
         state_dir: Path,
         clock: Clock,
+        resolved: Resolved,
     ) -> None:
         self.measuring = measuring
         self.serving = serving
@@ -51,6 +53,7 @@ class Operations:
         self.activation = activation
         self.state_dir = state_dir
         self.clock = clock
+        self.resolved = resolved
         self.gate = GateFeed(runtime_dir)
 
     def table(self) -> Mapping[str, Operation]:
@@ -102,6 +105,8 @@ class Operations:
             "tag_b_seen": sight is not None and sight.tag_b is not None,
             "answer": self.serving.answer.status.name,
             "recording": self.teaching.status(),
+            "cell_file": self.resolved.source,
+            "cell_file_loaded_unix_s": self.resolved.loaded_unix_s,
             "processes": self._processes(),
         }
 

@@ -3,10 +3,11 @@
 import json
 import sys
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from vgrd.config import CellConfig, TagSection
+from vgrd.cell.resolved import Resolved
 from vgrd.geometry import Pose, exp_rotation
 from vgrd.model import (
     CellFacts,
@@ -19,6 +20,9 @@ from vgrd.model import (
     frozen_array,
 )
 
+if TYPE_CHECKING:  # at run time the sections are those of `vgrd.cell.resolved`
+    from vgrd.config import CellConfig, TagSection
+
 CONTROL_SOCKET = "control.sock"
 # The processes share the cores among themselves; libraries that start a thread per core fight over them.
 ONE_THREAD = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
@@ -26,7 +30,7 @@ DEVICE_HANG_S = 5.0
 CELL_HANG_S = 5.0
 
 
-def cell_facts(config: CellConfig, wrist_from_tcp: Pose | None = None) -> CellFacts:
+def cell_facts(config: "CellConfig", wrist_from_tcp: Pose | None = None) -> CellFacts:
     """What a calibration must know about the cell; `wrist_from_tcp` is what the pendant says."""
     fx, fy, cx, cy = config.camera.matrix
     width, height = config.camera.size_px
@@ -46,11 +50,11 @@ def cell_facts(config: CellConfig, wrist_from_tcp: Pose | None = None) -> CellFa
     )
 
 
-def _tag(section: TagSection) -> TagSpec:
+def _tag(section: "TagSection") -> TagSpec:
     return TagSpec(section.family, section.id, section.size_mm)
 
 
-def _tool(config: CellConfig) -> Tool:
+def _tool(config: "CellConfig") -> Tool:
     axis = np.array(config.tool.axis)
     return Tool(
         name=config.tool.name,
@@ -59,7 +63,7 @@ def _tool(config: CellConfig) -> Tool:
     )
 
 
-def _object(config: CellConfig) -> ObjectSpec:
+def _object(config: "CellConfig") -> ObjectSpec:
     section = config.object
     targets = {
         target.name: Target(
@@ -77,8 +81,12 @@ def _object(config: CellConfig) -> ObjectSpec:
     return ObjectSpec(targets, Motion(section.motion), center, section.hole_sigma_mm)
 
 
-def process_table(config: CellConfig, config_path: Path) -> dict[str, object]:
-    """The table that the gate supervises: one entry per process, as data."""
+def process_table(resolved: Resolved, path: Path) -> dict[str, object]:
+    """The table that the gate supervises: one entry per process, as data.
+
+    path: of the resolved file; its name tells the content, so a changed cell file changes the row.
+    """
+    config = resolved.config
     runtime = config.cell.runtime_dir
     width, height = config.camera.size_px
     picture_bytes = width * height * config.camera.bits // 8
@@ -96,6 +104,7 @@ def process_table(config: CellConfig, config_path: Path) -> dict[str, object]:
 
     return {
         "cell": config.cell.name,
+        "loaded_unix_s": resolved.loaded_unix_s,
         "deadline_s": config.serving.deadline_s,
         "timeout_s": config.serving.timeout_s,
         "int16_scale": config.serving.int16_scale,
@@ -110,7 +119,7 @@ def process_table(config: CellConfig, config_path: Path) -> dict[str, object]:
             {
                 "name": "cell",
                 "kind": "cell",
-                "argv": [sys.executable, "-m", "vgrd.cell", str(config_path.resolve())],
+                "argv": [sys.executable, "-m", "vgrd.cell", str(path)],
                 "env": ONE_THREAD,
                 "hang_s": CELL_HANG_S,
             },

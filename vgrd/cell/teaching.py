@@ -5,6 +5,7 @@ from collections import Counter
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 import structlog
@@ -13,11 +14,13 @@ from vgrd.cell.advisor import Advisor
 from vgrd.cell.measuring import ROBOT_LOST_S, Measuring
 from vgrd.cell.recorder import Recorder
 from vgrd.cell.serving import tcp_difference
-from vgrd.config import TouchSection
 from vgrd.devices import FlangeReading
 from vgrd.errors import ControlError, DeviceUnavailable, InputError, NotSteady, TagNotSeen, TooOld
 from vgrd.model import CellFacts, Observation, Plan, TagObservation, Touch
 from vgrd.store.sessions import SampleKind, SessionWriter
+
+if TYPE_CHECKING:
+    from vgrd.config import TouchSection
 
 PICTURE_TIMEOUT_S = 5.0
 STEADY_PX = 0.5
@@ -40,7 +43,7 @@ class Teaching:
         measuring: Measuring,
         recorder: Recorder,
         facts: CellFacts,
-        touch: TouchSection,
+        touch: "TouchSection",
         advisor: Advisor | None = None,
         now_name: Callable[[], str] = lambda: time.strftime("%Y%m%d-%H%M%S"),
     ) -> None:

@@ -2,13 +2,16 @@
 
 import os
 import sys
+import time
+from datetime import UTC, datetime
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
-from vgrd.commands.asking import ConfigOption, SocketOption, ask
-from vgrd.errors import InputError
+from vgrd.commands.asking import ConfigOption, SocketOption, ask, client_of
+from vgrd.commands.reloading import file_now, running_file
+from vgrd.errors import ConfigError, InputError
 from vgrd.printing import JsonOption, print_result, show_fields
 
 _SOCKET_FOLDER_BYTES = 90
@@ -22,15 +25,20 @@ def register(app: typer.Typer) -> None:
 
 def run(config: Annotated[Path, typer.Argument(help="The cell file.")]) -> None:
     """Run the daemon in the foreground until Ctrl-C or SIGTERM."""
+    from vgrd.cell.resolved import Resolved, forget_resolved, save_resolved
     from vgrd.cell.setup import process_table
     from vgrd.config import load_config
     from vgrd.gate.gate import lock
-    from vgrd.gate.settings import save_table
+    from vgrd.gate.settings import WANTED_TABLE, save_table
 
     loaded = load_config(config)
     runtime = _runtime_folder(Path(loaded.cell.runtime_dir))
     lock(runtime)  # released by exec, and taken again by the gate
-    save_table(runtime, process_table(loaded, config))
+    resolved = Resolved(loaded, str(config.resolve()), time.time())
+    path = save_resolved(resolved, runtime)
+    save_table(runtime, process_table(resolved, path))
+    (runtime / WANTED_TABLE).unlink(missing_ok=True)
+    forget_resolved(runtime, but=path)
     os.execv(sys.executable, [sys.executable, "-m", "vgrd.gate", str(runtime)])  # noqa: S606
 
 
@@ -72,8 +80,16 @@ def check(
 def status(
     config: ConfigOption = None, socket: SocketOption = None, json_to: JsonOption = None
 ) -> None:
-    """Show how the cell is."""
-    print_result(ask(config, socket, "status"), json_to, show_fields("status"))
+    """Show how the cell is, and whether its file on the disk is what it works with."""
+    result = ask(config, socket, "status")
+    runtime = client_of(config, socket).path.parent
+    loaded = datetime.fromtimestamp(float(str(result["cell_file_loaded_unix_s"])), tz=UTC)
+    result["cell_file_loaded"] = loaded.astimezone().isoformat(sep=" ", timespec="seconds")
+    try:
+        result["cell_file_now"] = file_now(running_file(runtime))
+    except ConfigError as err:
+        result["cell_file_now"] = f"not known: {'; '.join(err.faults)}"
+    print_result(result, json_to, show_fields("status"))
 
 
 def activate(

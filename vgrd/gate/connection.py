@@ -54,7 +54,7 @@ class Connection:
         self.peer = peer
         self.requests = 0
         self.heard_s = self._frame_s = clock.monotonic()
-        self._socket, self._data, self._clock = link, data, clock
+        self._socket, self.data, self._clock = link, data, clock
         self._counters, self._forget = counters, forget
         self._buffer = memoryview(bytearray(_BUFFER_BYTES))
         self._filled = 0
@@ -147,7 +147,7 @@ class Connection:
             end = at + 6 + length
             if end > len(received):
                 break
-            answer = respond(self._data, received[at + _HEADER.size : end])
+            answer = respond(self.data, received[at + _HEADER.size : end])
             self.requests += 1
             counters["requests"] += 1
             counters["exceptions"] += answer[0] >= 0x80

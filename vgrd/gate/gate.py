@@ -22,6 +22,7 @@ from vgrd.gate.link import CellLink
 from vgrd.gate.modbus import Limits, ModbusServer
 from vgrd.gate.settings import GateSettings
 from vgrd.gate.supervisor import CONFIG_EXIT, Supervisor
+from vgrd.gate.wanted import WantedTable
 from vgrd.ipc.messages import GATE_BYTES, GATE_KIND, GATE_RING, GATE_SLOTS, GateReport
 from vgrd.ipc.ring import RingWriter
 from vgrd.registers import Request, Status, request_message
@@ -62,15 +63,9 @@ class Gate:
         self._stop = asyncio.Event()
         self._manager = systemd.ServiceManager()
         self._failure: BaseException | None = None
-        self._desk = Desk(
-            ImageFeed(runtime_dir, clock),
-            clock,
-            deadline_s=settings.deadline_s,
-            timeout_s=settings.timeout_s,
-            scale=settings.int16_scale,
-            forward=self._forward,
-            abort=self._abort,
-        )
+        self._runtime_dir = runtime_dir
+        self._desk = self._new_desk()
+        self._wanted = WantedTable(runtime_dir)
         self._server = ModbusServer(self._desk, clock, Limits(allow=settings.allow))
         self._supervisor = Supervisor(
             settings.processes, runtime_dir, clock, self._cell_started, self._cell_ended
@@ -107,7 +102,8 @@ class Gate:
         """What runs as long as the gate; the end of one of them by an error is the gate's end."""
         chores = [
             self._supervisor.run(),
-            self._each(TICK_S, self._desk.refresh),
+            self._each(TICK_S, self._refresh),
+            self._follow_wanted(),
             self._each(SWEEP_S, self._server.sweep),
             self._each(REPORT_S, self._report),
             self._each(ABUSE_LOG_S, self._log_abuse),
@@ -122,6 +118,34 @@ class Gate:
         log.error("callback_failed", what=context["message"], exc_info=error)
         self._failure = self._failure or error or RuntimeError(context["message"])
         self._stop.set()
+
+    def _new_desk(self) -> Desk:
+        return Desk(
+            ImageFeed(self._runtime_dir, self._clock),
+            self._clock,
+            deadline_s=self._settings.deadline_s,
+            timeout_s=self._settings.timeout_s,
+            scale=self._settings.int16_scale,
+            forward=self._forward,
+            abort=self._abort,
+        )
+
+    async def _follow_wanted(self) -> None:
+        """Take over what `vgrd reload` wants; the port stays open, the registers invalid meanwhile."""
+        while True:
+            await asyncio.sleep(REPORT_S)
+            wanted = self._wanted.take(self._settings)
+            if wanted is None:
+                continue
+            log.info("reloading", loaded_unix_s=wanted.loaded_unix_s)
+            await self._supervisor.change(wanted.processes)
+            self._settings, counters = wanted, self._desk.counters
+            self._desk = self._new_desk()
+            self._desk.counters.update(counters)
+            self._desk.cell_lost()  # its last words were of the table before
+            self._server.serve_from_now_on(self._desk, wanted.allow)
+            self._supervisor.start()
+            self._wanted.is_in_force(wanted)
 
     async def _shut_down(self) -> None:
         log.info("stopping")
@@ -157,6 +181,9 @@ class Gate:
     def _hear(self, message: dict[str, object]) -> None:
         log.info("cell_says", **{"what": message.pop("op", "?"), **message})
 
+    def _refresh(self) -> None:
+        self._desk.refresh()
+
     def _kick(self) -> None:
         self._manager.tell(WATCHDOG="1")
 
@@ -164,7 +191,15 @@ class Gate:
         counters = {**self._server.counters, **self._desk.counters}
         counters["connections"] = self._server.connections
         rows = self._supervisor.reports()
-        report = GateReport(os.getpid(), self._settings.host, self._port, counters, rows)
+        report = GateReport(
+            os.getpid(),
+            self._settings.host,
+            self._port,
+            counters,
+            rows,
+            self._wanted.asked_unix_s,
+            self._wanted.refused,
+        )
         self._ring.publish(report.pack(), stamp_s=self._clock.monotonic())
         said = ", ".join(f"{row.name} {row.health}" for row in rows)
         if said != self._said:

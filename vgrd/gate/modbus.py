@@ -12,7 +12,7 @@ import ipaddress
 import socket
 import struct
 from collections import Counter
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import Final
 
@@ -79,6 +79,16 @@ class ModbusServer:
         for listener in self._listeners:
             self._wait_for_peers(listener)
         return int(self._listeners[0].getsockname()[1])
+
+    def serve_from_now_on(self, data: Data, allow: tuple[str, ...]) -> None:
+        """Serve other data, and drop who is not allowed any more."""
+        self.data, self.limits = data, replace(self.limits, allow=allow)
+        self._allow = [ipaddress.ip_network(entry) for entry in allow]
+        self._is_allowed.cache_clear()
+        for link in list(self._links):
+            link.data = data
+            if not self._is_allowed(link.peer):
+                link.drop("refused")
 
     def close(self) -> None:
         """Stop listening and drop all connections."""

@@ -12,6 +12,7 @@ from vgrd.errors import ConfigError
 from vgrd.registers import Scale16
 
 PROCESS_TABLE: Final = "processes.json"
+WANTED_TABLE: Final = "processes.wanted.json"
 CELL_KIND: Final = "cell"
 
 T = TypeVar("T")
@@ -37,6 +38,7 @@ class GateSettings:
     """The gate's part of the cell file. timeout_s: for requests that name no TMO.
 
     int16_scale: name of a `Scale16`, the units of the int16 registers.
+    loaded_unix_s: when the cell file was read; it names this table.
     """
 
     cell: str
@@ -47,13 +49,14 @@ class GateSettings:
     deadline_s: float = 0.25
     timeout_s: float = 5.0
     int16_scale: Scale16 = Scale16.MRAD
+    loaded_unix_s: float = 0.0
 
 
-def save_table(runtime_dir: Path, table: Mapping[str, object]) -> None:
+def save_table(runtime_dir: Path, table: Mapping[str, object], name: str = PROCESS_TABLE) -> None:
     """Write the process table into the runtime folder, whole or not at all."""
-    draft = runtime_dir / f"{PROCESS_TABLE}.{os.getpid()}"
+    draft = runtime_dir / f"{name}.{os.getpid()}"
     draft.write_text(json.dumps(table, indent=1), encoding="utf-8")
-    draft.replace(runtime_dir / PROCESS_TABLE)
+    draft.replace(runtime_dir / name)
 
 
 def load_settings(path: Path) -> GateSettings:
@@ -77,6 +80,7 @@ def load_settings(path: Path) -> GateSettings:
         deadline_s=_take(table, "deadline_s", float, faults, 0.25, optional=True),
         timeout_s=_take(table, "timeout_s", float, faults, 5.0, optional=True),
         int16_scale=_scale(table, faults),
+        loaded_unix_s=_take(table, "loaded_unix_s", float, faults, 0.0, optional=True),
     )
     for entry in settings.allow:
         _check(ip_network, entry, f"modbus.allow: {entry!r} is no address or network", faults)

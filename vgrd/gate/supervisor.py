@@ -129,6 +129,11 @@ class Managed:
             child.kill()
             await child.wait()
 
+    @property
+    def is_waiting(self) -> bool:
+        """Whether it is between two lives, or before the first."""
+        return self._state == "waiting"
+
     def report(self) -> ProcessReport:
         """Row for `vgrd status`."""
         health = self._watch.health if self._watch else None
@@ -206,32 +211,54 @@ class Supervisor:
         on_cell_start: Callable[[socket.socket], None],
         on_cell_end: Callable[[int], None],
     ) -> None:
-        self._rows = [
-            Managed(
-                spec,
-                runtime_dir,
-                clock,
-                on_cell_start,
-                on_cell_end if spec.kind == CELL_KIND else _ignore,
-            )
-            for spec in specs
-        ]
+        self._specs = specs
+        self._runtime_dir, self._clock = runtime_dir, clock
+        self._on_cell_start, self._on_cell_end = on_cell_start, on_cell_end
+        self._rows: dict[str, Managed] = {}
+        self._tasks: dict[str, asyncio.Task[None]] = {}
+        self._group: asyncio.TaskGroup | None = None
 
     async def run(self) -> None:
         """Keep all of them running until cancelled."""
-        async with asyncio.TaskGroup() as tasks:
-            for row in self._rows:
-                tasks.create_task(row.keep_running())
+        async with asyncio.TaskGroup() as self._group:
+            self.start()
+            await asyncio.Event().wait()
+
+    def start(self) -> None:
+        """Start those of the table that do not run, while `run` runs."""
+        for spec in self._specs:
+            if self._group is not None and spec.name not in self._rows:
+                row = self._rows[spec.name] = self._managed(spec)
+                self._tasks[spec.name] = self._group.create_task(row.keep_running())
 
     async def stop(self) -> None:
         """End all of them at once; takes little more than a second at most."""
+        await self.change(())
+
+    async def change(self, specs: tuple[ProcessSpec, ...]) -> None:
+        """Take another table: end, at once, what is not in it as it is; `start` starts the rest."""
+        self._specs = specs
+        leaving = [name for name, row in self._rows.items() if row.spec not in specs]
         async with asyncio.TaskGroup() as tasks:
-            for row in self._rows:
-                tasks.create_task(row.stop())
+            for name in leaving:
+                tasks.create_task(self._end(name))
+
+    async def _end(self, name: str) -> None:
+        row, task = self._rows[name], self._tasks[name]
+        await row.stop()
+        if row.is_waiting:
+            task.cancel()
+        await asyncio.wait({task})
+        del self._rows[name], self._tasks[name]
+
+    def _managed(self, spec: ProcessSpec) -> Managed:
+        ends = self._on_cell_end if spec.kind == CELL_KIND else _ignore
+        return Managed(spec, self._runtime_dir, self._clock, self._on_cell_start, ends)
 
     def reports(self) -> tuple[ProcessReport, ...]:
         """Rows for `vgrd status`."""
-        return tuple(row.report() for row in self._rows)
+        rows = self._rows
+        return tuple(rows[spec.name].report() for spec in self._specs if spec.name in rows)
 
 
 def _ignore(exit_code: int) -> None:

@@ -13,7 +13,7 @@ class ControlClient:
     """Asks the daemon whose control socket is at `path`; a connection of its own per call."""
 
     def __init__(self, path: Path | str) -> None:
-        self._path = Path(path)
+        self.path = Path(path)
 
     def call(self, op: str, *, timeout_s: float = 10.0, **args: object) -> dict[str, object]:
         """Return the result of `op`.
@@ -27,10 +27,10 @@ class ControlClient:
             error = str(reply.get("error", "ControlError"))
             raise ControlError(str(reply.get("message", error)), error=error)
         if reply.get("id") != 1 or reply.get("ok") is not True:
-            raise ControlError(f"{self._path}: the daemon's reply to '{op}' has no id or no ok")
+            raise ControlError(f"{self.path}: the daemon's reply to '{op}' has no id or no ok")
         result = reply.get("result")
         if not isinstance(result, dict):
-            raise ControlError(f"{self._path}: the daemon's reply to '{op}' holds no result")
+            raise ControlError(f"{self.path}: the daemon's reply to '{op}' holds no result")
         return result
 
     def _exchange(self, request: bytes, timeout_s: float) -> bytes:
@@ -38,13 +38,13 @@ class ControlClient:
         try:
             with socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as link:
                 link.settimeout(timeout_s)
-                link.connect(str(self._path))
+                link.connect(str(self.path))
                 with suppress(BrokenPipeError):  # refused before it was read: the reply says why
                     link.sendall(request)
                 return _read_line(link, end_s)
         except OSError as error:
             raise DaemonUnreachable(
-                f"{self._path}: no answer ({_reason(error)}); is `vgrd run` active?"
+                f"{self.path}: no answer ({_reason(error)}); is `vgrd run` active?"
             ) from error
 
 

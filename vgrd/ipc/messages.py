@@ -75,19 +75,25 @@ class ProcessReport:
 
 @dataclass(frozen=True, slots=True)
 class GateReport:
-    """What the gate publishes for `vgrd status`: processes, and counters of the Modbus server."""
+    """What the gate publishes for `vgrd status`: processes, and counters of the Modbus server.
+
+    asked_unix_s: names the last table that was to be taken over, refused: why it was not; "" when it was.
+    """
 
     pid: int
     host: str
     port: int
     counters: dict[str, int]
     processes: tuple[ProcessReport, ...]
+    asked_unix_s: float = 0.0
+    refused: str = ""
 
     def pack(self) -> bytes:
         """JSON for the gate's ring."""
         fields = asdict(self)
         for process in fields["processes"]:
             process["detail"] = _cut(process["detail"])
+        fields["refused"] = _cut(self.refused)
         return json.dumps(fields, ensure_ascii=False, separators=(",", ":")).encode()
 
     @classmethod

@@ -1,0 +1,145 @@
+"""A cell file on the disk changes nothing until it is reloaded, and a reload is whole or refused with the reason."""
+
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from fakes.daemon import Daemon
+from fakes.taught import TaughtCell
+from vgrd.errors import ControlError, DaemonUnreachable
+from vgrd.registers import State
+
+pytestmark = pytest.mark.system
+
+
+@pytest.fixture
+def running(taught: TaughtCell) -> Iterator[tuple[TaughtCell, Daemon]]:
+    with taught.daemon() as daemon:
+        yield taught, daemon
+
+
+def vgrd(*arguments: str) -> subprocess.CompletedProcess[str]:
+    command = [sys.executable, "-m", "vgrd.cli", *arguments]
+    return subprocess.run(command, capture_output=True, text=True, timeout=60, check=False)
+
+
+def serves(status: dict[str, object]) -> bool:
+    return bool(status["serving"])
+
+
+def kill_and_await_service(daemon: Daemon) -> None:
+    former = daemon.pid_of("cell")
+    daemon.kill("cell")
+    daemon.wait_reborn("cell", former)
+    daemon.wait_until(serves)
+
+
+def longest_valid_s(taught: TaughtCell, give_up_s: float) -> float:
+    """How long an answer stays valid, at most `give_up_s`."""
+    with taught.program() as program:
+        program.ask(1)
+        start = time.monotonic()
+        while time.monotonic() < start + give_up_s:
+            if not int(program.read()["STATE"]) & State.VALID:
+                break
+            time.sleep(0.02)
+        return time.monotonic() - start
+
+
+def edit(file: Path, old: str, new: str) -> None:
+    text = file.read_text(encoding="utf-8")
+    assert old in text
+    file.write_text(text.replace(old, new, 1), encoding="utf-8")
+
+
+def set_serving(file: Path, line: str) -> None:
+    edit(file, "[serving]\n", f"[serving]\n{line}\n")
+
+
+def test_a_cell_that_dies_comes_back_as_it_was_whatever_its_file_says_now(running) -> None:
+    taught, daemon = running
+    file = daemon.cell_file
+    good = file.read_text(encoding="utf-8")
+    file.write_text(good[: len(good) // 2] + "[[", encoding="utf-8")
+    kill_and_await_service(daemon)
+    told = vgrd("status", "--socket", str(daemon.control.path))
+    assert "cannot be used as it is now" in told.stdout
+    assert str(file) in told.stdout
+
+    file.write_text(good, encoding="utf-8")
+    set_serving(file, "max_age_s = 30.0")
+    kill_and_await_service(daemon)
+    assert longest_valid_s(taught, 10.0) < 5.0
+    told = vgrd("status", "--socket", str(daemon.control.path))
+    assert "serving.max_age_s" in told.stdout
+
+    done = vgrd("reload", str(file))
+    assert done.returncode == 0, done.stderr
+    assert "serving.max_age_s" in done.stdout
+    daemon.wait_until(serves)
+    assert longest_valid_s(taught, 5.0) >= 5.0
+    assert "in force" in vgrd("status", "--socket", str(daemon.control.path)).stdout
+
+
+def test_a_reload_that_cannot_be_is_refused_with_the_reason_and_changes_nothing(running) -> None:
+    _, daemon = running
+    file, pids = daemon.cell_file, daemon.pids()
+    good = file.read_text(encoding="utf-8")
+    for old, new, words in (
+        ("[serving]\n", "[serving]\nmax_age = 3\n", "unknown key, did you mean 'max_age_s'"),
+        ("port = ", "port = 1", "serving.port changed: that needs a restart"),
+        ('name = "pin"', 'name = "other"', "tool.name was pin, is other"),
+    ):
+        file.write_text(good, encoding="utf-8")
+        edit(file, old, new)
+        done = vgrd("reload", str(file))
+        assert done.returncode != 0
+        assert words in done.stderr.replace("\n", " "), done.stderr
+        assert "Traceback" not in done.stderr
+    assert daemon.pids() == pids
+    assert daemon.control.call("status")["serving"]
+
+    operator_session = daemon.control.call("record.start", session="open")
+    file.write_text(good, encoding="utf-8")
+    set_serving(file, "max_age_s = 30.0")
+    done = vgrd("reload", str(file))
+    assert f"session {operator_session['session']} is being recorded" in done.stderr.replace(
+        "\n", " "
+    )
+    daemon.control.call("record.stop")
+
+
+def test_a_reload_restarts_what_it_changes_and_holds_the_port_with_nothing_valid(running) -> None:
+    taught, daemon = running
+    file, pids = daemon.cell_file, daemon.pids()
+    with taught.program() as program:
+        program.ask(1)
+        edit(file, 'name = "pin"', 'name = "other"')
+        done = vgrd("reload", str(file), "--without-calibration")
+        assert done.returncode == 0, done.stderr
+        values = program.read()  # on the very connection
+        assert not int(values["STATE"]) & State.VALID
+        mismatch = daemon.wait_until(
+            lambda status: (
+                bool(status["fault"]) and status["fault"]["status"] == "CALIBRATION_MISMATCH"
+            )
+        )
+        assert mismatch >= 0
+        reason = str(daemon.control.call("status")["fault"])
+        assert "tool.name was pin, is other" in reason
+    after = daemon.pids()
+    assert after["gate"] == pids["gate"]
+    assert after["cell"] != pids["cell"]
+    assert (after["robot"], after["camera"]) == (pids["robot"], pids["camera"])
+
+
+def test_a_reload_without_a_daemon_says_so(taught: TaughtCell) -> None:
+    done = vgrd("reload", str(taught.fake.cell_file))
+    assert done.returncode == 69
+    assert "no daemon runs in" in done.stderr.replace("\n", " ")
+    with pytest.raises((DaemonUnreachable, ControlError)):
+        taught.daemon().control.call("status")

@@ -1,0 +1,46 @@
+"""A process table that `vgrd reload` left in the runtime folder, for the running gate to take over."""
+
+from pathlib import Path
+
+import structlog
+
+from vgrd.errors import ConfigError
+from vgrd.gate.settings import PROCESS_TABLE, WANTED_TABLE, GateSettings, load_settings
+
+log = structlog.get_logger()
+
+
+class WantedTable:
+    """Looked for by the gate; `asked_unix_s` names the last one, `refused` says why it is not in force."""
+
+    def __init__(self, runtime_dir: Path) -> None:
+        self.asked_unix_s = 0.0
+        self.refused = ""
+        self._wanted = runtime_dir / WANTED_TABLE
+        self._present = runtime_dir / PROCESS_TABLE
+
+    def take(self, present: GateSettings) -> GateSettings | None:
+        """The wanted settings, from now on those of this run; None when there are none to take."""
+        if not self._wanted.exists():
+            return None
+        asked_unix_s = 0.0
+        try:
+            wanted = load_settings(self._wanted)
+            asked_unix_s = wanted.loaded_unix_s
+            _check_address(wanted, present)
+        except ConfigError as error:
+            log.error("reload_refused", reason=str(error))  # noqa: TRY400  a line, not a trace
+            self._wanted.unlink()
+            self.asked_unix_s, self.refused = asked_unix_s, str(error)
+            return None
+        self._wanted.replace(self._present)
+        return wanted
+
+    def is_in_force(self, settings: GateSettings) -> None:
+        """Note that all processes run on these settings."""
+        self.asked_unix_s, self.refused = settings.loaded_unix_s, ""
+
+
+def _check_address(wanted: GateSettings, present: GateSettings) -> None:
+    if (wanted.host, wanted.port) != (present.host, present.port):
+        raise ConfigError(WANTED_TABLE, ["a new host or port needs a restart"])
