@@ -164,6 +164,7 @@ def test_every_reply_carries_advice_and_the_whole_of_it_can_be_asked_for(bench, 
     async def taught() -> tuple[list[dict[str, object]], dict[str, object], dict[str, object]]:
         with pytest.raises(ControlError, match="no session was recorded yet"):
             await bench.teaching.advise()
+        running = asyncio.create_task(bench.advisor.run())
         await bench.teaching.start("joint", "one")
         replies = await bench.teach(rehearsed)
         replies.append(await bench.teaching.undo())
@@ -171,6 +172,7 @@ def test_every_reply_carries_advice_and_the_whole_of_it_can_be_asked_for(bench, 
         await bench.advisor._process.communicate(b"")
         again = await bench.teaching.advise()
         await bench.teaching.stop()
+        running.cancel()
         return replies, told, again
 
     replies, told, again = asyncio.run(taught())
@@ -190,6 +192,7 @@ def test_samples_do_not_wait_for_an_adviser_that_hangs(bench, rehearsed, monkeyp
     monkeypatch.setattr(advising, "BRIEF_S", 0.01)
 
     async def taught() -> list[dict[str, object]]:
+        running = asyncio.create_task(bench.advisor.run())
         await bench.teaching.start("joint", "two")
         replies = await bench.teach(first(rehearsed, 2, 0, 1))
         asked = asyncio.create_task(bench.teaching.advise())
@@ -197,11 +200,66 @@ def test_samples_do_not_wait_for_an_adviser_that_hangs(bench, rehearsed, monkeyp
         await bench.teaching.stop()
         with pytest.raises(CalibrationError, match="ask again"):
             await asked
+        running.cancel()
         return replies
 
     replies = asyncio.run(taught())
     assert all("pending" in reply["advice"] for reply in replies)
     assert replies[-1]["have"] == {"look": 2, "touch": 1}
+
+
+def test_a_fault_of_ours_while_advising_is_raised_where_it_is_awaited(
+    bench, rehearsed, monkeypatch
+):
+    async def faulty(request: object) -> None:
+        raise LookupError("a bug")
+
+    monkeypatch.setattr(bench.advisor, "_exchanged", faulty)
+
+    async def taught() -> None:
+        running = asyncio.create_task(bench.advisor.run())
+        await bench.teaching.start("joint", "three")
+        with pytest.raises(LookupError):
+            await bench.teach(first(rehearsed, 1, 0, 0))
+        with pytest.raises(ExceptionGroup) as told:
+            await running
+        assert told.group_contains(LookupError, match="a bug")
+        await bench.recorder.stop()
+        await bench.advisor.close()
+
+    asyncio.run(taught())
+
+
+def test_a_fault_of_ours_while_writing_is_told_and_samples_are_taken(
+    bench, rehearsed, monkeypatch, caplog
+):
+    def faulty(writer: object, readings: object) -> None:
+        raise LookupError("a bug")
+
+    monkeypatch.setattr(bench.recorder, "_write_readings", faulty)
+
+    async def taught() -> dict[str, object]:
+        running = asyncio.create_task(bench.advisor.run())
+        await bench.teaching.start("joint", "four")
+        bench.recorder.on_readings([bench.newest(1.0)])
+        (reply,) = await bench.teach(first(rehearsed, 1, 0, 0))
+        told = bench.teaching.status()
+        await bench.teaching.stop()
+        running.cancel()
+        return {**told, **reply}
+
+    told = asyncio.run(taught())
+    assert "internal error in recording: LookupError: a bug" in told["trouble"]
+    assert told["sample"] == 1
+
+
+def test_the_advising_process_tells_a_fault_of_ours_and_lives(monkeypatch, tmp_path):
+    def faulty(*_: object, **__: object) -> None:
+        raise LookupError("a bug")
+
+    monkeypatch.setattr(advising, "advise_folder", faulty)
+    line = answer_line(f'{{"folder": "{tmp_path}", "policy": "fixed"}}')
+    assert "internal error in advise: LookupError: a bug" in line
 
 
 def test_the_advising_process_answers_for_folders_that_are_not_there(tmp_path):

@@ -569,6 +569,18 @@ def test_a_changed_tcp_stays_a_fault_until_it_is_confirmed(bench: Bench) -> None
     assert bench.ask().answer.status is Status.OK
 
 
+def test_a_latch_and_its_end_are_handed_on_to_be_kept(bench: Bench) -> None:
+    kept: list[object] = []
+    bench.serving.on_latch.append(kept.append)
+    right, bench.measuring.tcp = bench.measuring.tcp, Pose.from_rotvec((0, 0, 0.01))
+    bench.read()
+    bench.read()
+    bench.measuring.tcp = right
+    assert [status for status, _ in kept] == [Status.TCP_OFFSET_CHANGED]  # type: ignore[misc]
+    bench.serving.confirm()
+    assert kept[1:] == [None]
+
+
 def test_a_camera_without_pictures_is_told(bench: Bench) -> None:
     bench.measuring.sight = None
     assert bench.ask().answer.status is Status.GRAB_TIMEOUT

@@ -14,6 +14,7 @@ from vgrd.cell.activation import Activation
 from vgrd.cell.advisor import Advisor
 from vgrd.cell.answering import Limits
 from vgrd.cell.control_server import ControlServer
+from vgrd.cell.latches import LatchBook
 from vgrd.cell.measuring import Measuring
 from vgrd.cell.operations import Operations
 from vgrd.cell.recorder import Recorder
@@ -36,6 +37,10 @@ from vgrd.vision.tags import TagDetector
 HEALTH_S = 0.02
 
 log = structlog.get_logger()
+
+
+class GateGone(Exception):
+    """The gate has hung up: nobody shows any more what this process publishes."""
 
 
 class Cell:
@@ -74,10 +79,14 @@ class Cell:
             clock,
             simulation=config.cell.simulation,
         )
-        advisor = Advisor(Policy(serving.policy))
-        teaching = Teaching(self.measuring, self.recorder, facts, config.touch, advisor)
+        self.latches = LatchBook(runtime, state)
+        self.serving.latched = self.latches.latched
+        self.serving.on_latch.append(self.latches.note)
+        self.advisor = Advisor(Policy(serving.policy))
+        teaching = Teaching(self.measuring, self.recorder, facts, config.touch, self.advisor)
         self.activation = Activation(self.serving, CalibrationStore(state, clock), facts)
         self.operations = Operations(
+            self.latches,
             self.measuring,
             self.serving,
             teaching,
@@ -92,12 +101,14 @@ class Cell:
         self.measuring.on_sight.append(self.recorder.on_sight)
 
     async def run(self, gate: socket.socket) -> None:
-        """Work until cancelled or until the gate is gone."""
+        """Work until cancelled. Raises GateGone, alone or with other reasons, in a group."""
         async with asyncio.TaskGroup() as tasks:
             tasks.create_task(self.activation.load_current())
             tasks.create_task(asyncio.to_thread(self._recover))
             tasks.create_task(self.measuring.run())
             tasks.create_task(self.serving.run())
+            tasks.create_task(self.latches.run())
+            tasks.create_task(self.advisor.run())
             tasks.create_task(self.control.serve())
             tasks.create_task(self._tell_health())
             tasks.create_task(self._obey(gate))
@@ -128,8 +139,7 @@ class Cell:
         with contextlib.suppress(ConnectionError):
             while line := await reader.readline():
                 self._obey_line(line)
-        log.warning("gate_gone")
-        raise SystemExit(0)
+        raise GateGone
 
     def _obey_line(self, line: bytes) -> None:
         message = decode_line(line)
@@ -148,8 +158,17 @@ def main() -> int:
         log.warning("cell_not_started", reason=str(err))
         return err.exit_code
     gate = socket.socket(fileno=int(os.environ["VGRD_GATE_FD"]))
-    asyncio.run(cell.run(gate))
+    asyncio.run(_live(cell, gate))
     return 0
+
+
+async def _live(cell: Cell, gate: socket.socket) -> None:
+    try:
+        await cell.run(gate)
+    except* GateGone:
+        log.warning("gate_gone")
+    # At once: asyncio and the interpreter would wait for threads, which may wait for a disk or a lock.
+    os._exit(0)
 
 
 if __name__ == "__main__":

@@ -18,7 +18,7 @@ import structlog
 from vgrd import logs
 from vgrd.calibration.reach import Reach
 from vgrd.calibration.session_advice import advise_session
-from vgrd.errors import CalibrationError, InputError, InternalError, VgrdError
+from vgrd.errors import CalibrationError, ControlError, InputError, InternalError, VgrdError
 from vgrd.model import Policy
 from vgrd.store.sessions import load_recording
 
@@ -39,6 +39,12 @@ class Advisor:
         self._turn = asyncio.Lock()
         self._newest = 0
         self._tasks: set[asyncio.Task[Mapping[str, Any]]] = set()
+        self._group: asyncio.TaskGroup | None = None
+
+    async def run(self) -> None:
+        """Own what is being computed, until cancelled: a fault of ours in it is raised here."""
+        async with asyncio.TaskGroup() as self._group:
+            await asyncio.Event().wait()
 
     async def start(self) -> None:
         """Let the process load what it needs before the first sample comes."""
@@ -68,8 +74,10 @@ class Advisor:
         await self._end()
 
     def _asked(self, request: Mapping[str, Any]) -> asyncio.Task[Mapping[str, Any]]:
+        if self._group is None:
+            raise ControlError("advice is not being given: the cell is only starting")
         self._newest += 1
-        task = asyncio.create_task(self._answer(request, self._newest))
+        task = self._group.create_task(self._answer(request, self._newest))
         self._tasks.add(task)
         task.add_done_callback(self._tasks.discard)
         return task

@@ -16,6 +16,7 @@ from vgrd.cell.advisor import policy_called
 from vgrd.cell.control_lines import Arguments, optional_number, optional_text, text_argument
 from vgrd.cell.control_server import Operation
 from vgrd.cell.feeds import GateFeed
+from vgrd.cell.latches import LatchBook
 from vgrd.cell.measuring import Measuring
 from vgrd.cell.resolved import Resolved
 from vgrd.cell.serving import Serving
@@ -38,6 +39,7 @@ class Operations:
 
     def __init__(
         self,
+        latches: LatchBook,
         measuring: Measuring,
         serving: Serving,
         teaching: Teaching,
@@ -47,6 +49,7 @@ class Operations:
         clock: Clock,
         resolved: Resolved,
     ) -> None:
+        self.latches = latches
         self.measuring = measuring
         self.serving = serving
         self.teaching = teaching
@@ -190,6 +193,7 @@ class Operations:
 
     async def _confirm(self, _: Arguments) -> Mapping[str, Any]:
         self.serving.confirm()
+        await self.latches.settled()
         fault = self.serving.fault()
         return {"confirmed": True, "fault": None if fault is None else fault[1]}
 

@@ -13,7 +13,7 @@ import structlog
 from vgrd.cell.measuring import Sight
 from vgrd.clock import Clock
 from vgrd.devices import FlangeReading
-from vgrd.errors import ControlError, StoreError
+from vgrd.errors import ControlError, InternalError, StoreError
 from vgrd.geometry import Pose
 from vgrd.model import CellFacts, Plan
 from vgrd.store.images import encode_image
@@ -39,6 +39,7 @@ class Recorder:
         self.dropped = 0
         self._pen = ThreadPoolExecutor(1, thread_name_prefix="recorder", initializer=_give_way)
         self._pending = 0
+        self._counting = threading.Lock()
         self._last_image: tuple[Pose, Pose | None] | None = None
 
     async def start(self, session: str, plan: Plan, facts: CellFacts) -> None:
@@ -107,18 +108,22 @@ class Recorder:
         if self._pending >= BACKLOG:
             self.dropped += 1
             return
-        self._pending += 1
+        with self._counting:
+            self._pending += 1
         self._pen.submit(write).add_done_callback(self._written)
 
     def _written(self, done: Future[object]) -> None:
-        self._pending -= 1
+        """Called in the thread; what is raised here is heard by nobody, so nothing is."""
+        with self._counting:
+            self._pending -= 1
         error = done.exception()
         if isinstance(error, StoreError):
             if not self.trouble:
                 log.error("recording_fails", reason=str(error))
             self.trouble = str(error)
         elif error is not None:
-            raise error
+            self.trouble = str(InternalError.of("recording", error))
+            log.error("recording_fails", reason=self.trouble, exc_info=error)
 
     async def _in_thread(self, work: Callable[[], Result]) -> Result:
         return await asyncio.get_running_loop().run_in_executor(self._pen, work)

@@ -6,6 +6,7 @@ that shows nothing any more) takes it out of the registers for good, and the rob
 
 import asyncio
 from collections import deque
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -82,7 +83,8 @@ class Serving:
         self.calibration_id = 0
         self.absence = (Status.STARTING, "the calibration is being loaded")
         self.answer = Answer()
-        self.latched: tuple[Status, str] | None = None
+        self.on_latch: list[Callable[[tuple[Status, str] | None], None]] = []
+        self._latched: tuple[Status, str] | None = None
         self.vouch = Vouch(measuring.watch_period_s)
         self._basis: Basis | None = None
         self._sights: deque[Sight] = deque(maxlen=SIGHTS_KEPT)
@@ -90,6 +92,18 @@ class Serving:
         self._tasks: asyncio.TaskGroup | None = None
         self._work: asyncio.Task[None] | None = None
         measuring.on_watch.append(self._watch)
+
+    @property
+    def latched(self) -> tuple[Status, str] | None:
+        """A fault that stands until a person confirms that its cause is gone."""
+        return self._latched
+
+    @latched.setter
+    def latched(self, fault: tuple[Status, str] | None) -> None:
+        if fault != self._latched:
+            self._latched = fault
+            for keep in self.on_latch:
+                keep(fault)
 
     async def run(self) -> None:
         """Publish until cancelled; requests are worked on meanwhile."""

@@ -8,6 +8,8 @@ from pathlib import Path
 from vgrd.errors import ControlError, DaemonUnreachable
 from vgrd.ipc.messages import MAX_LINE_BYTES, decode_line, encode_line
 
+_QUEUE_FULL_S = 0.02  # the cell's loop turns at least so often
+
 
 class ControlClient:
     """Asks the daemon whose control socket is at `path`; a connection of its own per call."""
@@ -38,7 +40,7 @@ class ControlClient:
         try:
             with socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as link:
                 link.settimeout(timeout_s)
-                link.connect(str(self.path))
+                self._connect(link, end_s)
                 with suppress(BrokenPipeError):  # refused before it was read: the reply says why
                     link.sendall(request)
                 return _read_line(link, end_s)
@@ -46,6 +48,18 @@ class ControlClient:
             raise DaemonUnreachable(
                 f"{self.path}: no answer ({_reason(error)}); is `vgrd run` active?"
             ) from error
+
+    def _connect(self, link: socket.socket, end_s: float) -> None:
+        """Connect, also when many do so at once and the daemon's queue is full for the moment."""
+        while True:
+            try:
+                link.connect(str(self.path))
+            except BlockingIOError:
+                if time.monotonic() > end_s:
+                    raise
+                time.sleep(_QUEUE_FULL_S)
+            else:
+                return
 
 
 def _read_line(link: socket.socket, end_s: float) -> bytes:
