@@ -17,9 +17,10 @@ from vgrd import logs
 from vgrd.calibration.system import calibrate_system
 from vgrd.cell.hole_pictures import draw_searched
 from vgrd.cell.hole_sightings import HolesSeen, Report, holes_of, see_holes
+from vgrd.cell.servable import unservable
 from vgrd.clock import Clock, SystemClock
 from vgrd.errors import CalibrationError, InternalError, StoreError, VgrdError
-from vgrd.model import Calibration, Plan, Policy, Recording
+from vgrd.model import Calibration, Plan, Policy, Recording, Verdict
 from vgrd.orphans import die_with
 from vgrd.store.calibrations import CalibrationStore
 from vgrd.store.sessions import iterate_images, iterate_observations, load_session
@@ -40,10 +41,11 @@ def solve_session(
 ) -> dict[str, object]:
     """Solve a session folder and store the calibration if `state_dir` is given; JSON-able summary.
 
-    tolerance_mm: 95 % of the misses under the policy must be predicted within it. Plans joint and
-    special: holes of the object in the stored pictures are evidence too; report: called with (done,
-    total) of these; draw: folder for a picture of each of these. Raises what `calibrate_system` does,
-    StoreError, and InputError for a folder that cannot be written.
+    tolerance_mm: 95 % of the misses under the policy must be predicted within it; what cannot be
+    served under it at all is rejected. Plans joint and special: holes of the object in the stored
+    pictures are evidence too; report: called with (done, total) of these; draw: folder for a picture
+    of each of these. Raises what `calibrate_system` does, StoreError, and InputError for a folder
+    that cannot be written.
     """
     clock = clock or SystemClock()
     pictures = None if draw is None else folder_for_pictures(draw)
@@ -51,7 +53,8 @@ def solve_session(
     holes, warnings = _holes_in(folder, stored.recording, report)
     drawn = {} if pictures is None else _drawn(folder, holes, pictures)
     calibration = calibrate_system(stored.recording, tolerance_mm, policy, holes.sightings)
-    calibration = replace(calibration, created_unix_s=clock.wall())
+    verdict = Verdict((*calibration.verdict.findings, *unservable(calibration, policy)))
+    calibration = replace(calibration, created_unix_s=clock.wall(), verdict=verdict)
     name = None
     if state_dir is not None and calibration.verdict.ok:
         name = CalibrationStore(state_dir, clock).save(calibration)

@@ -1,0 +1,79 @@
+"""A calibration that could only refuse is rejected when it is solved, not request by request."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from fakes.layout import Layout
+from fakes.rehearsal import Rehearsal, facts_of
+from fakes.world import Noise, World
+from vgrd.calibration.system import calibrate_system
+from vgrd.cell import solver
+from vgrd.cell.servable import unservable
+from vgrd.cell.solver import solve_session
+from vgrd.clock import SystemClock
+from vgrd.model import Plan, Policy, Recording
+from vgrd.store.sessions import SampleKind, SessionWriter
+
+
+@pytest.fixture(scope="module")
+def recording(tmp_path_factory: pytest.TempPathFactory) -> Recording:
+    world = World(Layout(), 5, Noise.none())
+    facts = facts_of(world, tmp_path_factory.mktemp("facts"))
+    return Rehearsal(world, facts).teach(looks=5, spins=4, tilted=0, points=0)
+
+
+def stored(recording: Recording, state: Path) -> Path:
+    with SessionWriter(state, "s", recording.plan, recording.facts, SystemClock()) as writer:
+        for kind, values in (
+            (SampleKind.LOOK, recording.looks),
+            (SampleKind.SPIN, recording.spins),
+            (SampleKind.TOUCH, recording.touches),
+        ):
+            for value in values:
+                writer.sample(kind, value)
+    return writer.path
+
+
+def test_plan_special_without_a_pivot_is_rejected_for_a_wrist_that_stays(
+    recording: Recording, tmp_path: Path
+) -> None:
+    special = replace(recording, plan=Plan.SPECIAL, spins=())
+    folder = stored(special, tmp_path)
+    fixed = solve_session(folder, tmp_path, policy=Policy.FIXED)
+    assert fixed["calibration"] is None
+    (finding,) = (one for one in fixed["verdict"]["findings"] if one["code"] == "cannot_be_served")
+    assert finding["fatal"]
+    assert finding["message"].startswith(
+        "P1, P2, P3, P4, P5, P6 cannot be served under policy fixed"
+    )
+    assert "record spins" in finding["message"]
+    follow = solve_session(folder, tmp_path, policy=Policy.FOLLOW)
+    assert "cannot_be_served" not in str(follow["verdict"])
+
+
+@pytest.mark.parametrize("plan", [Plan.JOINT, Plan.SPECIAL])
+def test_a_whole_session_can_be_served(recording: Recording, plan: Plan) -> None:
+    calibration = calibrate_system(replace(recording, plan=plan))
+    assert unservable(calibration, Policy.FIXED) == ()
+    assert unservable(calibration, Policy.FOLLOW) == ()
+
+
+def test_a_fault_of_ours_in_the_solver_is_told_as_one(
+    recording: Recording,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    def faulty(*_: object) -> None:
+        raise ZeroDivisionError("a bug")
+
+    monkeypatch.setattr(solver, "calibrate_system", faulty)
+    monkeypatch.setattr(solver, "die_with", lambda _: None)
+    monkeypatch.setattr(solver.logs, "configure", lambda _: None)
+    folder = stored(replace(recording, plan=Plan.UNIVERSAL), tmp_path)
+    assert solver.main(["solver", str(folder), str(tmp_path), "1.0", "fixed"]) == 0
+    told = capsys.readouterr().out
+    assert '"error": "InternalError"' in told
+    assert "internal error in solve: ZeroDivisionError: a bug" in told
