@@ -16,8 +16,6 @@ import numpy as np
 import structlog
 
 from vgrd import logs
-from vgrd.calibration.reach import Reach
-from vgrd.calibration.session_advice import advise_session
 from vgrd.errors import CalibrationError, ControlError, InputError, InternalError, VgrdError
 from vgrd.model import Policy
 from vgrd.store.sessions import load_recording
@@ -128,6 +126,9 @@ def advise_folder(
     folder: Path, policy: Policy, tilt_deg: float | None = None, yaw_deg: float | None = None
 ) -> dict[str, object]:
     """Advice on a session folder, open or closed; JSON-able. Limits None: as the session suggests."""
+    from vgrd.calibration.reach import Reach  # of the advising process: the cell starts without
+    from vgrd.calibration.session_advice import advise_session
+
     recording = load_recording(folder)
     reach = Reach.of(recording)
     if tilt_deg is not None:

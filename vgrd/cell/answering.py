@@ -3,7 +3,7 @@
 import math
 from dataclasses import dataclass, replace
 
-from vgrd.calibration.system import expected_coordinate
+from vgrd.calibration.coordinates import expected_coordinate
 from vgrd.cell.measuring import Sight
 from vgrd.cell.vouching import Hold
 from vgrd.errors import InputError, NotObservable

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from vgrd.calibration.system import expected_coordinate
+from vgrd.calibration.coordinates import expected_coordinate
 from vgrd.cell.activation import Activation
 from vgrd.cell.advisor import policy_called
 from vgrd.cell.control_lines import Arguments, optional_number, optional_text, text_argument
