@@ -2,6 +2,7 @@
 
 import asyncio
 import contextlib
+import gc
 import os
 import socket
 import sys
@@ -158,6 +159,7 @@ def main() -> int:
         log.warning("cell_not_started", reason=str(err))
         return err.exit_code
     gate = socket.socket(fileno=int(os.environ["VGRD_GATE_FD"]))
+    gc.freeze()  # what was loaded stays: a full collection need not walk it and hold up an answer
     asyncio.run(_live(cell, gate))
     return 0
 
