@@ -110,11 +110,14 @@ class ModbusRobot:
         stamp_s = 0.5 * (sent_s + self._clock.monotonic() - self._profile.update_period_s)
         wrist_from_tcp = told if told is not None else self._offset
         at_tcp = self._profile.frame == "tcp" and wrist_from_tcp is not None
+        step_mm, step_rad = self._profile.flange_steps(wrist_from_tcp)
         return FlangeReading(
             base_from_wrist=pose @ wrist_from_tcp.inverse() if at_tcp and wrist_from_tcp else pose,
             wrist_from_tcp=wrist_from_tcp,
             stamp_s=stamp_s,
             controller_s=stamp_s,
+            step_mm=step_mm,
+            step_rad=step_rad,
         )
 
     def _registers(self, deadline_s: float) -> dict[int, int]:

@@ -11,6 +11,7 @@ import numpy as np
 from pymodbus.client.mixin import ModbusClientMixin
 
 from drivers import settings as driver_settings
+from vgrd.devices import SLOWEST_ROBOT_HZ
 from vgrd.errors import BadReading, ConfigError, InputError
 from vgrd.geometry import Array, Pose
 from vgrd.geometry.formats import RotationFormat, rotation_from, rotation_to, value_count
@@ -64,6 +65,17 @@ class RobotProfile:
     tcp_pose_address: int | None = None
     one_read: bool = False
     update_period_s: float = 0.0
+
+    def flange_steps(self, wrist_from_tcp: Pose | None) -> tuple[float, float]:
+        """In which steps the flange is told (mm per axis, rad per angle); 0 for float32.
+
+        Where the TCP is shown, a step of a rotation moves the flange by the length of the tool.
+        """
+        sigma_mm, sigma_rad = self.position_sigma_mm, self.rotation_sigma_rad
+        tool = wrist_from_tcp if self.frame == "tcp" else None
+        lever_mm = 0.0 if tool is None else float(np.linalg.norm(tool.translation))
+        step_mm, step_rad = math.sqrt(12.0) * sigma_mm, math.sqrt(12.0) * sigma_rad
+        return step_mm + lever_mm * step_rad, step_rad
 
     @property
     def position_sigma_mm(self) -> float:
@@ -218,6 +230,9 @@ def _faults(profile: RobotProfile) -> list[str]:
     for key in ("rotation", "tcp_offset_rotation"):
         if getattr(profile, key) not in (*formats, *((None,) if key != "rotation" else ())):
             faults.append(f"{key}: {getattr(profile, key)!r} is none of {', '.join(formats)}")
+    if not 0.0 <= profile.update_period_s <= 1.0 / SLOWEST_ROBOT_HZ:
+        longest_s = 1.0 / SLOWEST_ROBOT_HZ
+        faults.append(f"update_period_s: 0 to {longest_s:g} s, slower robots hide moves")
     if profile.tcp_pose_address is not None and profile.frame != "flange":
         faults.append("tcp_pose_address: only beside a pose of the flange")
     return faults

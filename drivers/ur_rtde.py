@@ -17,7 +17,7 @@ import rtde_receive
 from drivers import settings as driver_settings
 from drivers.rtde_session import OffsetTrack, RtdeConnection
 from vgrd.clock import Clock
-from vgrd.devices import FlangeReading, Robot, Settings
+from vgrd.devices import SLOWEST_ROBOT_HZ, FlangeReading, Robot, Settings
 from vgrd.errors import BadReading, ConfigError, DeviceUnavailable
 from vgrd.geometry import Pose
 
@@ -42,8 +42,9 @@ def open(settings: Settings, clock: Clock) -> Robot:  # noqa: A001 - the name of
     PolyScope).
     """
     options = driver_settings.parse(UrSettings, settings, "settings of driver ur_rtde")
-    if not 1.0 <= options.frequency_hz <= 500.0:
-        raise ConfigError("settings of driver ur_rtde", ["frequency_hz must be in 1 .. 500"])
+    if not SLOWEST_ROBOT_HZ <= options.frequency_hz <= 500.0:
+        fault = f"frequency_hz must be in {SLOWEST_ROBOT_HZ:g} .. 500"
+        raise ConfigError("settings of driver ur_rtde", [fault])
     connection = RtdeConnection(
         options.host, options.frequency_hz, options.timeout_s, clock, _STATUS
     )

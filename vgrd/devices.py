@@ -17,6 +17,8 @@ Settings = Mapping[str, object]
 Grey = NDArray[np.uint8]
 Pixels = Grey | NDArray[np.uint16]
 
+SLOWEST_ROBOT_HZ = 5.0  # between rarer readings an arm can move and come back unseen
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FlangeReading:
@@ -26,6 +28,7 @@ class FlangeReading:
     wrist_from_tcp: the active TCP in the controller, None where the robot does not tell.
     stamp_s: cell clock (monotonic) at which the pose was true; controller_s: the controller's own time.
     digital_inputs: bit field. running: the controller is powered, in normal mode, not stopped by safety.
+    step_mm, step_rad: in which steps the robot tells the flange, per axis; 0 where they do not matter.
     """
 
     base_from_wrist: Pose
@@ -34,6 +37,8 @@ class FlangeReading:
     controller_s: float
     digital_inputs: int = 0
     running: bool = True
+    step_mm: float = 0.0
+    step_rad: float = 0.0
 
 
 @dataclass(frozen=True, slots=True)

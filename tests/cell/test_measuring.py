@@ -209,3 +209,25 @@ def test_a_wish_for_a_whole_picture_is_not_answered_by_a_region(loop: Loop) -> N
 
     assert asyncio.run(ask(whole=True)).is_whole
     assert asyncio.run(ask(whole=False)).is_whole is not loop.camera.regions
+
+
+@pytest.mark.parametrize("rate_hz", [5.0, 10.0, 20.0, 125.0])
+def test_a_slow_robot_is_online_between_its_readings_and_a_silent_one_is_not(
+    measuring: Measuring, rate_hz: float
+) -> None:
+    clock = measuring.clock
+    assert isinstance(clock, ManualClock)
+    for k in range(20):
+        measuring.robot.readings.append(at(clock.monotonic(), float(k)))
+        clock.sleep(0.99 / rate_hz)
+        assert k < 3 or measuring.reading() is not None
+        clock.sleep(0.01 / rate_hz)
+    clock.sleep(max(0.2, 1.0 / rate_hz + 0.1))
+    assert measuring.reading() is None
+    assert "robot" in measuring.robot_trouble()
+
+
+@pytest.mark.parametrize("rate_hz", [5.0, 10.0, 25.0, 40.0])
+def test_a_press_is_answered_by_a_slow_robot(measuring: Measuring, rate_hz: float) -> None:
+    measuring.robot.readings.extend(at(1000.0 + (k - 9) / rate_hz, 3.0) for k in range(14))
+    assert asyncio.run(measuring.rest()).translation[0] == 3.0

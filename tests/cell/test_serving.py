@@ -221,6 +221,9 @@ class StillMeasuring:
         now = self.clock.monotonic()
         return FlangeReading(self.flange, self.tcp, now, now, running=self.running)
 
+    def reading(self) -> FlangeReading | None:
+        return self.newest(0.0)
+
     def robot_trouble(self) -> str:
         return self.troubles["robot"]
 

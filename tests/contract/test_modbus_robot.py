@@ -47,6 +47,21 @@ def test_rounding_is_told_as_sigmas():
     assert robot_profile.load("techman").position_sigma_mm == 0.0
 
 
+def test_the_steps_of_the_flange_are_those_of_the_registers_and_the_tool():
+    tool = Pose.from_rotvec((0, 0, 0), (0.0, 90.0, 120.0))
+    doosan = robot_profile.load("doosan").flange_steps(tool)
+    assert doosan == pytest.approx((0.1 + 150.0 * np.radians(0.1), np.radians(0.1)))
+    assert robot_profile.load("techman").flange_steps(tool) == (0.0, 0.0)
+
+
+def test_a_profile_of_a_robot_too_slow_to_show_short_moves_is_refused(tmp_path):
+    text = (robot_profile.FOLDER / "doosan.toml").read_text()
+    path = tmp_path / "slow.toml"
+    path.write_text(text.replace("update_period_s = 0.1", "update_period_s = 0.5"))
+    with pytest.raises(ConfigError, match=r"update_period_s: 0 to 0\.2 s"):
+        robot_profile.load(str(path))
+
+
 def test_one_request_where_the_map_is_documented_without_a_gap_else_the_pose_is_read_twice():
     assert len(robot_profile.load("techman").blocks) == 1
     assert len(robot_profile.load("jaka").blocks) == 1

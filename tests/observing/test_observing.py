@@ -59,8 +59,9 @@ def test_a_moving_robot_is_not_steady(motion: tuple[float, float]) -> None:
 
 def test_a_window_that_readings_do_not_cover_is_too_old() -> None:
     readings = [reading(0.008 * k) for k in range(10)]
-    with pytest.raises(TooOld):
-        rest_pose(readings, 0.5)
+    for stamp_s in (0.5, 0.07, 0.01):
+        with pytest.raises(TooOld, match="cover"):
+            rest_pose(readings, stamp_s)
     with pytest.raises(TooOld):
         rest_pose(readings[:1], 0.0, RestLimits())
 

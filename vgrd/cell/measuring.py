@@ -16,20 +16,19 @@ from vgrd.devices import CameraImage, FlangeReading, Pixels, Region
 from vgrd.errors import DeviceUnavailable, InputError, NotSteady, ObservationError, TooOld
 from vgrd.geometry import Pose
 from vgrd.model import CellFacts, Observation, TagObservation
-from vgrd.observing.stillness import RestLimits, rest_pose
+from vgrd.observing.rate import catch_up_s, reading_period_s, silence_limit_s
+from vgrd.observing.stillness import RestLimits, is_covered, rest_pose, rest_pose_since
 
 LOOP_S = 0.005
 BEAT_S = 0.1
 RETRIGGER_S = 3.5
 EVALUATION_HANG_S = 2.0
-ROBOT_STALE_S = 0.2
 ROBOT_LOST_S = 1.0
 HEALTH_STALE_S = 1.5  # a device whose process has been silent so long is refused without a try
 BLIND_S = 0.2  # four missed beats of a device's process: with the registers' 40 ms below 260 ms
 WATCH_MARGIN = 0.5  # of the tag's extent, around where it was: a tag that leaves it has moved
 SETTLE_S = 0.5
 READINGS_WITHIN_S = 3.0
-CATCH_UP_S = 0.2
 
 log = structlog.get_logger()
 
@@ -154,9 +153,13 @@ class Measuring:
 
     def robot_trouble(self) -> str:
         """Why the robot cannot be relied on now; empty when it can."""
-        if self.robot.newest(ROBOT_STALE_S) is not None:
+        if self.reading() is not None:
             return ""
         return self._device_words("robot", HEALTH_STALE_S) or "no flange reading"
+
+    def reading(self) -> FlangeReading | None:
+        """The newest flange reading, None when the robot is silent for longer than its rate explains."""
+        return self.robot.newest(silence_limit_s(self.robot.readings))
 
     def camera_trouble(self) -> str:
         """Why the camera cannot be relied on now; empty when it can."""
@@ -175,14 +178,18 @@ class Measuring:
         while True:
             now = self.clock.monotonic()
             try:
-                return rest_pose(self.robot.readings, max(start_s, self._newest_s()), self.limits)
+                return rest_pose_since(self.robot.readings, start_s, self.limits)
             except TooOld:
                 if now > start_s + READINGS_WITHIN_S:
                     raise
             except NotSteady:
-                if self._newest_s() > start_s + SETTLE_S:
+                if self._newest_s() > start_s + self._settled_s():
                     raise
             await asyncio.sleep(LOOP_S)
+
+    def _settled_s(self) -> float:
+        """How long an arm may go on moving: the settling, and what it takes to see that it is over."""
+        return SETTLE_S + self.limits.minimum_readings * reading_period_s(self.robot.readings)
 
     def _newest_s(self) -> float:
         """Stamp of the newest flange reading."""
@@ -257,7 +264,7 @@ class Measuring:
             )
             self._last_tags = tags if image.region is None else {**self._last_tags, **tags}
             if image.region is None:
-                await self._readings_until(image.stamp_s + self.limits.after_s)
+                await self._readings_after(image.stamp_s)
             self._unusable = ""
             self._announce(self._pair(image, tags))
         except InputError as err:
@@ -266,11 +273,11 @@ class Measuring:
         finally:
             self._evaluating_since_s = None
 
-    async def _readings_until(self, stamp_s: float) -> None:
+    async def _readings_after(self, stamp_s: float) -> None:
         """Let the flange readings catch up with the picture."""
-        end_s = self.clock.monotonic() + CATCH_UP_S
+        end_s = self.clock.monotonic() + catch_up_s(self.robot.readings)
         while self.clock.monotonic() < end_s:
-            if self.robot.readings and self.robot.readings[-1].stamp_s >= stamp_s:
+            if is_covered(self.robot.readings, stamp_s, self.limits):
                 return
             await asyncio.sleep(LOOP_S)
 

@@ -13,7 +13,7 @@ import numpy as np
 import structlog
 
 from vgrd.cell.answering import Limits, answer_request, check_request
-from vgrd.cell.measuring import ROBOT_STALE_S, Measuring, Sight
+from vgrd.cell.measuring import Measuring, Sight
 from vgrd.cell.vouching import Vouch, agree, displacement_mm, points_in_tag
 from vgrd.clock import Clock
 from vgrd.errors import (
@@ -159,7 +159,7 @@ class Serving:
             return self.latched
         if trouble := self.measuring.robot_trouble():
             return Status.ROBOT_OFFLINE, trouble
-        reading = self.measuring.robot.newest(ROBOT_STALE_S)
+        reading = self.measuring.reading()
         if reading is not None and not reading.running:
             return Status.ROBOT_SAFETY_STOP, "the controller is not in normal mode"
         if self.calibration is None:
@@ -332,7 +332,7 @@ class Serving:
     def _may_hold(self, basis: Basis, now_s: float) -> bool:
         """Whether an answer may stand without its tag: for a while, the arm at or beyond its approach."""
         hold = self.limits.hold
-        reading = self.measuring.robot.newest(ROBOT_STALE_S)
+        reading = self.measuring.reading()
         if reading is None or not now_s < basis.seen_s + hold.longest_s:
             return False
         way = reading.base_from_wrist.translation - basis.base_from_wrist.translation
@@ -356,13 +356,13 @@ class Serving:
             self.latched = (Status.TCP_OFFSET_CHANGED, trouble)
 
     def _tcp_trouble(self) -> str:
-        reading = self.measuring.robot.newest(ROBOT_STALE_S)
+        reading = self.measuring.reading()
         if self.calibration is None or reading is None:
             return ""
         return tcp_difference(self.calibration.facts.wrist_from_tcp, reading.wrist_from_tcp)
 
     def _state(self, ready: bool) -> State:
-        reading = self.measuring.robot.newest(ROBOT_STALE_S)
+        reading = self.measuring.reading()
         sight = self.measuring.sight
         held = self._basis is not None and self._basis.hidden
         state = State(0)

@@ -17,7 +17,7 @@ TRIGGER_KIND = "trigger"
 FLANGE_SLOTS = 256
 IMAGE_SLOTS = 4
 
-_FLANGE = struct.Struct("<dd12d?12dQ?")
+_FLANGE = struct.Struct("<dd12d?12dQ?dd")
 _IMAGE = struct.Struct("<dQIIB?II")  # stamp, frame, height, width, depth, is it a region, x, y
 _TRIGGER = struct.Struct("<?4I")  # is it a region, x, y, width, height
 _DTYPES: tuple[type[np.uint8 | np.uint16], ...] = (np.uint8, np.uint16)
@@ -38,6 +38,8 @@ def pack_flange(reading: FlangeReading) -> bytes:
         *_numbers(tcp or Pose.identity()),
         reading.digital_inputs,
         reading.running,
+        reading.step_mm,
+        reading.step_rad,
     )
 
 
@@ -52,6 +54,8 @@ def unpack_flange(payload: bytes) -> FlangeReading:
             controller_s=controller,
             digital_inputs=values[25],
             running=values[26],
+            step_mm=values[27],
+            step_rad=values[28],
         )
     except InputError as err:
         raise BadReading(f"flange reading in {FLANGE_RING}: {err}") from err

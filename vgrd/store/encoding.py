@@ -23,7 +23,7 @@ Json = Any  # what the json module takes and gives
 Hint = Any  # a class or a form of the typing module
 
 _ADDED_LATER = frozenset(
-    {"chi2", "hole_diameter_mm", "hole_sigma_mm", "joint"}
+    {"chi2", "hole_diameter_mm", "hole_sigma_mm", "joint", "step_mm", "step_rad"}
 )  # fields with a default that files of older versions do not have
 _NESTED = (dict, list, tuple)
 _INFINITIES = {"inf": math.inf, "-inf": -math.inf}
