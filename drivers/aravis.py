@@ -11,6 +11,7 @@ import numpy as np
 from drivers import settings as driver_settings
 from drivers.aravis_library import PAYLOAD_COMPLETE, AravisError, Library, load
 from drivers.frame_counter import FrameCounter
+from drivers.pixel_formats import MONO_BITS, WORDS, levels
 from drivers.region_grid import RegionGrid
 from vgrd.clock import Clock
 from vgrd.devices import Camera, CameraImage, Pixels, Region, Settings
@@ -20,13 +21,6 @@ _BUFFERS = 3
 _PACKET_SIZE_AS_SET = 0
 _SOCKET_BUFFER_OF_ONE_PICTURE = 1
 _UNCHANGED = -1  # width or height of a region, as Aravis takes it
-# GenICam pixel formats (PFNC values) that are one grey number per pixel.
-_MONO: dict[int, type[np.uint8] | type[np.uint16]] = {
-    0x01080001: np.uint8,  # Mono8
-    0x01100003: np.uint16,  # Mono10
-    0x01100005: np.uint16,  # Mono12
-    0x01100007: np.uint16,  # Mono16
-}
 
 
 @dataclass(frozen=True, slots=True)
@@ -34,7 +28,8 @@ class AravisSettings:
     """`address`: IP address (not a name: names need discovery) or the id of a USB camera.
 
     exposure_ms, gain_db, packet_bytes: None leaves what the camera has; packet_bytes is the size
-    of a GigE packet, up to the network's MTU. pixel_format: Mono8, Mono10, Mono12 or Mono16.
+    of a GigE packet, up to the network's MTU. pixel_format: Mono8, or an unpacked Mono10, Mono12,
+    Mono14, Mono16.
     """
 
     address: str
@@ -193,19 +188,20 @@ class AravisCamera:
         if status != PAYLOAD_COMPLETE:
             raise BadReading(f"incomplete picture from {self._address} (Aravis status {status})")
         pixel_format = call("arv_buffer_get_image_pixel_format", buffer)
-        if pixel_format not in _MONO:
-            raise BadReading(f"pixel format {pixel_format:#010x} of {self._address} is not grey")
+        if pixel_format not in MONO_BITS:
+            raise BadReading(f"{self._address} sends pixel format {pixel_format:#010x}: {WORDS}")
         height = call("arv_buffer_get_image_height", buffer)
         width = call("arv_buffer_get_image_width", buffer)
         if self._region and (width, height) != (self._region.width, self._region.height):
             raise BadReading(f"{width} x {height} px from {self._address}, asked: {self._region}")
-        pixels = np.empty((height, width), _MONO[pixel_format])
+        shape, is_deep = (height, width), MONO_BITS[pixel_format] > 8
+        pixels: Pixels = np.empty(shape, np.uint16) if is_deep else np.empty(shape, np.uint8)
         size = ctypes.c_size_t()
         data = call("arv_buffer_get_data", buffer, ctypes.byref(size))
         if size.value < pixels.nbytes:
             raise BadReading(f"{size.value} bytes are too few for {width} x {height} pixels")
         ctypes.memmove(pixels.ctypes.data, ctypes.c_void_p(data), pixels.nbytes)
-        return pixels
+        return levels(pixels, pixel_format)
 
     def close(self) -> None:
         """Stop and release the camera; may be called more than once.

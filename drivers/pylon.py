@@ -9,6 +9,7 @@ from pypylon import genicam, pylon
 
 from drivers import settings as driver_settings
 from drivers.frame_counter import FrameCounter
+from drivers.pixel_formats import MONO_BITS, WORDS, levels
 from drivers.region_grid import RegionGrid
 from vgrd.clock import Clock
 from vgrd.devices import Camera, CameraImage, Pixels, Region, Settings
@@ -22,7 +23,7 @@ class PylonSettings:
     """`serial` or `address` (GigE) of the camera.
 
     exposure_ms, gain_db, packet_bytes: None leaves what the camera has. pixel_format: Mono8, or
-    an unpacked Mono10, Mono12, Mono16.
+    an unpacked Mono10, Mono12, Mono14, Mono16.
     """
 
     serial: str | None = None
@@ -118,13 +119,16 @@ def take(camera: Any, timeout_s: float, clock: Clock) -> tuple[Pixels, float, in
         if not result.GrabSucceeded():
             raise BadReading(f"incomplete picture: {result.GetErrorDescription()}")
         pixels = np.array(result.Array)
+        pixel_format = int(result.GetPixelType())
         number = int(result.BlockID)
     finally:
         result.Release()
     shape = (camera.Height.Value, camera.Width.Value)
     if pixels.shape != shape or pixels.dtype not in (np.uint8, np.uint16):
         raise BadReading(f"expected a grey picture of {shape}, got {pixels.dtype} {pixels.shape}")
-    return pixels, 0.5 * (sent_s + acknowledged_s) + half_exposure_s, number
+    if pixel_format not in MONO_BITS:
+        raise BadReading(f"the camera sends pixel format {pixel_format:#010x}: {WORDS}")
+    return levels(pixels, pixel_format), 0.5 * (sent_s + acknowledged_s) + half_exposure_s, number
 
 
 class PylonCamera:

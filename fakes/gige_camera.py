@@ -21,6 +21,7 @@ from ctypes import c_char_p, c_int, c_size_t, c_uint32, c_void_p
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from drivers.aravis_library import Library, load
 from fakes.sensor import Picture, Region
@@ -36,7 +37,8 @@ _FIRE_TEST = 1 << 31
 _CAN_RESEND = 1 << 2
 _WIDTH, _HEIGHT, _SENSOR_HEIGHT, _SENSOR_WIDTH = 0x100, 0x104, 0x118, 0x11C
 _OFFSET_X, _OFFSET_Y = 0x130, 0x134
-_MONO8 = 0x01080001
+_PIXEL_FORMAT = 0x128
+_MONO8, _MONO12, _MONO16 = 0x01080001, 0x01100005, 0x01100007
 _LEADER, _TRAILER, _PAYLOAD = 1, 2, 3
 _HEADERS_BYTES = 20 + 8 + 8  # IP, UDP, GVSP
 _FIRST_FRAME = 65400  # soon over the wrap of 16 bits
@@ -51,13 +53,15 @@ class CameraFaults:
     """Faults to switch on.
 
     freeze: answer control, send no picture; lost: share of packets that do not arrive at first;
-    resend: whether they are sent again when asked for; repeat: keep the frame number.
+    resend: whether they are sent again when asked for; repeat: keep the frame number; twelve: send
+    12 bits where 16 were asked for.
     """
 
     freeze: bool = False
     lost: float = 0.0
     resend: bool = True
     repeat: bool = False
+    twelve: bool = False
 
 
 class GigeCamera:
@@ -184,8 +188,20 @@ class GigeCamera:
                     self._number = self._number % 0xFFFF + 1
                 size = (self._registers[_STREAM_PACKET] & 0xFFFF) - _HEADERS_BYTES
                 origin = (0, 0) if region is None else (region.x, region.y)
-                self._frame = _Frame(self._number, time.monotonic_ns(), image, size, origin)
+                deep, pixel_format = self._deep(image)
+                self._frame = _Frame(
+                    self._number, time.monotonic_ns(), deep, pixel_format, size, origin
+                )
                 self._send(self._frame, range(self._frame.blocks), self.faults.lost)
+
+    def _deep(self, image: Picture) -> tuple[NDArray[np.uint8 | np.uint16], int]:
+        """The picture with as many bits as asked for, and its pixel format."""
+        if self._registers[_PIXEL_FORMAT] != _MONO16:
+            return image, _MONO8
+        deep = image.astype(np.uint16)
+        if self.faults.twelve:
+            return np.left_shift(deep, 4, dtype=np.uint16), _MONO12
+        return np.left_shift(deep, 8, dtype=np.uint16), _MONO16
 
     def _resend(self, number: int, first: int, last: int) -> None:
         frame = self._frame
@@ -207,16 +223,22 @@ class _Frame:
     """A picture cut into GVSP packets: leader 0, payload 1 .. n, trailer n + 1."""
 
     def __init__(
-        self, number: int, stamp_ns: int, image: Picture, size: int, origin: tuple[int, int]
+        self,
+        number: int,
+        stamp_ns: int,
+        image: NDArray[np.uint8 | np.uint16],
+        pixel_format: int,
+        size: int,
+        origin: tuple[int, int],
     ) -> None:
         self.number = number
-        self._pixels = image.reshape(-1).data
+        self._pixels = image.reshape(-1).view(np.uint8).data
         self._size = size
         self.blocks = -(-len(self._pixels) // size) + 2
         height, width = image.shape
         high, low = stamp_ns >> 32, stamp_ns & 0xFFFFFFFF
         self._leader = struct.pack(
-            ">HHIIIIIIIHH", 0, 1, high, low, _MONO8, width, height, *origin, 0, 0
+            ">HHIIIIIIIHH", 0, 1, high, low, pixel_format, width, height, *origin, 0, 0
         )
         self._trailer = struct.pack(">II", 1, height)
 

@@ -66,7 +66,7 @@ class CameraSection(Section):
         le=60,
         description="pictures of tag B (a region, where the camera sends one) while an answer stands",
     )
-    bits: Literal[8, 16] = 8
+    bits: Literal[8, 16] = Field(default=8, description="of a pixel: 16 for Mono10 to Mono16")
     matrix: Annotated[list[float], Field(min_length=4, max_length=4)]
     distortion: Annotated[list[float], Field(max_length=8)] = []
     size_px: Annotated[list[Annotated[int, Field(gt=0)]], Field(min_length=2, max_length=2)]

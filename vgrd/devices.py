@@ -17,6 +17,7 @@ Settings = Mapping[str, object]
 Grey = NDArray[np.uint8]
 Pixels = Grey | NDArray[np.uint16]
 
+DEPTHS = (10, 12, 14, 16)  # bits of a grey level, of cameras that give more than 8
 SLOWEST_ROBOT_HZ = 5.0  # between rarer readings an arm can move and come back unseen
 
 
@@ -56,12 +57,27 @@ class CameraImage:
     """One picture: grey `pixels` (height, width), mid-exposure time on the cell clock, advancing frame number.
 
     region: where the pixels lie in the whole picture, None for the whole picture.
+    uint16 levels fill the 16 bits, whatever the camera's depth: see `full_scale`.
     """
 
     pixels: Pixels
     stamp_s: float
     frame: int
     region: Region | None = None
+
+
+def full_scale(levels: NDArray[np.uint16], bits: int) -> NDArray[np.uint16]:
+    """Levels of a camera of so many bits in the upper bits of 16: the scale is the same for all cameras.
+
+    Nothing is lost, and no pixel decides about the others.
+    """
+    return np.left_shift(levels, 16 - bits)
+
+
+def guessed_bits(levels: NDArray[np.uint16]) -> int:
+    """Depth of levels whose camera is not known: the smallest of `DEPTHS` that holds them all."""
+    brightest = int(levels.max(initial=0))
+    return next(bits for bits in DEPTHS if brightest < 1 << bits)
 
 
 class Robot(Protocol):

@@ -41,7 +41,7 @@ def seen(pose=POSE, tag_id=7, bits=8, dirt=1.5):
     large = cv2.warpPerspective(paper, fine, size, flags=cv2.INTER_AREA, borderValue=220)
     drawn = cv2.GaussianBlur(cv2.resize(large, SIZE, interpolation=cv2.INTER_AREA), (0, 0), 0.6)
     drawn = drawn + np.random.default_rng(0).normal(0, dirt, drawn.shape)
-    scale = 16 if bits == 16 else 1
+    scale = 16 if bits == 16 else 1  # as of a camera of 12 bits
     return (
         np.rint(drawn * scale).clip(0, 2**bits - 1).astype(np.uint16 if bits == 16 else np.uint8)
     )

@@ -22,6 +22,7 @@ from fakes.world import WorldSnapshot
 from vgrd.clock import SystemClock
 from vgrd.devices import Region
 from vgrd.errors import BadReading, ConfigError, DeviceRefused, DeviceUnavailable
+from vgrd.vision.pictures import as_8_bit
 
 CLOCK = SystemClock()
 SIZE = (4024, 3036)
@@ -144,6 +145,24 @@ def test_a_region_of_the_grid_holds_what_was_asked_or_there_is_none(steps, start
 
 
 @needs_aravis
+def test_deep_pictures_of_every_format_have_one_scale_and_a_hot_pixel_changes_no_other(stock):
+    shown = stock.stock[0][:300, :400] // 3
+    hot = shown.copy()
+    hot[7, 9] = 255
+    pictures = iter([shown, hot, shown])
+    with GigeCamera(lambda _: next(pictures), free_loopback(3956), (400, 300)) as fake:
+        camera = aravis.open({"address": fake.host, "pixel_format": "Mono16"}, CLOCK)
+        taken = []
+        for fake.faults.twelve in (False, False, True):
+            taken.append(camera.grab(2.0).pixels)
+        camera.close()
+    for pixels, levels in zip(taken, (shown, hot, shown), strict=True):
+        assert pixels.dtype == np.uint16
+        assert np.array_equal(pixels, levels.astype(np.uint16) << 8)
+        assert np.abs(as_8_bit(pixels).astype(int) - levels).max() <= 1
+
+
+@needs_aravis
 def test_lost_packets_are_sent_again(stock, gige):
     fake, camera = gige
     fake.faults.lost = 0.02
@@ -252,11 +271,31 @@ def test_the_pylon_driver_takes_pictures_on_trigger_and_a_closed_camera_is_unava
     camera = pylon.open({"exposure_ms": 5.0}, CLOCK)
     images = [camera.grab(2.0) for _ in range(3)]
     assert [image.frame for image in images] == [1, 2, 3]
-    assert images[0].pixels.ndim == 2
+    assert images[0].pixels.shape == (1040, 1024)
     camera.close()
     camera.close()
     with pytest.raises(DeviceUnavailable):
         camera.grab(0.3)
+
+
+def test_pylon_gives_every_depth_at_one_scale(monkeypatch):
+    monkeypatch.setenv("PYLON_CAMEMU", "1")
+    first = []
+    for pixel_format in ("Mono8", "Mono10", "Mono12", "Mono16"):
+        camera = pylon.open({"pixel_format": pixel_format}, CLOCK)
+        first.append(as_8_bit(camera.grab(2.0).pixels).astype(int))
+        camera.close()
+    assert np.ptp(first[0]) == 255
+    for deep in first[1:]:
+        assert np.abs(deep - first[0]).max() <= 1
+
+
+def test_colours_are_refused_with_the_formats_to_choose_from(monkeypatch):
+    monkeypatch.setenv("PYLON_CAMEMU", "1")
+    camera = pylon.open({"pixel_format": "BayerRG8"}, CLOCK)
+    with pytest.raises(BadReading, match="choose pixel_format Mono8"):
+        camera.grab(2.0)
+    camera.close()
 
 
 def test_frame_numbers_count_over_the_wrap_and_refuse_to_stand_still():

@@ -11,7 +11,7 @@ from fakes.pictures import Look, Placed, draw, pinhole
 from fakes.poses import frozen_snapshot, look_poses, retracted_pose, touch_pose
 from fakes.render import Renderer
 from fakes.world import WorldSnapshot
-from vgrd.devices import Region
+from vgrd.devices import Region, full_scale
 from vgrd.errors import InputError
 from vgrd.geometry import Pose
 from vgrd.geometry.camera import CameraModel
@@ -154,7 +154,7 @@ def test_an_out_of_focus_tag_is_seen_with_a_larger_covariance(detector):
 def test_sixteen_bit_pictures_give_the_same_poses(detector, shots):
     pixels = shots[0][1]
     eight = detector.detect(pixels)
-    sixteen = detector.detect(pixels.astype(np.uint16) * 16)
+    sixteen = detector.detect(full_scale(pixels.astype(np.uint16) * 16, 12))
     for tag_id, observation in eight.items():
         mm, rad = observation.camera_from_tag.distance(sixteen[tag_id].camera_from_tag)
         assert mm < 0.03

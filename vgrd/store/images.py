@@ -2,7 +2,9 @@
 
 Layout of a message on topic `/image` (little endian): magic "VGI1", frame number int64,
 mid-exposure time on the cell clock float64 s; then one JPEG-XL code stream (grey, 8 or 16 bits,
-lossless).
+lossless). With magic "VGI2" (more than 8 bits) a byte comes before the stream: by how many bits its
+levels are shifted up to fill 16; empty bits would cost half of the picture's size again. Older
+recordings have "VGI1" for those too and do not tell.
 """
 
 import struct
@@ -11,11 +13,12 @@ from typing import cast
 
 import imagecodecs
 import numpy as np
+from numpy.typing import NDArray
 
-from vgrd.devices import CameraImage, Pixels
+from vgrd.devices import CameraImage, Pixels, full_scale, guessed_bits
 from vgrd.errors import Corrupt, InputError
 
-_MAGIC = b"VGI1"
+_MAGIC, _DEEP_MAGIC = b"VGI1", b"VGI2"
 _HEADER = struct.Struct("<4sqd")
 
 
@@ -36,8 +39,12 @@ def encode_image(image: CameraImage) -> EncodedImage:
             f"got {image.pixels.shape} {image.pixels.dtype}"
         )
     pixels = np.ascontiguousarray(image.pixels)
-    stream = imagecodecs.jpegxl_encode(pixels, lossless=True, effort=1, numthreads=1)
     header = _HEADER.pack(_MAGIC, image.frame, image.stamp_s)
+    if pixels.dtype == np.uint16:
+        empty = _empty_bits(cast(NDArray[np.uint16], pixels))
+        header = _HEADER.pack(_DEEP_MAGIC, image.frame, image.stamp_s) + bytes([empty])
+        pixels = np.right_shift(pixels, empty)
+    stream = imagecodecs.jpegxl_encode(pixels, lossless=True, effort=1, numthreads=1)
     return EncodedImage(image.stamp_s, image.frame, header + stream)
 
 
@@ -49,16 +56,26 @@ def stamp_of(data: bytes) -> float:
 def decode_image(data: bytes) -> CameraImage:
     """Picture that `encode_image` stored, bit for bit; raises Corrupt."""
     frame, stamp_s = _header(data)
+    start = _HEADER.size + (data[:4] == _DEEP_MAGIC)
     try:
-        pixels = imagecodecs.jpegxl_decode(data[_HEADER.size :], numthreads=1)
+        pixels = imagecodecs.jpegxl_decode(data[start:], numthreads=1)
     except imagecodecs.JpegxlError as error:
         raise Corrupt(f"picture {frame} cannot be decoded: {error}") from error
+    if pixels.dtype == np.uint16:
+        is_told = data[:4] == _DEEP_MAGIC
+        pixels = full_scale(pixels, 16 - data[start - 1] if is_told else guessed_bits(pixels))
     return CameraImage(cast(Pixels, pixels), stamp_s, frame)
+
+
+def _empty_bits(levels: NDArray[np.uint16]) -> int:
+    """How many of the lowest bits no pixel uses."""
+    used = int(np.bitwise_or.reduce(levels, axis=None))
+    return (used & -used).bit_length() - 1 if used else 0
 
 
 def _header(data: bytes) -> tuple[int, float]:
     """Frame number and stamp."""
-    if len(data) < _HEADER.size or data[:4] != _MAGIC:
+    if len(data) < _HEADER.size or data[:4] not in (_MAGIC, _DEEP_MAGIC):
         raise Corrupt("not a stored picture: its header is wrong")
     _, frame, stamp_s = _HEADER.unpack_from(data)
     return frame, stamp_s

@@ -122,7 +122,7 @@ def draw_hole(
 
 
 def in_colour(picture: Pixels) -> Colour:
-    """A grey picture as a colour one to draw on; more than 8 bits are scaled to the brightest pixel."""
+    """A grey picture as a colour one to draw on."""
     return np.asarray(cv2.cvtColor(as_8_bit(picture), cv2.COLOR_GRAY2BGR), np.uint8)
 
 

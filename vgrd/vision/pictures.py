@@ -8,7 +8,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from vgrd.devices import Grey, Pixels
+from vgrd.devices import Grey, Pixels, full_scale, guessed_bits
 from vgrd.errors import InputError
 
 SUFFIXES = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".bmp", ".pgm", ".webp")
@@ -19,7 +19,7 @@ _UPRIGHT = 1
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Picture:
-    """pixels: (h, w) uint8 or uint16, rows as stored; turned: its EXIF asks viewers to turn it."""
+    """pixels: (h, w) uint8, or uint16 at full scale, rows as stored; turned: its EXIF asks viewers to turn it."""
 
     pixels: Pixels
     turned: bool
@@ -28,7 +28,8 @@ class Picture:
 def read_picture(path: Path) -> Picture:
     """Read a picture, colours as their grey value; InputError naming the file and why it cannot be read.
 
-    An EXIF orientation is not applied: intrinsics belong to the sensor's rows and columns.
+    An EXIF orientation is not applied: intrinsics belong to the sensor's rows and columns. Files
+    do not tell the depth of a camera of more than 8 bits: it is guessed from the brightest pixel.
     """
     if not path.is_file():
         raise InputError(f"{path}: no such file")
@@ -44,6 +45,9 @@ def read_picture(path: Path) -> Picture:
         for kind, block in zip(np.ravel(kinds), blocks, strict=True)
         if kind == cv2.IMAGE_METADATA_EXIF
     ]
+    if pixels.dtype == np.uint16:
+        deep = np.asarray(pixels, dtype=np.uint16)
+        pixels = full_scale(deep, guessed_bits(deep))
     return Picture(pixels, any(_orientation(block) != _UPRIGHT for block in exif))
 
 
@@ -57,11 +61,10 @@ def _decoded(path: Path) -> tuple[Pixels | None, Sequence[int], Sequence[Pixels]
 
 
 def as_8_bit(pixels: Pixels) -> Grey:
-    """Grey levels as 8 bits; uint16 is scaled by its brightest pixel (10, 12 and 16 bit cameras)."""
+    """Grey levels as 8 bits; uint16 as `CameraImage` has it, 65535 becomes 255."""
     if pixels.dtype == np.uint8:
         return np.asarray(pixels, dtype=np.uint8)
-    brightest = max(int(pixels.max(initial=1)), 1)
-    return np.asarray(cv2.convertScaleAbs(pixels, alpha=255 / brightest), dtype=np.uint8)
+    return np.asarray(cv2.convertScaleAbs(pixels, alpha=255 / 65535), dtype=np.uint8)
 
 
 def _orientation(exif: bytes) -> int:
