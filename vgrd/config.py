@@ -178,6 +178,21 @@ class TouchSection(Section):
     axial_sigma_mm: Annotated[float, Field(gt=0)] = 0.25
 
 
+class RecordingSection(Section):
+    """Sessions on the disk: how much they may take, and what must stay free."""
+
+    quota_gb: Positive = Field(
+        default=50.0,
+        description="all sessions; beyond it the oldest are removed, none that a calibration cites",
+    )
+    keep_free_gb: float = Field(
+        default=1.0,
+        ge=0,
+        allow_inf_nan=False,
+        description="recording pauses while less is free on the disk",
+    )
+
+
 class ServingSection(Section):
     """The registers: where, for whom, and what an answer must satisfy."""
 
@@ -236,6 +251,7 @@ class CellConfig(Section):
     tool: ToolSection = ToolSection()
     object: ObjectSection
     touch: TouchSection = TouchSection()
+    recording: RecordingSection = RecordingSection()
     serving: ServingSection = ServingSection()
 
 

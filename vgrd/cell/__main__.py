@@ -15,6 +15,7 @@ from vgrd.cell.activation import Activation
 from vgrd.cell.advisor import Advisor
 from vgrd.cell.answering import Limits
 from vgrd.cell.control_server import ControlServer
+from vgrd.cell.housekeeping import Housekeeping
 from vgrd.cell.latches import LatchBook
 from vgrd.cell.measuring import Measuring
 from vgrd.cell.operations import Operations
@@ -62,6 +63,10 @@ class Cell:
             runtime, detector, facts, clock, camera.rate_hz, camera.watch_rate_hz
         )
         self.recorder = Recorder(state, clock)
+        recording = config.recording
+        self.housekeeping = Housekeeping(
+            state, self.recorder, recording.quota_gb, recording.keep_free_gb
+        )
         ring = RingWriter.create(runtime / REGISTER_RING, 4, PACKED_BYTES, REGISTER_KIND)
         limits = Limits(
             Policy(serving.policy),
@@ -97,6 +102,7 @@ class Cell:
             clock,
             resolved,
         )
+        self.operations.disk = self.housekeeping.status
         self.control = ControlServer(runtime / CONTROL_SOCKET, self.operations.table())
         self.measuring.on_readings.append(self.recorder.on_readings)
         self.measuring.on_sight.append(self.recorder.on_sight)
@@ -111,6 +117,7 @@ class Cell:
             tasks.create_task(self.latches.run())
             tasks.create_task(self.advisor.run())
             tasks.create_task(self.control.serve())
+            tasks.create_task(self.housekeeping.run())
             tasks.create_task(self._tell_health())
             tasks.create_task(self._obey(gate))
 

@@ -4,7 +4,7 @@ import asyncio
 import json
 import math
 import sys
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -58,6 +58,7 @@ class Operations:
         self.clock = clock
         self.resolved = resolved
         self.gate = GateFeed(runtime_dir)
+        self.disk: Callable[[], Mapping[str, Any]] = dict
 
     def table(self) -> Mapping[str, Operation]:
         """Operations by name."""
@@ -110,6 +111,7 @@ class Operations:
             "recording": self.teaching.status(),
             "cell_file": self.resolved.source,
             "cell_file_loaded_unix_s": self.resolved.loaded_unix_s,
+            "disk": self.disk(),
             "processes": self._processes(),
         }
 

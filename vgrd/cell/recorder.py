@@ -5,17 +5,20 @@ import os
 import threading
 from collections.abc import Callable, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TypeVar
 
+import numpy as np
 import structlog
 
 from vgrd.cell.measuring import Sight
 from vgrd.clock import Clock
 from vgrd.devices import FlangeReading
 from vgrd.errors import ControlError, InternalError, StoreError
-from vgrd.geometry import Pose
+from vgrd.geometry import Array, Pose
 from vgrd.model import CellFacts, Plan
+from vgrd.observing.thinning import PoseThinning
 from vgrd.store.images import encode_image
 from vgrd.store.sessions import SessionWriter
 
@@ -23,6 +26,10 @@ BACKLOG = 200
 NICENESS = 10
 SAME_PLACE_MM = 0.1
 SAME_PLACE_RAD = 2e-4
+SAME_PLACE_PX = 0.5  # of a corner: the noise of a good tag is a tenth of it, a step in light less
+PLACES = 8  # of one rest: a tag that is seen and not seen by turns is recorded once each
+SAMPLE_S = 3.0  # a sample is stored at most this long after its picture
+LONG_S = 12 * 3600.0  # longer than a shift: the session was forgotten
 
 log = structlog.get_logger()
 Result = TypeVar("Result")
@@ -37,10 +44,13 @@ class Recorder:
         self.writer: SessionWriter | None = None
         self.trouble = ""
         self.dropped = 0
-        self._pen = ThreadPoolExecutor(1, thread_name_prefix="recorder", initializer=_give_way)
+        self.paused = ""
+        self.opened_s = 0.0
+        self._thinning = PoseThinning()
+        self._pen = ThreadPoolExecutor(1, thread_name_prefix="recorder", initializer=give_way)
         self._pending = 0
         self._counting = threading.Lock()
-        self._last_image: tuple[Pose, Pose | None] | None = None
+        self._places: list[Place] = []
 
     async def start(self, session: str, plan: Plan, facts: CellFacts) -> None:
         """Open a new session; ControlError when one is open already."""
@@ -48,7 +58,8 @@ class Recorder:
             raise ControlError(
                 f"session {self.writer.header.name} is being recorded: stop it first (vgrd record stop)"
             )
-        self.trouble, self.dropped, self._last_image = "", 0, None
+        self.trouble, self.dropped, self._places = "", 0, []
+        self._thinning, self.opened_s = PoseThinning(), self.clock.monotonic()
         self.writer = await self._in_thread(
             lambda: SessionWriter(self.state_dir, session, plan, facts, self.clock)
         )
@@ -57,7 +68,8 @@ class Recorder:
         """Close the session; returns its folder."""
         writer = self.open_session()
         self.writer = None
-        await self._in_thread(writer.close)
+        last = self._thinning.rest()
+        await self._in_thread(lambda: self._finish(writer, last))
         return writer.path
 
     def open_session(self) -> SessionWriter:
@@ -68,14 +80,27 @@ class Recorder:
 
     async def call(self, write: Callable[[SessionWriter], Result]) -> Result:
         """Run `write` with the session's writer; it is durable when this returns."""
-        writer = self.open_session()
+        writer, now_s = self.open_session(), self.clock.monotonic()
+        self._thinning.want(now_s - SAMPLE_S, now_s)
         return await self._in_thread(lambda: write(writer))
 
     def on_readings(self, readings: Sequence[FlangeReading]) -> None:
-        """Record flange poses at the robot's rate."""
+        """Record flange poses: at the robot's rate while it moves and around pictures, else few."""
         writer = self.writer
-        if writer is not None:
-            self._queue(lambda: self._write_readings(writer, readings))
+        if writer is None or self.paused:
+            return
+        kept = self._thinning.add(readings)
+        if kept:
+            self._queue(lambda: self._write_readings(writer, kept))
+
+    def warning(self) -> str:
+        """What the operator should know of an open session; empty when there is nothing."""
+        open_s = self.clock.monotonic() - self.opened_s
+        if reason := self.trouble or self.paused:
+            return f"poses and pictures are not recorded, samples are: {reason}"
+        if self.writer is None or open_s < LONG_S:
+            return ""
+        return f"open for {open_s / 3600:.0f} hours: end it with vgrd record stop"
 
     def tick(self) -> None:
         """Keep what is written durable while nothing new comes; call every 50 ms or so."""
@@ -85,13 +110,24 @@ class Recorder:
     def on_sight(self, sight: Sight) -> None:
         """Record the first picture of each rest: one that shows tags from a place not recorded yet."""
         writer, pose = self.writer, sight.base_from_wrist
-        if writer is None or pose is None or not (sight.tag_a or sight.tag_b):
+        if writer is None or self.paused or pose is None or not (sight.tag_a or sight.tag_b):
             return
-        place = (pose, sight.tag_b.camera_from_tag if sight.tag_b else None)
-        if self._last_image is not None and _same_place(self._last_image, place):
+        place = Place(pose, sight.tag_b.corners_px if sight.tag_b else None)
+        if any(place.is_same(known) for known in self._places):
             return
-        self._last_image = place
+        if self._places and not place.is_same_rest(self._places[-1]):
+            self._places = []
+        self._places = [*self._places[-PLACES + 1 :], place]
+        self._thinning.want(sight.stamp_s, sight.stamp_s)
         self._queue(lambda: self._write_sight(writer, sight))
+
+    def _finish(self, writer: SessionWriter, last: Sequence[FlangeReading]) -> None:
+        try:
+            self._write_readings(writer, last)
+        except StoreError as err:
+            # The recording had failed before, or fails now: the samples are safe all the same.
+            self.trouble = self.trouble or str(err)
+        writer.close()
 
     @staticmethod
     def _write_readings(writer: SessionWriter, readings: Sequence[FlangeReading]) -> None:
@@ -129,22 +165,26 @@ class Recorder:
         return await asyncio.get_running_loop().run_in_executor(self._pen, work)
 
 
-def _give_way() -> None:
+def give_way() -> None:
     """Compressing pictures must not delay an answer: Linux keeps niceness per thread."""
     os.setpriority(os.PRIO_PROCESS, threading.get_native_id(), NICENESS)
 
 
-Place = tuple[Pose, Pose | None]
+@dataclass(frozen=True, slots=True, eq=False)
+class Place:
+    """Where things stood in a picture: the flange, and tag B's corners (4, 2) where it was seen."""
 
+    base_from_wrist: Pose
+    corners_px: Array | None
 
-def _same_place(old: Place, new: Place) -> bool:
-    """Neither the flange nor the object has moved between two pictures."""
-    for before, after in zip(old, new, strict=True):
-        if before is None or after is None:
-            if before is not after:
-                return False
-            continue
-        distance_mm, angle_rad = before.distance(after)
-        if distance_mm > SAME_PLACE_MM or angle_rad > SAME_PLACE_RAD:
-            return False
-    return True
+    def is_same_rest(self, other: "Place") -> bool:
+        """Whether the flange has not moved."""
+        distance_mm, angle_rad = self.base_from_wrist.distance(other.base_from_wrist)
+        return distance_mm <= SAME_PLACE_MM and angle_rad <= SAME_PLACE_RAD
+
+    def is_same(self, other: "Place") -> bool:
+        """Whether neither the flange nor the object has moved; in pixels, whose noise is known."""
+        if self.corners_px is None or other.corners_px is None:
+            return self.corners_px is other.corners_px and self.is_same_rest(other)
+        shift_px = float(np.abs(self.corners_px - other.corners_px).max())
+        return shift_px <= SAME_PLACE_PX and self.is_same_rest(other)

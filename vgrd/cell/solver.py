@@ -23,6 +23,7 @@ from vgrd.errors import CalibrationError, InternalError, StoreError, VgrdError
 from vgrd.model import Calibration, Plan, Policy, Recording, Verdict
 from vgrd.orphans import die_with
 from vgrd.store.calibrations import CalibrationStore
+from vgrd.store.retention import in_use
 from vgrd.store.sessions import iterate_images, iterate_observations, load_session
 from vgrd.vision.drawing import folder_for_pictures
 
@@ -49,15 +50,16 @@ def solve_session(
     """
     clock = clock or SystemClock()
     pictures = None if draw is None else folder_for_pictures(draw)
-    stored = load_session(folder)
-    holes, warnings = _holes_in(folder, stored.recording, report)
-    drawn = {} if pictures is None else _drawn(folder, holes, pictures)
-    calibration = calibrate_system(stored.recording, tolerance_mm, policy, holes.sightings)
-    verdict = Verdict((*calibration.verdict.findings, *unservable(calibration, policy)))
-    calibration = replace(calibration, created_unix_s=clock.wall(), verdict=verdict)
-    name = None
-    if state_dir is not None and calibration.verdict.ok:
-        name = CalibrationStore(state_dir, clock).save(calibration)
+    with in_use(folder):
+        stored = load_session(folder)
+        holes, warnings = _holes_in(folder, stored.recording, report)
+        drawn = {} if pictures is None else _drawn(folder, holes, pictures)
+        calibration = calibrate_system(stored.recording, tolerance_mm, policy, holes.sightings)
+        verdict = Verdict((*calibration.verdict.findings, *unservable(calibration, policy)))
+        calibration = replace(calibration, created_unix_s=clock.wall(), verdict=verdict)
+        name = None
+        if state_dir is not None and calibration.verdict.ok:
+            name = CalibrationStore(state_dir, clock).save(calibration)
     return {
         "calibration": name,
         **summary(calibration),

@@ -64,7 +64,11 @@ class Teaching:
         await self.recorder.start(name, Plan(plan), facts)
         if self.advisor is not None:
             await self.advisor.start()
-        return {"session": name, "plan": plan, "folder": str(self._session().path)}
+        return {
+            "session": name,
+            "plan": plan,
+            "folder": str(self._session().path),
+        } | self._warned()
 
     async def stop(self) -> dict[str, object]:
         """Close the session."""
@@ -72,7 +76,12 @@ class Teaching:
         self.last_session = await self.recorder.stop()
         if self.advisor is not None:
             await self.advisor.close()
-        return {"session": self.last_session.name, "folder": str(self.last_session), **counts}
+        return {
+            "session": self.last_session.name,
+            "folder": str(self.last_session),
+            **counts,
+            **self._warned(),
+        }
 
     async def look(self) -> dict[str, object]:
         """Record a hand-eye sample: robot at rest, tag A seen."""
@@ -126,6 +135,7 @@ class Teaching:
         return {
             "session": self._session().header.name,
             "trouble": self.recorder.trouble,
+            "warning": self.recorder.warning(),
             "dropped": self.recorder.dropped + sum(self._session().dropped),
             **self._counts(),
         }
@@ -144,9 +154,8 @@ class Teaching:
         sequence = await self.recorder.call(lambda writer: writer.sample(kind, value))
         seen = value if isinstance(value, Observation) else value.observation
         tags = [name for name in ("tag_a", "tag_b") if getattr(seen, name, None) is not None]
-        return {"sample": sequence, "kind": kind.value, "tags": tags, **self._counts()} | (
-            await self._advice()
-        )
+        told = {"sample": sequence, "kind": kind.value, "tags": tags, **self._counts()}
+        return told | self._warned() | await self._advice()
 
     async def _advice(self) -> dict[str, object]:
         """What comes of the samples so far, if it can be told without a delay."""
@@ -177,6 +186,11 @@ class Teaching:
             except TooOld as err:
                 log.info("picture_again", reason=str(err))
         return (await self.measuring.fresh(PICTURE_TIMEOUT_S)).observation()
+
+    def _warned(self) -> dict[str, object]:
+        """What the operator should know of the recording, if there is something."""
+        warning = self.recorder.warning()
+        return {"warning": warning} if warning else {}
 
     def _reading(self) -> FlangeReading:
         reading = self.measuring.robot.newest(ROBOT_LOST_S)

@@ -113,7 +113,7 @@ class SessionWriter:
                 raise StoreError(
                     f"session {name!r} exists already in {self.path.parent}; choose another name"
                 ) from None
-        self._lock = _session_lock(self.path)
+        self._lock = session_lock(self.path)
         try:
             with guarded("lock", self.path):
                 self._lock.acquire(timeout=0)
@@ -213,7 +213,8 @@ def list_sessions(state_dir: Path) -> tuple[str, ...]:
     folder = state_dir / "sessions"
     with guarded("list", folder):
         headers = folder.glob(f"*/{_HEADER}")
-        dated = sorted((path.stat().st_mtime_ns, path.parent.name) for path in headers)
+        named = (path for path in headers if _NAME.fullmatch(path.parent.name))
+        dated = sorted((path.stat().st_mtime_ns, path.parent.name) for path in named)
     return tuple(name for _, name in dated)
 
 
@@ -243,7 +244,7 @@ def recover_session(directory: Path) -> tuple[Path, ...]:
     """Recover segments that a kill left open, unless a living process records here."""
     if not any(directory.glob("*.mcap.open")):
         return ()
-    lock = _session_lock(directory)
+    lock = session_lock(directory)
     with guarded("lock", directory):
         try:
             lock.acquire(timeout=0)
@@ -256,7 +257,11 @@ def recover_session(directory: Path) -> tuple[Path, ...]:
 
 
 def iterate_flanges(directory: Path) -> Iterator[FlangeReading]:
-    """Yield the recorded flange readings as written; damaged chunks are left out."""
+    """Yield the recorded flange readings as written; damaged chunks are left out.
+
+    Of an arm at rest they are few, and as many as the robot gave around pictures and samples
+    (`vgrd.observing.thinning`): judge rest from those within `AROUND_S` of a picture.
+    """
     for path, message in _messages(directory, Topic.FLANGE):
         yield decode(FlangeReading, parse(message.data, str(path))["reading"], str(path))
 
@@ -284,7 +289,8 @@ def _messages(directory: Path, topic: Topic) -> Iterator[tuple[Path, StoredMessa
             yield path, message
 
 
-def _session_lock(directory: Path) -> FileLock:
+def session_lock(directory: Path) -> FileLock:
+    """Held by the process that records into a session, recovers or removes it."""
     return FileLock(directory / _LOCK, thread_local=False)
 
 
