@@ -27,12 +27,14 @@ _UNCHANGED = -1  # width or height of a region, as Aravis takes it
 class AravisSettings:
     """`address`: IP address (not a name: names need discovery) or the id of a USB camera.
 
+    serial: what the camera there must have, so that another one is not taken for it.
     exposure_ms, gain_db, packet_bytes: None leaves what the camera has; packet_bytes is the size
     of a GigE packet, up to the network's MTU. pixel_format: Mono8, or an unpacked Mono10, Mono12,
     Mono14, Mono16.
     """
 
     address: str
+    serial: str | None = None
     exposure_ms: float | None = None
     gain_db: float | None = None
     pixel_format: str = "Mono8"
@@ -63,6 +65,13 @@ def open(settings: Settings, clock: Clock) -> Camera:  # noqa: A001 - the name o
 
 def _configure(library: Library, camera: object, options: AravisSettings) -> float:
     """Apply the settings, return the exposure time in s (0 where the camera does not tell)."""
+    if options.serial is not None:
+        found = (library.call("arv_camera_get_device_serial_number", camera) or b"").decode()
+        if found != options.serial:
+            raise AravisError(
+                f"it is the camera with serial {found}, the settings say {options.serial}: "
+                "put the right one there, or teach anew with this one"
+            )
     library.call("arv_camera_set_pixel_format_from_string", camera, options.pixel_format.encode())
     library.call("arv_camera_set_string", camera, b"AcquisitionMode", b"Continuous")
     library.call("arv_camera_set_trigger", camera, b"Software")

@@ -55,6 +55,7 @@ _FALLIBLE: _Signatures = {
     "arv_camera_get_width_increment": (c_int, c_void_p),
     "arv_camera_get_height_increment": (c_int, c_void_p),
     "arv_camera_is_region_offset_available": (_BOOL, c_void_p),
+    "arv_camera_get_device_serial_number": (c_char_p, c_void_p),
     "arv_camera_get_payload": (c_uint, c_void_p),
     "arv_camera_create_stream": (c_void_p, c_void_p, c_void_p, c_void_p, c_void_p),
     "arv_camera_start_acquisition": (None, c_void_p),

@@ -213,6 +213,14 @@ def test_wrong_settings_are_refused_by_name():
 
 
 @needs_aravis
+def test_another_camera_at_the_address_is_refused_by_its_serial():
+    with GigeCamera(Shown(), free_loopback(3956), SIZE, serial="VGRD0007") as fake:
+        aravis.open({"address": fake.host, "serial": "VGRD0007"}, CLOCK).close()
+        with pytest.raises(DeviceRefused, match="serial VGRD0007, the settings say VGRD0001"):
+            aravis.open({"address": fake.host, "serial": "VGRD0001"}, CLOCK)
+
+
+@needs_aravis
 def test_nobody_at_the_address_is_unavailable():
     with pytest.raises(DeviceUnavailable, match="no camera at"):
         aravis.open({"address": free_loopback(3956)}, CLOCK)

@@ -8,7 +8,8 @@ from vgrd.devices import CameraImage, FlangeReading
 from vgrd.errors import BadReading, ConfigError, DeviceUnavailable, NotSteady, TooOld
 from vgrd.geometry import Pose
 from vgrd.observing import wire
-from vgrd.observing.device_host import BadReadings, FrameCheck, driver_module
+from vgrd.observing.device_checks import FrameCheck
+from vgrd.observing.device_host import BadReadings, driver_module
 from vgrd.observing.stillness import RestLimits, rest_pose
 
 

@@ -7,7 +7,6 @@ One connection per life of the process: the gate starts it again, by type of err
 
 import importlib
 import json
-import math
 import sys
 from pathlib import Path
 from types import ModuleType
@@ -16,18 +15,20 @@ import structlog
 
 from vgrd import logs
 from vgrd.clock import Clock, SystemClock
-from vgrd.devices import Camera, CameraImage, Robot, Settings
+from vgrd.devices import Camera, Robot, Settings
 from vgrd.errors import (
     BadReading,
     ConfigError,
     DeviceRefused,
     DeviceUnavailable,
+    InputError,
     RingUnavailable,
     VgrdError,
 )
 from vgrd.ipc.health import HealthReporter
 from vgrd.ipc.ring import Message, RingReader, RingWriter
 from vgrd.observing import wire
+from vgrd.observing.device_checks import FlangeCheck, FrameCheck
 
 READ_TIMEOUT_S = 0.5
 GRAB_TIMEOUT_S = 3.0
@@ -70,7 +71,7 @@ class BadReadings:
             ) from error
 
 
-def host_robot(robot: Robot, runtime_dir: Path, health: HealthReporter) -> None:
+def host_robot(robot: Robot, runtime_dir: Path, health: HealthReporter, clock: Clock) -> None:
     """Publish flange readings until the driver fails."""
     ring = RingWriter.create(
         runtime_dir / wire.FLANGE_RING,
@@ -78,34 +79,18 @@ def host_robot(robot: Robot, runtime_dir: Path, health: HealthReporter) -> None:
         slot_bytes=wire.FLANGE_BYTES,
         kind=wire.FLANGE_KIND,
     )
-    bad = BadReadings()
+    check, bad = FlangeCheck(clock), BadReadings()
     while True:
         try:
-            reading = robot.read_flange(READ_TIMEOUT_S)
+            reading = check.accept(robot.read_flange(READ_TIMEOUT_S))
         except BadReading as err:
             bad.bad(err)
+        except InputError as err:  # a driver's numbers that are no pose
+            bad.bad(BadReading(str(err)))
         else:
             bad.good()
             ring.publish(wire.pack_flange(reading), stamp_s=reading.stamp_s)
         health.progress("ok")
-
-
-class FrameCheck:
-    """Refuses frozen pictures: the frame number must advance, the stamp too."""
-
-    def __init__(self) -> None:
-        self.frame = -1
-        self.stamp_s = -math.inf
-
-    def accept(self, image: CameraImage) -> CameraImage:
-        """The image itself; BadReading when it is not newer than the last one."""
-        if image.frame <= self.frame or image.stamp_s <= self.stamp_s:
-            raise BadReading(
-                f"the camera repeats itself: frame {image.frame} after {self.frame}, "
-                f"{image.stamp_s - self.stamp_s:.3f} s later"
-            )
-        self.frame, self.stamp_s = image.frame, image.stamp_s
-        return image
 
 
 def host_camera(
@@ -125,7 +110,7 @@ def host_camera(
     )
     triggers = _Triggers(runtime_dir / wire.TRIGGER_RING)
     triggers.newest()  # from here on wishes count, before anybody hears that the camera is well
-    check, bad = FrameCheck(), BadReadings(limit=5)
+    check, bad = FrameCheck(picture_bytes), BadReadings(limit=5)
     while True:
         health.progress("ok")
         wish = triggers.newest()
@@ -175,7 +160,7 @@ def run(kind: str, runtime_dir: Path, driver: str, settings: Settings, picture_b
         device = driver_module(driver).open(settings, clock)
         log.info("device_open", driver=driver)
         if kind == "robot":
-            host_robot(device, runtime_dir, health)
+            host_robot(device, runtime_dir, health, clock)
         else:
             host_camera(device, runtime_dir, health, clock, picture_bytes)
     except DeviceUnavailable as err:
