@@ -2,6 +2,7 @@
 
 import os
 import zlib
+from contextlib import suppress
 from pathlib import Path
 from typing import NamedTuple
 
@@ -26,34 +27,54 @@ class Journal:
         content = read_journal(path)
         self.sequence = len(content.records)
         self._size = content.size
+        self._is_torn = True
         with guarded("write", path):
             self._file = path.open("ab", buffering=0)
-            self._file.truncate(self._size)
-            sync_directory(path.parent)
+            try:
+                self._mend()
+                sync_directory(path.parent)
+            except OSError:
+                self._file.close()
+                raise
 
     def append(self, record: object) -> int:
         """Write a record to the disk and return its number, counted from 1.
 
-        Raises StoreError; the file then ends with the record before.
+        Raises StoreError; the file then ends with the record before, or is made to by the next call.
         """
         if self._file.closed:
             raise StoreError(f"cannot write {self.path}: it is closed; begin a new session")
         sequence = self.sequence + 1
         line = _line(sequence, record)
         with guarded("write", self.path):
+            self._mend()
+            self._is_torn = True
             try:
                 _write_all(self._file.fileno(), line)
                 os.fsync(self._file.fileno())
             except OSError:
-                self._file.truncate(self._size)
+                with suppress(OSError):  # the next append tries again before it writes
+                    self._mend()
                 raise
+            self._is_torn = False
         self.sequence = sequence
         self._size += len(line)
         return sequence
 
     def close(self) -> None:
         """Release the file; may be called more than once."""
+        if not self._file.closed:
+            with suppress(
+                OSError
+            ):  # a whole line that was not acknowledged may stay: nothing is lost
+                self._mend()
         self._file.close()
+
+    def _mend(self) -> None:
+        """Cut off what a failed append has left behind the last whole line."""
+        if self._is_torn:
+            self._file.truncate(self._size)
+            self._is_torn = False
 
 
 def read_journal(path: Path) -> JournalContent:
