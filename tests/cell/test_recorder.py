@@ -212,6 +212,19 @@ def test_an_open_session_over_the_quota_is_paused_not_removed(tmp_path, disk):
     assert (recorded(idle, steps) / "session.json").exists()
 
 
+def test_a_state_folder_that_cannot_be_used_pauses_the_recording_in_words(tmp_path):
+    (tmp_path / "state").write_text("a file")
+    recorder = Recorder(tmp_path / "state", ManualClock())
+    house = Housekeeping(tmp_path / "state", recorder, quota_gb=1.0, keep_free_gb=0.0)
+
+    async def run():
+        with ThreadPoolExecutor(1) as thread:
+            await house.sweep(thread)
+
+    asyncio.run(run())
+    assert "cannot look after" in house.status()["trouble"]
+
+
 def test_what_was_removed_is_told(tmp_path, disk):
     idle = Idle(tmp_path)
     house = Housekeeping(tmp_path, idle.recorder, quota_gb=1e-6, keep_free_gb=0.0)

@@ -12,6 +12,7 @@ from fakes.testing import FakeProcess, free_loopback
 from vgrd.clock import SystemClock
 from vgrd.errors import BadReading, DeviceUnavailable
 from vgrd.geometry import Pose
+from vgrd.observing.stillness import RestLimits, is_covered, rest_pose
 
 CLOCK = SystemClock()
 TCP = (12.0, -3.0, 152.0, 0.0, 0.0, 0.4)
@@ -104,6 +105,24 @@ def test_the_flange_is_reported_whatever_tcp_is_active(cell, robot):
             told = reading.wrist_from_tcp.distance(Pose.from_rotvec(tcp[3:], tcp[:3]))
             assert told[0] < 2 * cell.mm
             assert told[1] < 2 * cell.rad
+
+
+def test_a_picture_of_a_resting_arm_gets_its_pose_at_the_robots_own_rate(cell, robot):
+    cell.process.type("pose 400.05 -120.05 300.05 0.1 0.2 0.3")
+    for _ in range(6):  # what was on its way, and registers that refresh slowly
+        good(robot)
+    readings = [good(robot) for _ in range(4)]
+    while readings[-1].stamp_s - readings[0].stamp_s < RestLimits().before_s:
+        readings.append(good(robot))
+    picture_s = CLOCK.monotonic()
+    end_s = picture_s + 5.0
+    while not is_covered(readings, picture_s) and CLOCK.monotonic() < end_s:
+        readings.append(good(robot))
+    mm, rad = rest_pose(readings, picture_s).distance(
+        Pose.from_rotvec((0.1, 0.2, 0.3), (400.05, -120.05, 300.05))
+    )
+    assert mm < cell.mm
+    assert rad < cell.rad
 
 
 def test_time_stamps_advance_and_lie_in_the_recent_past(robot, stopwatch):

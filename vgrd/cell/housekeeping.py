@@ -68,9 +68,10 @@ class Housekeeping:
         }
 
     def _look(self) -> tuple[Room, float]:
-        room = make_room(self.state_dir, round(self.quota_gb * GB))
-        with guarded("measure", self.state_dir):
+        # Whoever tidies up by hand at this moment is no reason to end the cell's process.
+        with guarded("look after", self.state_dir):
             self.state_dir.mkdir(parents=True, exist_ok=True)
+            room = make_room(self.state_dir, round(self.quota_gb * GB))
             return room, shutil.disk_usage(self.state_dir).free / GB
 
     def _short_of_space(self) -> str:
