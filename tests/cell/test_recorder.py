@@ -140,6 +140,19 @@ def test_a_picture_is_recorded_once_for_each_place_of_a_rest(tmp_path):
     assert len(list(iterate_images(folder))) == 6
 
 
+def test_the_picture_after_a_sample_is_kept_though_nothing_moved(tmp_path):
+    idle = Idle(tmp_path)
+
+    async def steps():
+        for _ in range(3):
+            for _ in range(4):
+                idle.count += 1
+                idle.recorder.on_sight(idle.sight())
+            await idle.recorder.call(lambda w: w.sample(SampleKind.TOUCH, SAMPLES.touch()))
+
+    assert len(list(iterate_images(recorded(idle, steps)))) == 3
+
+
 def test_a_session_that_was_forgotten_open_is_told(tmp_path):
     idle = Idle(tmp_path)
 

@@ -82,6 +82,7 @@ class Recorder:
         """Run `write` with the session's writer; it is durable when this returns."""
         writer, now_s = self.open_session(), self.clock.monotonic()
         self._thinning.want(now_s - SAMPLE_S, now_s)
+        self._places = []  # the picture after a sample is kept: a hand may have been in the first
         return await self._in_thread(lambda: write(writer))
 
     def on_readings(self, readings: Sequence[FlangeReading]) -> None:
