@@ -32,16 +32,19 @@ def reading_period_s(readings: Sequence[FlangeReading]) -> float:
     Lost and late readings hardly change it, repeated ones do not. While there are too few to tell
     it is the longest that is allowed.
     """
-    newest = islice(reversed(readings), COUNTED)
-    steps = sorted(b - a for a, b in pairwise(distinct(r.stamp_s for r in newest)))
-    usual = steps[: -(-len(steps) * 3 // 4)]
-    return sum(usual) / len(usual) if len(usual) > 1 else LONGEST_PERIOD_S
+    measured_s = _measured_period_s(readings)
+    return LONGEST_PERIOD_S if measured_s is None else measured_s
 
 
 def silence_limit_s(readings: Sequence[FlangeReading]) -> float:
-    """After how long without a reading the robot counts as lost, s: 0.2 at 20 Hz and above."""
-    period_s = min(reading_period_s(readings), LONGEST_PERIOD_S)
-    return max(SILENCE_S, SILENT_PERIODS * period_s + LATE_S)
+    """After how long without a reading the robot counts as lost, s.
+
+    0.2 at 20 Hz and above, and while there are too few readings to tell that the robot is slower.
+    """
+    measured_s = _measured_period_s(readings)
+    if measured_s is None:
+        return SILENCE_S
+    return max(SILENCE_S, SILENT_PERIODS * min(measured_s, LONGEST_PERIOD_S) + LATE_S)
 
 
 def catch_up_s(readings: Sequence[FlangeReading]) -> float:
@@ -50,3 +53,11 @@ def catch_up_s(readings: Sequence[FlangeReading]) -> float:
         return SILENCE_S
     period_s = min(reading_period_s(readings), LONGEST_PERIOD_S)
     return max(SILENCE_S, CATCH_UP_PERIODS * period_s)
+
+
+def _measured_period_s(readings: Sequence[FlangeReading]) -> float | None:
+    """Mean of the shorter three quarters of the newest steps; None while there are fewer than two."""
+    newest = islice(reversed(readings), COUNTED)
+    steps = sorted(b - a for a, b in pairwise(distinct(r.stamp_s for r in newest)))
+    usual = steps[: len(steps) * 3 // 4]
+    return sum(usual) / len(usual) if usual else None
