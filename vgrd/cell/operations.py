@@ -108,6 +108,7 @@ class Operations:
             "tag_a_seen": sight is not None and sight.tag_a is not None,
             "tag_b_seen": sight is not None and sight.tag_b is not None,
             "answer": self.serving.answer.status.name,
+            "moved_told_within_s": round(self.serving.vouch.span_s, 3),
             "recording": self.teaching.status(),
             "cell_file": self.resolved.source,
             "cell_file_loaded_unix_s": self.resolved.loaded_unix_s,
