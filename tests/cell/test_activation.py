@@ -30,7 +30,9 @@ class Idle:
     """A measuring loop with nothing in it, robot and camera well."""
 
     def __init__(self) -> None:
-        self.on_sight: list[Callable[[object], None]] = []
+        self.on_watch: list[Callable[[object], None]] = []
+        self.period_s, self.watch_period_s = 0.5, 0.1
+        self.watching = False
         self.robot = self
         self.sight = None
         self.beat = 0
@@ -42,6 +44,9 @@ class Idle:
         return ""
 
     def camera_trouble(self) -> str:
+        return ""
+
+    def camera_blind(self) -> str:
         return ""
 
 

@@ -4,6 +4,7 @@ from pathlib import Path
 
 import pytest
 
+from vgrd.cell.resolved import Resolved, save_resolved
 from vgrd.cell.setup import process_table
 from vgrd.config import load_config
 from vgrd.gate.settings import load_settings, save_table
@@ -17,7 +18,8 @@ def test_the_int16_scale_of_the_cell_file_reaches_the_gate(tmp_path, scale):
     config = load_config(EXAMPLE)
     serving = config.serving.model_copy(update={"int16_scale": scale.name.lower()})
     config = config.model_copy(update={"serving": serving})
-    save_table(tmp_path, process_table(config, EXAMPLE))
+    resolved = Resolved(config, str(EXAMPLE), 0.0)
+    save_table(tmp_path, process_table(resolved, save_resolved(resolved, tmp_path)))
     assert load_settings(tmp_path / "processes.json").int16_scale is scale
 
 

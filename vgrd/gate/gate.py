@@ -132,20 +132,21 @@ class Gate:
 
     async def _follow_wanted(self) -> None:
         """Take over what `vgrd reload` wants; the port stays open, the registers invalid meanwhile."""
-        while True:
+        while not self._stop.is_set():
+            if wanted := self._wanted.take(self._settings):
+                await self._change(wanted)
             await asyncio.sleep(REPORT_S)
-            wanted = self._wanted.take(self._settings)
-            if wanted is None:
-                continue
-            log.info("reloading", loaded_unix_s=wanted.loaded_unix_s)
-            await self._supervisor.change(wanted.processes)
-            self._settings, counters = wanted, self._desk.counters
-            self._desk = self._new_desk()
-            self._desk.counters.update(counters)
-            self._desk.cell_lost()  # its last words were of the table before
-            self._server.serve_from_now_on(self._desk, wanted.allow)
-            self._supervisor.start()
-            self._wanted.is_in_force(wanted)
+
+    async def _change(self, wanted: GateSettings) -> None:
+        log.info("reloading", loaded_unix_s=wanted.loaded_unix_s)
+        await self._supervisor.change(wanted.processes)
+        self._settings, counters = wanted, self._desk.counters
+        self._desk = self._new_desk()
+        self._desk.counters.update(counters)
+        self._desk.cell_lost()  # its last words were of the table before
+        self._server.serve_from_now_on(self._desk, wanted.allow)
+        self._supervisor.start()
+        self._wanted.is_in_force(wanted)
 
     async def _shut_down(self) -> None:
         log.info("stopping")

@@ -3,6 +3,7 @@
 import asyncio
 import socket
 from collections.abc import Callable
+from contextlib import suppress
 from pathlib import Path
 from typing import Final, Literal
 
@@ -86,16 +87,18 @@ class Managed:
         self._state: Literal["running", "waiting", "stopped"] = "waiting"
         self._starts = self._hangs = 0
         self._exit_code: int | None = None
-        self._stopping = False
+        self.is_begun = False
+        self._stopping = asyncio.Event()
+        self._ended = asyncio.Event()
 
     async def keep_running(self) -> None:
         """Start it again whenever it ends, later each time; never after a configuration error."""
         delay_s = FIRST_DELAY_S
-        while not self._stopping:
+        while not self._stopping.is_set():
             began = self._clock.monotonic()
             self._exit_code = await self._live()
             lived_s = self._clock.monotonic() - began
-            if self._exit_code == CONFIG_EXIT or self._stopping:
+            if self._exit_code == CONFIG_EXIT or self._stopping.is_set():
                 break
             if lived_s > GOOD_AFTER_S:
                 delay_s = FIRST_DELAY_S
@@ -108,18 +111,24 @@ class Managed:
                 restart_in_s=wait_s,
             )
             self._state = "waiting"
-            await asyncio.sleep(wait_s)
+            with suppress(TimeoutError):
+                async with asyncio.timeout(wait_s):
+                    await self._stopping.wait()
             delay_s = min(2 * delay_s, LAST_DELAY_S)
         self._state = "stopped"
-        if not self._stopping:
+        if not self._stopping.is_set():
             log.error("process_given_up", child=self.spec.name, exit_code=self._exit_code)
+        self._ended.set()
 
     async def stop(self) -> None:
-        """End it: SIGTERM, and SIGKILL a second later."""
-        self._stopping = True
-        child = self._child
-        if child is None:
-            return
+        """End it: SIGTERM, and SIGKILL a second later. Its end has been told when this returns."""
+        self._stopping.set()
+        if self._child is not None:
+            await self._end(self._child)
+        if self.is_begun:
+            await self._ended.wait()
+
+    async def _end(self, child: Child) -> None:
         child.terminate()
         try:
             async with asyncio.timeout(STOP_S):
@@ -128,11 +137,6 @@ class Managed:
             log.warning("process_killed", child=self.spec.name, reason="did not stop in time")
             child.kill()
             await child.wait()
-
-    @property
-    def is_waiting(self) -> bool:
-        """Whether it is between two lives, or before the first."""
-        return self._state == "waiting"
 
     def report(self) -> ProcessReport:
         """Row for `vgrd status`."""
@@ -214,42 +218,40 @@ class Supervisor:
         self._specs = specs
         self._runtime_dir, self._clock = runtime_dir, clock
         self._on_cell_start, self._on_cell_end = on_cell_start, on_cell_end
-        self._rows: dict[str, Managed] = {}
-        self._tasks: dict[str, asyncio.Task[None]] = {}
-        self._group: asyncio.TaskGroup | None = None
+        self._rows = [self._managed(spec) for spec in specs]
+        self._tasks: asyncio.TaskGroup | None = None
 
     async def run(self) -> None:
-        """Keep all of them running until cancelled."""
-        async with asyncio.TaskGroup() as self._group:
+        """Keep all of the table running until cancelled."""
+        async with asyncio.TaskGroup() as self._tasks:
             self.start()
             await asyncio.Event().wait()
 
     def start(self) -> None:
-        """Start those of the table that do not run, while `run` runs."""
-        for spec in self._specs:
-            if self._group is not None and spec.name not in self._rows:
-                row = self._rows[spec.name] = self._managed(spec)
-                self._tasks[spec.name] = self._group.create_task(row.keep_running())
-
-    async def stop(self) -> None:
-        """End all of them at once; takes little more than a second at most."""
-        await self.change(())
+        """Start those of the table that are not there yet, while `run` runs."""
+        present = [row.spec for row in self._rows]
+        self._rows += [self._managed(spec) for spec in self._specs if spec not in present]
+        for row in self._rows:
+            if not row.is_begun and self._tasks is not None:
+                row.is_begun = True
+                self._tasks.create_task(row.keep_running())
 
     async def change(self, specs: tuple[ProcessSpec, ...]) -> None:
         """Take another table: end, at once, what is not in it as it is; `start` starts the rest."""
         self._specs = specs
-        leaving = [name for name, row in self._rows.items() if row.spec not in specs]
-        async with asyncio.TaskGroup() as tasks:
-            for name in leaving:
-                tasks.create_task(self._end(name))
+        leaving = [row for row in self._rows if row.spec not in specs]
+        await self._end(leaving)
+        self._rows = [row for row in self._rows if row not in leaving]
 
-    async def _end(self, name: str) -> None:
-        row, task = self._rows[name], self._tasks[name]
-        await row.stop()
-        if row.is_waiting:
-            task.cancel()
-        await asyncio.wait({task})
-        del self._rows[name], self._tasks[name]
+    async def stop(self) -> None:
+        """End all of them at once, for good; takes little more than a second at most."""
+        self._specs = ()
+        await self._end(self._rows)
+
+    async def _end(self, rows: list[Managed]) -> None:
+        async with asyncio.TaskGroup() as tasks:
+            for row in rows:
+                tasks.create_task(row.stop())
 
     def _managed(self, spec: ProcessSpec) -> Managed:
         ends = self._on_cell_end if spec.kind == CELL_KIND else _ignore
@@ -257,8 +259,7 @@ class Supervisor:
 
     def reports(self) -> tuple[ProcessReport, ...]:
         """Rows for `vgrd status`."""
-        rows = self._rows
-        return tuple(rows[spec.name].report() for spec in self._specs if spec.name in rows)
+        return tuple(row.report() for row in self._rows)
 
 
 def _ignore(exit_code: int) -> None:
