@@ -1,5 +1,6 @@
 """A cell file on the disk changes nothing until it is reloaded, and a reload is whole or refused with the reason."""
 
+import json
 import subprocess
 import sys
 import time
@@ -25,6 +26,12 @@ def running(taught: TaughtCell) -> Iterator[tuple[TaughtCell, Daemon]]:
 def vgrd(*arguments: str) -> subprocess.CompletedProcess[str]:
     command = [sys.executable, "-m", "vgrd.cli", *arguments]
     return subprocess.run(command, capture_output=True, text=True, timeout=60, check=False)
+
+
+def status(daemon: Daemon) -> dict[str, object]:
+    told = vgrd("status", "--socket", str(daemon.control.path), "--json", "-")
+    assert told.returncode == 0, told.stderr
+    return dict(json.loads(told.stdout))
 
 
 def serves(status: dict[str, object]) -> bool:
@@ -66,23 +73,22 @@ def test_a_cell_that_dies_comes_back_as_it_was_whatever_its_file_says_now(runnin
     good = file.read_text(encoding="utf-8")
     file.write_text(good[: len(good) // 2] + "[[", encoding="utf-8")
     kill_and_await_service(daemon)
-    told = vgrd("status", "--socket", str(daemon.control.path))
-    assert "cannot be used as it is now" in told.stdout
-    assert str(file) in told.stdout
+    told = status(daemon)
+    assert "cannot be used as it is now" in str(told["cell_file_now"])
+    assert told["cell_file"] == str(file)
 
     file.write_text(good, encoding="utf-8")
     set_serving(file, "max_age_s = 30.0")
     kill_and_await_service(daemon)
     assert longest_valid_s(taught, 10.0) < 5.0
-    told = vgrd("status", "--socket", str(daemon.control.path))
-    assert "serving.max_age_s" in told.stdout
+    assert "serving.max_age_s" in str(status(daemon)["cell_file_now"])
 
-    done = vgrd("reload", str(file))
+    done = vgrd("reload", str(file), "--json", "-")
     assert done.returncode == 0, done.stderr
-    assert "serving.max_age_s" in done.stdout
+    assert json.loads(done.stdout)["changed"] == ["serving.max_age_s"]
     daemon.wait_until(serves)
     assert longest_valid_s(taught, 5.0) >= 5.0
-    assert "in force" in vgrd("status", "--socket", str(daemon.control.path)).stdout
+    assert status(daemon)["cell_file_now"] == "in force"
 
 
 def test_a_reload_that_cannot_be_is_refused_with_the_reason_and_changes_nothing(running) -> None:

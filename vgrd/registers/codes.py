@@ -51,7 +51,10 @@ class Status(_Described):
     CALIBRATION_EXPIRED = 502, "the calibration is older than allowed"
     CALIBRATION_DRIFT = 503, "the cell seems to have moved since the calibration"
     UNCERTAINTY_TOO_HIGH = 504, "less certain than MAXU95"
-    CALIBRATION_MISMATCH = 505, "the calibration is of another tool, robot or camera"
+    CALIBRATION_MISMATCH = (
+        505,
+        "the calibration was made for another cell than the cell file describes",
+    )
     OUT_OF_WORKSPACE = 601, "the coordinate is outside the workspace"
     ENCODING_OVERFLOW = 602, "the coordinate does not fit this block; DETAIL holds the axis"
     POINT_NOT_VISIBLE = 603, "the point is on the wrong side"
