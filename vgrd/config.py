@@ -5,19 +5,33 @@ Used at the file edge only; `vgrd.cell.setup` turns it into the values of `vgrd.
 """
 
 import difflib
+import json
 import os
 import tomllib
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self, get_args
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError, model_validator
 from pydantic_core import ErrorDetails
 
 from vgrd.errors import ConfigError
 
 Vector = Annotated[list[float], Field(min_length=3, max_length=3)]
 Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
+
+
+def _json_able(settings: dict[str, Any]) -> dict[str, Any]:
+    """Settings travel to the driver's process as JSON."""
+    try:
+        json.dumps(settings)
+    except TypeError as err:
+        msg = "holds a date or a time, which no driver takes: write it as a text in quotes"
+        raise ValueError(msg) from err
+    return settings
+
+
+Settings = Annotated[dict[str, Any], AfterValidator(_json_able)]
 Name = Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_.-]{0,40}$")]
 
 
@@ -48,7 +62,7 @@ class RobotSection(Section):
     sigma_mm: Positive = Field(
         default=0.1, description="what its absolute position is good for, 1 sigma"
     )
-    settings: dict[str, Any] = {}
+    settings: Settings = {}
 
 
 class CameraSection(Section):
@@ -70,7 +84,7 @@ class CameraSection(Section):
     matrix: Annotated[list[float], Field(min_length=4, max_length=4)]
     distortion: Annotated[list[float], Field(max_length=8)] = []
     size_px: Annotated[list[Annotated[int, Field(gt=0)]], Field(min_length=2, max_length=2)]
-    settings: dict[str, Any] = {}
+    settings: Settings = {}
 
     @model_validator(mode="after")
     def _plausible(self) -> Self:

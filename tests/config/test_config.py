@@ -79,6 +79,11 @@ def test_all_faults_are_told_at_once(tmp_path: Path) -> None:
         ("id = 1\nsize", 'id = 0\nfamily = "25h9"\nsize', "must differ in id"),
         ('driver = "aravis"', 'driver = "aravis"\ndistortion = [0.1]', "0, 4, 5 or 8"),
         ('name = "p2"', 'name = "p1"', "share the name p1"),
+        (
+            "[camera]",
+            "[robot.settings]\nsince = 2026-01-01\n[camera]",
+            "robot.settings: holds a date",
+        ),
         ("[60, 0, 0]", "[60, 0]", "at least 3 items"),
         ("[60, 0, 0]", '["60", 0, 0]', "valid number"),
         ("[object]", "[object]\nmotion = 'spinning'", "turntable"),
