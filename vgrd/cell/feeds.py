@@ -12,7 +12,7 @@ from vgrd.ipc.messages import GATE_KIND, GATE_RING, HEALTH_KIND, GateReport, Hea
 from vgrd.ipc.ring import Message, RingReader, RingWriter
 from vgrd.observing import wire
 
-HISTORY_S = 2.0
+HISTORY_S = 3.0  # two readings of the slowest robot before a picture, and its evaluation after
 
 
 class RingFeed:
