@@ -83,25 +83,26 @@ def assert_gone(cell: Running, stopwatch) -> None:
         RawModbus("127.0.0.1", cell.port)
 
 
-def test_a_cell_of_an_earlier_run_serves_at_once_and_ends_with_ctrl_c(running, stopwatch) -> None:
+def test_a_cell_of_an_earlier_run_serves_at_once_tells_what_to_type_and_ends_with_ctrl_c(
+    running, stopwatch
+) -> None:
     with RobotProgram(World(Layout(), 1), "127.0.0.1", running.port, COMES_WITHIN_S) as program:
         program.ask_until_good(1, COMES_WITHIN_S)
-    os.killpg(running.process.pid, signal.SIGINT)
-    assert running.process.wait(COMES_WITHIN_S) == 0
-    assert_gone(running, stopwatch)
-
-
-@pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGHUP, signal.SIGTERM])
-def test_nothing_of_it_outlives_it_however_it_ends(running, number, stopwatch) -> None:
-    running.process.send_signal(number)
-    running.process.wait(COMES_WITHIN_S)
-    assert_gone(running, stopwatch)
-
-
-def test_what_can_be_typed_is_told(running) -> None:
     told = running.type("help")
     for word in ("turn DEGREES", "cover a|b|none", "flange X Y Z", "miss TARGET"):
         assert word in told
     assert "turn DEGREES" in running.type("jump")
     assert running.type("turn 20").startswith("ok")
     assert "bad turn" in running.type("turn around")
+    os.killpg(running.process.pid, signal.SIGINT)
+    assert running.process.wait(COMES_WITHIN_S) == 0
+    assert_gone(running, stopwatch)
+
+
+@pytest.mark.parametrize(
+    "number", [signal.SIGKILL, signal.SIGHUP], ids=["kill -9", "terminal closed"]
+)
+def test_nothing_of_it_outlives_it_however_it_ends(running, number, stopwatch) -> None:
+    running.process.send_signal(number)
+    running.process.wait(COMES_WITHIN_S)
+    assert_gone(running, stopwatch)
