@@ -13,6 +13,7 @@ import structlog
 
 from fakes.testing import ManualClock
 from vgrd.logs import LINES, RateLimit
+from vgrd.orphans import dying_with_us
 
 # Writes in every way that a process has, each time other words, so that nothing is summed up.
 WRITER = """
@@ -121,7 +122,7 @@ input()
 sys.stderr.write("after\\n")
 """
     with subprocess.Popen(
-        [sys.executable, "-c", code],
+        dying_with_us([sys.executable, "-c", code]),
         stdin=subprocess.PIPE,
         stdout=subprocess.PIPE,
         stderr=writing,
@@ -238,7 +239,7 @@ time.sleep(60 if sys.argv[1] == "stays" else 0)
 """
     for how in ("stays", "ends"):
         process = subprocess.Popen(
-            [sys.executable, "-c", code, how], stderr=subprocess.PIPE, text=True
+            dying_with_us([sys.executable, "-c", code, how]), stderr=subprocess.PIPE, text=True
         )
         lines = [json.loads(process.stderr.readline()) for _ in range(LINES + 1)]
         process.kill()

@@ -1,5 +1,6 @@
 """What tests and fakes start ends with them, however they end, and what is left all the same is found."""
 
+import ast
 import os
 import subprocess
 import sys
@@ -55,8 +56,8 @@ def test_what_a_killed_process_had_started_is_gone_too(code: str) -> None:
 
 def test_the_process_keeps_its_id_its_arguments_and_its_exit_code() -> None:
     code = "import os, sys; print(os.getpid(), sys.argv[1:]); sys.exit(7)"
-    argv = dying_with_us([sys.executable, "-c", code, "a b", ""])
-    with subprocess.Popen(argv, stdout=subprocess.PIPE, text=True) as process:
+    argv = [sys.executable, "-c", code, "a b", ""]
+    with subprocess.Popen(dying_with_us(argv), stdout=subprocess.PIPE, text=True) as process:
         assert process.stdout is not None
         assert process.stdout.read() == f"{process.pid} ['a b', '']\n"
     assert process.returncode == 7
@@ -94,3 +95,25 @@ def test_a_process_that_a_test_leaves_behind_is_found_and_ended() -> None:
     assert left_behind(mark, 0.0) == {}
     with pytest.raises(ProcessLookupError):
         started_s(process.pid)
+
+
+def started_without_it(path: Path) -> list[str]:
+    """Places in a file where a process is started that may outlive this one."""
+    found = []
+    for call in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+        if not isinstance(call, ast.Call):
+            continue
+        name = ast.unparse(call.func)
+        words = ast.unparse(call)
+        lasts = name.endswith(("Popen", "create_subprocess_exec"))
+        pool = name.endswith("ProcessPoolExecutor")
+        if (lasts and "dying_with_us(" not in words) or (
+            pool and "initializer=die_with" not in words
+        ):
+            found.append(f"{path.relative_to(ROOT)}:{call.lineno}")
+    return found
+
+
+def test_no_test_fake_or_benchmark_starts_a_process_that_may_outlive_it() -> None:
+    paths = [*ROOT.glob("tests/**/*.py"), *ROOT.glob("fakes/**/*.py")]
+    assert [place for path in paths for place in started_without_it(path)] == []

@@ -10,6 +10,7 @@ import time
 from collections.abc import Iterator
 
 from tests.benchmarks.harness import Row
+from vgrd.orphans import dying_with_us
 
 HOST, STRANGER = "127.0.0.1", "127.0.0.9"
 READ = struct.pack(">HHHBBHH", 1, 0, 6, 1, 3, 100, 68)
@@ -23,7 +24,7 @@ BAR_MS = 100.0
 def our_server() -> Iterator[int]:
     """Start our server; yields its port."""
     argv = [sys.executable, "-m", "tests.benchmarks.modbus_servers", "ours"]
-    with subprocess.Popen(argv, stdout=subprocess.PIPE, text=True) as process:
+    with subprocess.Popen(dying_with_us(argv), stdout=subprocess.PIPE, text=True) as process:
         try:
             assert process.stdout is not None
             yield int(process.stdout.readline())

