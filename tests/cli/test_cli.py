@@ -152,13 +152,16 @@ def test_a_recorded_session_is_solved_without_a_daemon(vgrd, tmp_path) -> None:
     assert not (tmp_path / "state" / "calibrations").exists()
 
 
-def test_a_session_cut_short_in_a_line_is_solved_with_what_is_whole(vgrd, tmp_path) -> None:
+def test_a_session_that_a_kill_cut_short_in_a_line_is_solved_with_what_is_whole(
+    vgrd, tmp_path
+) -> None:
     cell = SimulatedCell(np.random.default_rng(SEED), touch_sigma_mm=0.05)
     wrists = [cell.tilted() for _ in range(12)]
     folder = write_session(tmp_path / "state", cell.record(wrists=wrists))
     samples = folder / "samples.jsonl"
     whole = samples.read_bytes()
     samples.write_bytes(whole[:-100])
+    (folder / "closed.json").unlink()  # a kill leaves none
     result = vgrd("solve", folder, "--json", "-").result
     assert result["verdict"]["ok"] is True
     assert len(result["warnings"]) == 1
