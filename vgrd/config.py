@@ -51,6 +51,11 @@ class CellSection(Section):
     runtime_dir: str = Field(
         default="", description="rings and socket; $RUNTIME_DIRECTORY, /run/vgrd"
     )
+    group: str = Field(
+        default="",
+        pattern=r"^([A-Za-z0-9_][A-Za-z0-9_.-]{0,31})?$",
+        description="its members may use the control socket and read the files; none: nobody else",
+    )
     simulation: bool = Field(default=False, description="tells the robot so (STATE bit 15)")
 
 
@@ -211,7 +216,9 @@ class ServingSection(Section):
     """The registers: where, for whom, and what an answer must satisfy."""
 
     host: str = Field(default="127.0.0.1", description="address to listen at, one of this machine")
-    port: int = Field(default=502, ge=1, le=65535)
+    port: int = Field(
+        default=1502, ge=1, le=65535, description="below 1024: with config/vgrd.socket"
+    )
     allow: list[str] = Field(
         default=["127.0.0.1"], min_length=1, description="robots that may connect"
     )

@@ -5,7 +5,6 @@ python -m vgrd.cell.advisor answers requests, one JSON line each, until its inpu
 
 import asyncio
 import json
-import os
 import sys
 from collections.abc import Mapping
 from dataclasses import replace
@@ -18,11 +17,11 @@ import structlog
 from vgrd import logs
 from vgrd.errors import CalibrationError, ControlError, InputError, InternalError, VgrdError
 from vgrd.model import Policy
+from vgrd.niceness import give_way
 from vgrd.store.sessions import load_recording
 
 BRIEF_S = 0.25
 FULL_S = 60.0
-NICENESS = 10
 PENDING: Mapping[str, Any] = {"pending": "still computing; ask with: vgrd advise"}
 
 log = structlog.get_logger()
@@ -164,7 +163,7 @@ def answer_line(line: str) -> str:
 def main() -> int:
     """Entry point of the advising process."""
     logs.configure("advisor")
-    os.nice(NICENESS)
+    give_way()
     for line in sys.stdin:
         sys.stdout.write(answer_line(line) + "\n")
         sys.stdout.flush()

@@ -23,6 +23,7 @@ from vgrd.cell.control_lines import (
 )
 from vgrd.errors import ControlError, InternalError, VgrdError
 from vgrd.ipc.messages import encode_line
+from vgrd.permissions import take_after
 
 SUBSCRIBE = "subscribe"
 _QUEUED = 64  # connections that the kernel holds until they are accepted
@@ -87,7 +88,7 @@ class ControlServer:
         listening = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
         listening.setblocking(False)
         listening.bind(str(self.path))
-        self.path.chmod(0o660)
+        take_after(self.path, self.path.parent)
         listening.listen(_QUEUED)
         return listening
 

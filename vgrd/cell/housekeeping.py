@@ -7,8 +7,10 @@ from pathlib import Path
 
 import structlog
 
-from vgrd.cell.recorder import Recorder, give_way
+from vgrd.cell.recorder import Recorder
 from vgrd.errors import StoreError
+from vgrd.niceness import give_way
+from vgrd.permissions import make_folder
 from vgrd.store.files import guarded
 from vgrd.store.retention import Room, make_room
 
@@ -70,7 +72,7 @@ class Housekeeping:
     def _look(self) -> tuple[Room, float]:
         # Whoever tidies up by hand at this moment is no reason to end the cell's process.
         with guarded("look after", self.state_dir):
-            self.state_dir.mkdir(parents=True, exist_ok=True)
+            make_folder(self.state_dir)
             room = make_room(self.state_dir, round(self.quota_gb * GB))
             return room, shutil.disk_usage(self.state_dir).free / GB
 

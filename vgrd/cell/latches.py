@@ -13,6 +13,7 @@ import structlog
 
 from vgrd.errors import IpcError, StoreError
 from vgrd.ipc.ring import RingReader, RingWriter
+from vgrd.permissions import make_folder
 from vgrd.registers import Status
 from vgrd.store.files import guarded, read_document, write_document
 
@@ -80,7 +81,7 @@ class LatchBook:
                     self._file.unlink(missing_ok=True)
             else:
                 with guarded("create", self._file.parent):
-                    self._file.parent.mkdir(parents=True, exist_ok=True)
+                    make_folder(self._file.parent)
                 write_document(self._file, _document(latched), SCHEMA)
         except StoreError as err:
             log.error("latch_not_on_disk", reason=str(err))  # noqa: TRY400  a line, not a trace

@@ -1,7 +1,6 @@
 """Recording beside everything else: one thread writes, in order, so that no disk stalls the measuring."""
 
 import asyncio
-import os
 import threading
 from collections.abc import Callable, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
@@ -18,12 +17,12 @@ from vgrd.devices import FlangeReading
 from vgrd.errors import ControlError, InternalError, StoreError
 from vgrd.geometry import Array, Pose
 from vgrd.model import CellFacts, Plan
+from vgrd.niceness import give_way
 from vgrd.observing.thinning import PoseThinning
 from vgrd.store.images import encode_image
 from vgrd.store.sessions import SessionWriter
 
 BACKLOG = 200
-NICENESS = 10
 SAME_PLACE_MM = 0.1
 SAME_PLACE_RAD = 2e-4
 SAME_PLACE_PX = 0.5  # of a corner: the noise of a good tag is a tenth of it, a step in light less
@@ -164,11 +163,6 @@ class Recorder:
 
     async def _in_thread(self, work: Callable[[], Result]) -> Result:
         return await asyncio.get_running_loop().run_in_executor(self._pen, work)
-
-
-def give_way() -> None:
-    """Compressing pictures must not delay an answer: Linux keeps niceness per thread."""
-    os.setpriority(os.PRIO_PROCESS, threading.get_native_id(), NICENESS)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -15,13 +15,13 @@ from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any, cast
 
 from vgrd.errors import ConfigError
+from vgrd.permissions import opener
 
 if TYPE_CHECKING:  # pydantic takes longer to load than everything that is done here
     from vgrd.config import CellConfig
 
 _PREFIX = "cell-"
 _DIGITS = 16  # of the checksum: 64 bits against a mistake, nobody forges what he may write
-_MODE = 0o600
 _OF_DRIVERS = "settings"  # tables that stay as they are, their keys are the driver's
 
 
@@ -48,8 +48,7 @@ def save_resolved(resolved: Resolved, runtime_dir: Path) -> Path:
         "config": config,
     }
     draft = path.with_suffix(f".{os.getpid()}")
-    descriptor = os.open(draft, os.O_WRONLY | os.O_CREAT | os.O_TRUNC, _MODE)
-    with os.fdopen(descriptor, "w", encoding="utf-8") as file:
+    with open(draft, "w", encoding="utf-8", opener=opener) as file:
         json.dump(content, file, indent=1)
     draft.replace(path)
     return path

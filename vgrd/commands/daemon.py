@@ -5,16 +5,24 @@ import sys
 import time
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
+import structlog
 import typer
 
+from vgrd import logs
 from vgrd.commands.asking import ConfigOption, SocketOption, ask, client_of
 from vgrd.commands.reloading import file_now, running_file
 from vgrd.errors import ConfigError, InputError
 from vgrd.printing import JsonOption, print_result, show_fields
 
+if TYPE_CHECKING:  # pydantic is slow to load, and most commands do without
+    from vgrd.config import CellSection
+
 _SOCKET_FOLDER_BYTES = 90
+# What earlier versions left open to all, and what tells that a folder is the daemon's.
+_RUNTIME_PARTS = ("health", "processes.json", "gate.lock")
+_STATE_PARTS = ("sessions", "calibrations")
 
 
 def register(app: typer.Typer) -> None:
@@ -31,8 +39,10 @@ def run(config: Annotated[Path, typer.Argument(help="The cell file.")]) -> None:
     from vgrd.gate.gate import lock
     from vgrd.gate.settings import WANTED_TABLE, save_table
 
+    logs.configure("run")
     loaded = load_config(config)
-    runtime = _runtime_folder(Path(loaded.cell.runtime_dir))
+    runtime = _runtime_folder(loaded.cell)
+    _own_folder("state_dir", loaded.cell.state_dir, loaded.cell.group, _STATE_PARTS)
     lock(runtime)  # released by exec, and taken again by the gate
     resolved = Resolved(loaded, str(config.resolve()), time.time())
     path = save_resolved(resolved, runtime)
@@ -42,19 +52,32 @@ def run(config: Annotated[Path, typer.Argument(help="The cell file.")]) -> None:
     os.execv(sys.executable, [sys.executable, "-m", "vgrd.gate", str(runtime)])  # noqa: S606
 
 
-def _runtime_folder(path: Path) -> Path:
-    if len(bytes(path)) > _SOCKET_FOLDER_BYTES:
+def _runtime_folder(cell: "CellSection") -> Path:
+    path = cell.runtime_dir
+    if len(os.fsencode(path)) > _SOCKET_FOLDER_BYTES:
         raise InputError(
             f"runtime folder {path}: too long for a Unix socket in it (more than "
             f"{_SOCKET_FOLDER_BYTES} bytes); set [cell] runtime_dir to a shorter path"
         )
+    return _own_folder("runtime_dir", path, cell.group, _RUNTIME_PARTS)
+
+
+def _own_folder(key: str, path: str, group: str, parts: tuple[str, ...]) -> Path:
+    """Make the folder, or close an old one to all but the user and the group."""
+    from vgrd.permissions import own_folder
+
     try:
-        path.mkdir(parents=True, exist_ok=True)
+        open_to_others = own_folder(Path(path), group, parts)
     except OSError as err:
         raise InputError(
-            f"runtime folder {path}: {err.strerror}; set [cell] runtime_dir to a folder of yours"
+            f"{key.replace('_dir', '')} folder {path}: {err.strerror}; "
+            f"set [cell] {key} to a folder of yours"
         ) from err
-    return path
+    for left in open_to_others:
+        structlog.get_logger().warning(
+            "open_to_others", path=str(left), remedy="not ours to close: chown or remove it"
+        )
+    return Path(path)
 
 
 def check(

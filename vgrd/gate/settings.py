@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Final, TypeVar, cast
 
 from vgrd.errors import ConfigError
+from vgrd.permissions import opener
 from vgrd.registers import Scale16
 
 PROCESS_TABLE: Final = "processes.json"
@@ -55,7 +56,8 @@ class GateSettings:
 def save_table(runtime_dir: Path, table: Mapping[str, object], name: str = PROCESS_TABLE) -> None:
     """Write the process table into the runtime folder, whole or not at all."""
     draft = runtime_dir / f"{name}.{os.getpid()}"
-    draft.write_text(json.dumps(table, indent=1), encoding="utf-8")
+    with open(draft, "w", encoding="utf-8", opener=opener) as file:
+        json.dump(table, file, indent=1)
     draft.replace(runtime_dir / name)
 
 

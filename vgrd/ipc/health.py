@@ -12,6 +12,7 @@ from pathlib import Path
 from vgrd.clock import Clock
 from vgrd.ipc.messages import HEALTH_BYTES, HEALTH_KIND, HEALTH_SLOTS, Health, HealthState
 from vgrd.ipc.ring import RingWriter
+from vgrd.permissions import make_folder
 
 HEALTH_FOLDER = "health"
 PERIOD_S = 0.1  # of reports while work goes on
@@ -33,7 +34,7 @@ class HealthReporter:
         self.said: tuple[float, HealthState, str] = (0.0, "starting", "")
         self._writing = threading.Lock()
         path = health_path(runtime_dir, process)
-        path.parent.mkdir(parents=True, exist_ok=True)
+        make_folder(path.parent)
         self.ring = RingWriter.create(path, HEALTH_SLOTS, HEALTH_BYTES, HEALTH_KIND)
 
     def progress(self, state: HealthState, detail: str = "") -> None:

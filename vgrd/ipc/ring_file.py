@@ -6,6 +6,7 @@ import struct
 from pathlib import Path
 
 from vgrd.errors import RingUnavailable
+from vgrd.permissions import opener
 
 MAGIC = b"VGRDRNG1"
 FILE = struct.Struct("=8sQQQ16s")
@@ -68,7 +69,7 @@ def stride_of(slot_bytes: int) -> int:
 
 def allocate(path: Path, slots: int, slot_bytes: int) -> None:
     """Reserve the whole file now: a full disk is an error here, not a SIGBUS later."""
-    fd = os.open(path, os.O_RDWR | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC, 0o600)
+    fd = opener(str(path), os.O_RDWR | os.O_CREAT | os.O_EXCL)
     try:
         os.posix_fallocate(fd, 0, HEADER_BYTES + slots * stride_of(slot_bytes))
     finally:

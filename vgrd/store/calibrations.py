@@ -21,8 +21,9 @@ from filelock import FileLock, Timeout
 from vgrd.clock import Clock, SystemClock
 from vgrd.errors import Corrupt, InputError, NoCurrentCalibration, StoreError
 from vgrd.model import Calibration
+from vgrd.permissions import make_folder
 from vgrd.store.encoding import decode, encode
-from vgrd.store.files import guarded, read_document, read_sealed, write_document
+from vgrd.store.files import LOCK_MODE, guarded, read_document, read_sealed, write_document
 from vgrd.store.journal import Journal, read_journal
 
 SCHEMA = 1
@@ -160,9 +161,9 @@ class CalibrationStore:
 
     @contextmanager
     def _locked(self) -> Iterator[None]:
-        lock = FileLock(self.path / ".lock", timeout=_LOCK_S)
+        lock = FileLock(self.path / ".lock", timeout=_LOCK_S, mode=LOCK_MODE)
         with guarded("write into", self.path):
-            self.path.mkdir(parents=True, exist_ok=True)
+            make_folder(self.path)
             try:
                 lock.acquire()
             except Timeout:

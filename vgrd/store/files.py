@@ -9,8 +9,10 @@ from pathlib import Path
 from typing import IO, NamedTuple
 
 from vgrd.errors import Corrupt, SchemaTooNew, StoreError
+from vgrd.permissions import opener
 from vgrd.store.encoding import Json, canonical, parse
 
+LOCK_MODE = 0o600  # only who writes locks, and only the daemon's user writes
 _FULL = "free space on that disk and repeat"
 _LOCKED = "make it writable for the daemon's user or set another state_dir"
 _REMEDIES = {
@@ -58,7 +60,7 @@ def replacing(path: Path) -> Iterator[IO[bytes]]:
     """
     temporary = path.with_name(f".{path.name}.tmp")
     try:
-        with temporary.open("wb") as file:
+        with open(temporary, "wb", opener=opener) as file:
             yield file
             file.flush()
             os.fsync(file.fileno())

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from vgrd.errors import Corrupt, StoreError
+from vgrd.permissions import opener
 from vgrd.store.encoding import Json, canonical, parse
 from vgrd.store.files import guarded, sync_directory
 
@@ -29,7 +30,7 @@ class Journal:
         self._size = content.size
         self._is_torn = True
         with guarded("write", path):
-            self._file = path.open("ab", buffering=0)
+            self._file = open(path, "ab", buffering=0, opener=opener)  # noqa: SIM115
             try:
                 self._mend()
                 sync_directory(path.parent)

@@ -15,6 +15,7 @@ from typing import NamedTuple
 
 from vgrd.clock import Clock
 from vgrd.errors import StoreError
+from vgrd.permissions import opener
 from vgrd.store.files import failure, sync_directory
 from vgrd.store.topics import Topic, open_writer
 
@@ -33,7 +34,7 @@ class _Segment:
         self.open_path = directory / f"{number:03d}.mcap.open"
         self.opened_s = now_s
         self._sync = sync
-        self.stream = self.open_path.open("xb")
+        self.stream = open(self.open_path, "xb", opener=opener)  # noqa: SIM115
         self.writer = open_writer(self.stream)
 
     def size(self) -> int:

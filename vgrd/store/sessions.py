@@ -27,8 +27,9 @@ from vgrd.clock import Clock
 from vgrd.devices import CameraImage, FlangeReading
 from vgrd.errors import Corrupt, InputError, StoreError
 from vgrd.model import CellFacts, Observation, Plan, Recording, Touch
+from vgrd.permissions import make_folder
 from vgrd.store.encoding import Json, canonical, decode, encode, parse
-from vgrd.store.files import guarded, read_document, write_document
+from vgrd.store.files import LOCK_MODE, guarded, read_document, write_document
 from vgrd.store.images import EncodedImage, decode_image, encode_image, stamp_of
 from vgrd.store.journal import Journal, read_journal
 from vgrd.store.recovery import StoredMessage, read_messages, recover
@@ -106,9 +107,8 @@ class SessionWriter:
         self.header = SessionHeader(name, plan, facts, created_s, offset_s)
         body = encode(self.header, "session")
         with guarded("create", self.path):
-            self.path.parent.mkdir(parents=True, exist_ok=True)
             try:
-                self.path.mkdir()
+                make_folder(self.path, exist_ok=False)
             except FileExistsError:
                 raise StoreError(
                     f"session {name!r} exists already in {self.path.parent}; choose another name"
@@ -291,7 +291,7 @@ def _messages(directory: Path, topic: Topic) -> Iterator[tuple[Path, StoredMessa
 
 def session_lock(directory: Path) -> FileLock:
     """Held by the process that records into a session, recovers or removes it."""
-    return FileLock(directory / _LOCK, thread_local=False)
+    return FileLock(directory / _LOCK, mode=LOCK_MODE, thread_local=False)
 
 
 def _read_header(directory: Path) -> SessionHeader:
