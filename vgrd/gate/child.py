@@ -15,7 +15,16 @@ from typing import Final
 
 from vgrd.orphans import die_with
 
-_NOT_FOR_CHILDREN: Final = ("NOTIFY_SOCKET", "WATCHDOG_USEC", "WATCHDOG_PID")
+_NOT_FOR_CHILDREN: Final = frozenset(
+    [
+        "NOTIFY_SOCKET",
+        "WATCHDOG_USEC",
+        "WATCHDOG_PID",
+        "LISTEN_FDS",
+        "LISTEN_PID",
+        "LISTEN_FDNAMES",
+    ]
+)
 
 
 class Child:

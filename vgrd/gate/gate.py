@@ -82,7 +82,8 @@ class Gate:
             loop.add_signal_handler(number, self._stop.set)
         loop.set_exception_handler(self._fail)
         settings = self._settings
-        self._port = await self._server.listen(settings.host, settings.port)
+        given = systemd.inherited_socket()
+        self._port = await self._server.listen(settings.host, settings.port, given)
         log.info("serving", cell=settings.cell, host=settings.host, port=self._port)
         self._manager.tell(READY="1", STATUS=f"serving on {settings.host}:{self._port}")
         try:

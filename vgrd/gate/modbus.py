@@ -68,6 +68,8 @@ class ModbusServer:
         """
         try:
             self._listeners = _listeners(host, port) if given is None else [given]
+            if given is not None:
+                _check_address(given, host, port)
             for listener in self._listeners:
                 listener.setblocking(False)
                 listener.listen(_BACKLOG)
@@ -193,11 +195,25 @@ def _listeners(host: str, port: int) -> list[socket.socket]:
     return made
 
 
+def _check_address(given: socket.socket, host: str, port: int) -> None:
+    """Raises ServingError unless the socket handed over listens where the cell file says."""
+    address = given.getsockname()[:2]
+    wanted = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM, flags=socket.AI_PASSIVE)
+    if address not in [entry[4][:2] for entry in wanted]:
+        raise ServingError(
+            f"the socket unit listens at {address[0]}:{address[1]}, the cell file says"
+            f" {host}:{port}: make ListenStream= and [serving] host, port agree"
+        )
+
+
 def _remedy(error: OSError) -> str:
     if error.errno == errno.EADDRINUSE:
         return "the port is taken; stop the other server or change [serving] port"
     if error.errno == errno.EACCES:
-        return "ports below 1024 need a privilege; change [serving] port (1502 is free for all)"
+        return (
+            "ports below 1024 need a privilege; have the port opened by config/vgrd.socket"
+            " or change [serving] port (1502 is free for all)"
+        )
     if error.errno == errno.EADDRNOTAVAIL:
         return "this machine does not have that address; change [serving] host"
     return f"{error.strerror or error}; check [serving] host and port"

@@ -1,9 +1,14 @@
-"""The readiness protocol of systemd: one datagram per message."""
+"""What systemd and the daemon say to each other: readiness, watchdog, a socket handed over."""
 
 import os
 import socket
+from typing import Final
 
 import structlog
+
+from vgrd.errors import ServingError
+
+_FIRST_FD: Final = 3  # SD_LISTEN_FDS_START of sd_listen_fds(3)
 
 log = structlog.get_logger()
 
@@ -59,3 +64,28 @@ def watchdog_period_s() -> float | None:
     if not allowed_us.isdigit() or watched != str(os.getpid()):
         return None
     return int(allowed_us) / 2e6
+
+
+def inherited_socket() -> socket.socket | None:
+    """The listening socket that a socket unit handed to this very process, None without one.
+
+    Raises ServingError when it is more than one, or not a listening TCP socket.
+    """
+    count = os.environ.get("LISTEN_FDS", "")
+    if os.environ.get("LISTEN_PID") != str(os.getpid()) or not count.isdigit() or count == "0":
+        return None
+    if count != "1":
+        raise ServingError(
+            f"{count} sockets were handed over and the registers are served at one address:"
+            " keep one ListenStream= in the socket unit"
+        )
+    os.set_inheritable(_FIRST_FD, False)  # the children's business ends at the rings
+    given = socket.socket(fileno=_FIRST_FD)
+    listens = given.getsockopt(socket.SOL_SOCKET, socket.SO_ACCEPTCONN)
+    if given.family not in (socket.AF_INET, socket.AF_INET6) or not listens:
+        given.close()
+        raise ServingError(
+            "the socket handed over is not a listening TCP socket: the socket unit needs"
+            " ListenStream=ADDRESS:PORT and Accept=no"
+        )
+    return given
