@@ -47,10 +47,9 @@ class Daemon:
         self.control = ControlClient(self.runtime / "control.sock")
 
     def __enter__(self) -> "Daemon":
-        command = [sys.executable, "-m", "vgrd.cli", "run", str(self.cell_file)]
         with self.log.open("ab") as log:
             self.process = subprocess.Popen(
-                dying_with_us(command), stderr=log, stdout=log, start_new_session=True
+                dying_with_us(self.command()), stderr=log, stdout=log, start_new_session=True
             )
         try:
             self.wait_until(self.good)
@@ -61,6 +60,10 @@ class Daemon:
 
     def __exit__(self, *_: object) -> None:
         self.stop()
+
+    def command(self) -> list[str]:
+        """How it is started; what this becomes is the gate."""
+        return [sys.executable, "-m", "vgrd.cli", "run", str(self.cell_file)]
 
     def wait_until(
         self, good: Callable[[dict[str, object]], bool], timeout_s: float = START_TIMEOUT_S

@@ -1,39 +1,91 @@
+"""The shipped units are good in systemd's own eyes, and as little exposed as they claim."""
+
+import json
 import shutil
 import subprocess
-import sys
 from pathlib import Path
 
 import pytest
 
-TEMPLATE = Path(__file__).parents[2] / "config" / "vgrd.service"
+from fakes.confined import TEMPLATE, render
+from fakes.confinement import ENFORCED, IMPLIED
+from fakes.unit_file import last, read_section, syscall_filter
+from vgrd.config import ServingSection
+
+SOCKET = TEMPLATE.with_name("vgrd.socket")
 TOOL = shutil.which("systemd-analyze")
+EXPOSURE = 1.1
+# Of a [Service] section: what the manager itself does, and what takes control groups.
+BY_MANAGER = {
+    "KillMode",
+    "NotifyAccess",
+    "Restart",
+    "RestartPreventExitStatus",
+    "RestartSec",
+    "TimeoutStartSec",
+    "TimeoutStopSec",
+    "Type",
+    "WatchdogSec",
+    "WatchdogSignal",
+}
+NEITHER = {"MemoryMax", "OOMScoreAdjust", "TasksMax"}
+
+analyzed = pytest.mark.skipif(TOOL is None, reason="systemd-analyze is not installed")
 
 
-def render(folder: Path) -> Path:
-    """Write the unit with this environment's path, as an installation does."""
-    cell = folder / "cell.toml"
-    text = TEMPLATE.read_text().replace("@CELL@", str(cell)).replace("@VENV@", sys.prefix)
-    unit = folder / "vgrd.service"
-    unit.write_text(text)
-    return unit
-
-
-@pytest.mark.skipif(TOOL is None, reason="systemd-analyze is not installed")
-def test_systemd_accepts_the_unit_file(tmp_path):
-    unit = render(tmp_path)
-    done = subprocess.run(
-        [str(TOOL), "verify", "--man=no", str(unit)],
-        capture_output=True,
-        text=True,
-        timeout=60,
-        check=False,
+def analyze(*words: str) -> subprocess.CompletedProcess[str]:
+    return subprocess.run(
+        [str(TOOL), *words], capture_output=True, text=True, timeout=60, check=False
     )
+
+
+@pytest.fixture
+def unit(tmp_path: Path) -> Path:
+    return render(tmp_path / "cell.toml", tmp_path / "vgrd.service")
+
+
+@analyzed
+def test_systemd_accepts_the_units(tmp_path, unit) -> None:
+    socket = tmp_path / "vgrd.socket"
+    socket.write_text(SOCKET.read_text().replace("@HOST@", "127.0.0.1"))
+    done = analyze("verify", "--man=no", str(unit), str(socket))
     ours = [line for line in done.stderr.splitlines() if "vgrd" in line]
     assert ours == []
     assert done.returncode == 0, done.stderr
 
 
-def test_the_unit_is_notified_watched_and_not_restarted_after_a_configuration_error():
-    text = TEMPLATE.read_text()
-    for line in ("Type=notify", "WatchdogSec=5", "Restart=always", "RestartPreventExitStatus=78"):
-        assert f"\n{line}\n" in text
+@analyzed
+def test_the_unit_is_exposed_no_more_than_is_claimed(unit) -> None:
+    threshold = f"--threshold={round(10 * EXPOSURE)}"
+    options = ("security", "--offline=true", "--no-pager")
+    good = analyze(*options, threshold, str(unit))
+    assert good.returncode == 0, good.stdout
+    unit.write_text(unit.read_text().replace("SystemCallFilter=~@privileged @resources\n", ""))
+    assert analyze(*options, threshold, str(unit)).returncode != 0
+
+
+@analyzed
+def test_no_call_is_allowed_back_into_the_filter(unit) -> None:
+    wanted = syscall_filter(read_section(unit, "Service"))
+    report = analyze("security", "--offline=true", "--no-pager", "--json=short", str(unit)).stdout
+    verdicts = {row["name"]: row["set"] for row in json.loads(report)}
+    assert verdicts["SystemCallFilter=~@resources"] is True
+    assert verdicts["SystemCallFilter=~@privileged"] is True
+    assert {"mbind", "setpriority", "nice", "chown", "setuid"} <= wanted.refused
+
+
+def test_every_directive_is_put_to_the_test_or_known_not_to_be(unit) -> None:
+    directives = set(read_section(unit, "Service"))
+    assert directives == (ENFORCED & directives) | IMPLIED | BY_MANAGER | NEITHER
+
+
+def test_the_unit_is_notified_watched_and_not_restarted_after_a_configuration_error() -> None:
+    directives = read_section(TEMPLATE, "Service")
+    assert last(directives, "Type") == "notify"
+    assert last(directives, "WatchdogSec") == "5"
+    assert last(directives, "Restart") == "always"
+    assert last(directives, "RestartPreventExitStatus") == "78"
+
+
+def test_the_unit_may_open_the_port_that_the_cell_file_has_by_default() -> None:
+    assert ServingSection().port >= 1024  # below, ports need a capability that the unit drops
