@@ -17,6 +17,8 @@ from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Final
 
+from vgrd.orphans import dying_with_us
+
 # Units that every unit of a service or a socket wants to exist; empty ones will do.
 _TARGETS: Final = (
     "basic",
@@ -81,7 +83,7 @@ def main(scratch: Path, cgroup: Path, units: Path, *shared: Path) -> None:
         child = os.fork()
         if child:
             os._exit(os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]) & 0xFF)
-        _libc.prctl(_SET_PDEATHSIG, signal.SIGKILL, 0, 0, 0)
+        _libc.prctl(_SET_PDEATHSIG, signal.SIGKILL, 0, 0, 0)  # its parent is not in its namespace
         _build_root(scratch, [units, *shared])
     except OSError as error:
         if error.errno not in _NOT_ALLOWED:
@@ -179,7 +181,7 @@ class Booted:
         words = [str(scratch), str(self.cgroup), str(self.units), *map(str, self.shared)]
         with self.log.open("wb") as log:
             self.process = subprocess.Popen(
-                [sys.executable, "-m", "fakes.booted", *words],
+                dying_with_us([sys.executable, "-m", "fakes.booted", *words]),
                 stdin=subprocess.DEVNULL,
                 stdout=log,
                 stderr=log,

@@ -19,6 +19,7 @@ from typing import Final
 
 from fakes.seccomp import filters
 from fakes.unit_file import Directives, is_on, last, read_section
+from vgrd.orphans import die_with
 
 DYNAMIC_USER: Final = 64990  # of the range that systemd takes DynamicUser= from
 # What of a unit is enforced here. The rest is for the service manager or needs control groups.
@@ -190,6 +191,7 @@ def give_up_rights(unit: Directives) -> None:
         os.setresgid(DYNAMIC_USER, DYNAMIC_USER, DYNAMIC_USER)
         os.setresuid(DYNAMIC_USER, DYNAMIC_USER, DYNAMIC_USER)
         _libc.prctl(_SET_DUMPABLE, 1, 0, 0, 0)  # else /proc/self is root's
+        die_with(os.getppid())  # a change of user had made it forget
         if is_on(unit, "PrivateUsers"):
             _call(_libc.unshare(_NEWUSER), "unshare user")
             _map_self(DYNAMIC_USER, DYNAMIC_USER)

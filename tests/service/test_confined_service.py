@@ -20,6 +20,7 @@ from fakes.confined import (
 )
 from fakes.session import work
 from fakes.world import World
+from vgrd.orphans import dying_with_us
 
 # All that confining needs of a machine: a library, a tool, and the right to namespaces.
 ABLE = """
@@ -47,7 +48,7 @@ def confined(folder: Path, unit_text: str, code: str) -> subprocess.CompletedPro
     unit = render(folder / "cell.toml", folder / "probe.service", unit_text)
     command = [sys.executable, "-m", "fakes.confinement", str(unit), str(folder), *visible()]
     return subprocess.run(
-        [*command, "--", sys.executable, "-c", code],
+        dying_with_us([*command, "--", sys.executable, "-c", code]),
         capture_output=True,
         text=True,
         timeout=120,

@@ -17,6 +17,7 @@ from vgrd.errors import InputError
 from vgrd.gate.settings import save_table
 from vgrd.ipc.health import HealthReporter
 from vgrd.model import Plan
+from vgrd.orphans import dying_with_us
 from vgrd.permissions import OTHERS, make_folder, opener, own_folder, take_after
 from vgrd.store.calibrations import CalibrationStore
 from vgrd.store.sessions import SampleKind, SessionWriter, load_session
@@ -187,7 +188,7 @@ except InputError as err:
 
 def as_another_user(folder: Path, group: str = "") -> str:
     done = subprocess.run(
-        [sys.executable, "-c", AS_ANOTHER_USER, str(folder), group],
+        dying_with_us([sys.executable, "-c", AS_ANOTHER_USER, str(folder), group]),
         capture_output=True,
         text=True,
         check=True,
