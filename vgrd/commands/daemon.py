@@ -7,10 +7,8 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
-import structlog
 import typer
 
-from vgrd import logs
 from vgrd.commands.asking import ConfigOption, SocketOption, ask, client_of
 from vgrd.commands.reloading import file_now, running_file
 from vgrd.errors import ConfigError, InputError
@@ -39,7 +37,6 @@ def run(config: Annotated[Path, typer.Argument(help="The cell file.")]) -> None:
     from vgrd.gate.gate import lock
     from vgrd.gate.settings import WANTED_TABLE, save_table
 
-    logs.configure("run")
     loaded = load_config(config)
     runtime = _runtime_folder(loaded.cell)
     _own_folder("state_dir", loaded.cell.state_dir, loaded.cell.group, _STATE_PARTS)
@@ -74,9 +71,7 @@ def _own_folder(key: str, path: str, group: str, parts: tuple[str, ...]) -> Path
             f"set [cell] {key} to a folder of yours"
         ) from err
     for left in open_to_others:
-        structlog.get_logger().warning(
-            "open_to_others", path=str(left), remedy="not ours to close: chown or remove it"
-        )
+        typer.echo(f"vgrd: {left}: open to other users, not ours to close: chown it", err=True)
     return Path(path)
 
 
