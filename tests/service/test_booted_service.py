@@ -1,8 +1,10 @@
 """The shipped units under a real systemd: port 502 by the socket unit, the whole work, every restart."""
 
+import contextlib
 import os
 import shutil
 import signal
+import sys
 import time
 from collections.abc import Iterator
 from pathlib import Path
@@ -109,3 +111,59 @@ def test_the_daemon_does_its_whole_work_at_port_502_under_systemd(
     assert '"event": "niceness_refused"' in log
     assert "Traceback" not in log
     record_property("took_s", round(time.monotonic() - start, 1))
+
+
+GROUP_DROP_IN = """[Service]
+DynamicUser=no
+User=vgrd
+Group=vgrd
+"""
+
+
+def test_a_group_of_operators_commands_and_reads_and_others_do_not(place) -> None:
+    systemd, cell_file = place.systemd, place.cell.cell_file
+    for command in (
+        "groupadd --system vgrd",
+        "useradd --system --gid vgrd --no-create-home vgrd",
+        "useradd --groups vgrd operator",
+        "useradd stranger",
+        "chmod 755 /root",  # the interpreter may live there; this is the namespace's copy
+        "chown --recursive vgrd:vgrd /var/cache/private/vgrd",
+    ):
+        done = systemd.run(*command.split())
+        assert done.returncode == 0, done.stderr
+    (systemd.units / "vgrd.service.d" / "group.conf").write_text(GROUP_DROP_IN)
+    text = cell_file.read_text()
+    cell_file.write_text(text.replace("[cell]\n", '[cell]\ngroup = "vgrd"\n', 1))
+    systemd.ask("daemon-reload")
+    assert systemd.ask("start", "vgrd.socket") == ""
+    with place.daemon as daemon:
+        status = [sys.executable, "-m", "vgrd.cli", "status", "--socket", "/run/vgrd/control.sock"]
+        may = systemd.run("runuser", "-u", "operator", "--", *status)
+        assert may.returncode == 0, may.stderr
+        may_not = systemd.run("runuser", "-u", "stranger", "--", *status)
+        assert "Permission denied" in may_not.stderr
+        assert may_not.returncode != 0
+        for inside in ("/run/vgrd", "/var/lib/vgrd"):
+            top = systemd.path(inside)
+            for path in (top, *top.rglob("*")):
+                assert path.lstat().st_mode & 0o007 == 0, path
+            assert systemd.run("runuser", "-u", "operator", "--", "ls", inside).returncode == 0
+            assert systemd.run("runuser", "-u", "stranger", "--", "ls", inside).returncode != 0
+        assert daemon.control.call("status")["camera"] == "ok"
+
+
+def test_a_faulty_cell_file_is_not_tried_for_ever_by_a_robot_that_polls(place) -> None:
+    place.cell.cell_file.write_text("nonsense = 1\n")
+    place.systemd.ask("start", "vgrd.socket")
+    place.systemd.ask("start", "vgrd.service")
+    assert show(place, "ExecMainStatus") == "78"
+    assert show(place, "NRestarts") == "0"
+    end = time.monotonic() + 300.0
+    while show(place, "ActiveState", "vgrd.socket") != "failed":
+        assert time.monotonic() < end
+        with contextlib.suppress(OSError), RawModbus(place.host, PORT):
+            time.sleep(0.2)
+    assert show(place, "Result", "vgrd.socket") == "trigger-limit-hit"
+    tries = place.daemon.log.read_text().count("unknown key")
+    assert 1 < tries <= 6  # the one at its start, and TriggerLimitBurst=
