@@ -40,6 +40,9 @@ class Idle:
     def newest(self, within_s: float) -> None:
         return None
 
+    def reading(self) -> None:
+        return None
+
     def robot_trouble(self) -> str:
         return ""
 

@@ -231,7 +231,7 @@ def test_a_fault_of_ours_while_advising_is_raised_where_it_is_awaited(
 
 
 def test_a_fault_of_ours_while_writing_is_told_and_samples_are_taken(
-    bench, rehearsed, monkeypatch, caplog
+    bench, rehearsed, monkeypatch, tmp_path
 ):
     def faulty(writer: object, readings: object) -> None:
         raise LookupError("a bug")
@@ -244,11 +244,15 @@ def test_a_fault_of_ours_while_writing_is_told_and_samples_are_taken(
         bench.recorder.on_readings([bench.newest(1.0)])
         (reply,) = await bench.teach(first(rehearsed, 1, 0, 0))
         told = bench.teaching.status()
-        await bench.teaching.stop()
+        bench.recorder._thinning.add([bench.newest(1.0)])
+        with pytest.raises(LookupError):  # of the last readings; the control socket answers for it
+            await bench.recorder.stop()
+        await bench.advisor.close()
         running.cancel()
         return {**told, **reply}
 
     told = asyncio.run(taught())
+    assert (tmp_path / "sessions" / "four" / "closed.json").exists()
     assert "internal error in recording: LookupError: a bug" in told["trouble"]
     assert told["sample"] == 1
 

@@ -127,7 +127,8 @@ class Recorder:
         except StoreError as err:
             # The recording had failed before, or fails now: the samples are safe all the same.
             self.trouble = self.trouble or str(err)
-        writer.close()
+        finally:
+            writer.close()
 
     @staticmethod
     def _write_readings(writer: SessionWriter, readings: Sequence[FlangeReading]) -> None:
