@@ -92,6 +92,20 @@ def test_a_move_is_recorded_at_once_and_whole():
     assert kept[0].stamp_s < started - 0.9 * HOLD_S
 
 
+def test_what_belongs_to_a_picture_or_a_sample_is_given_back_with_the_next_reading():
+    thinning, kept = PoseThinning(), []
+    readings = arm(0, moves=0)
+    for reading in readings[:-1]:
+        kept += thinning.add([reading])
+    told_s = readings[-2].stamp_s
+    assert kept[-1].stamp_s < told_s - 0.7 * HOLD_S
+    thinning.want(told_s - 2.0, told_s)
+    kept += thinning.add(readings[-1:])
+    assert [r for r in kept if r.stamp_s > told_s - 3.0] == [
+        r for r in readings if r.stamp_s > told_s - 3.0
+    ]
+
+
 @pytest.mark.parametrize("noise_mm", [0.0, 0.004, 0.008])
 def test_an_arm_at_rest_leaves_one_reading_a_second_whatever_its_rate(noise_mm):
     for rate_hz in (5.0, 125.0):

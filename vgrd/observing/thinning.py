@@ -25,7 +25,8 @@ HOLD_S = 4.0  # a picture is told at most this late: evaluation 2 s, catching up
 class PoseThinning:
     """Takes readings in their order and gives back, in order, those to be recorded.
 
-    Readings of an arm at rest are given back `HOLD_S` later, since a picture of them may still come.
+    Readings of an arm at rest are given back `HOLD_S` later, since a picture of them may still come;
+    those of a moving arm and around pictures and samples at once.
     """
 
     def __init__(self, limits: RestLimits | None = None) -> None:
@@ -49,8 +50,12 @@ class PoseThinning:
         return kept
 
     def want(self, begin_s: float, end_s: float) -> None:
-        """Keep every reading between two stamps: of a picture or sample, and `AROUND_S` around it."""
+        """Keep every reading between two stamps: of a picture or sample, and `AROUND_S` around it.
+
+        What has come of them is given back with the next reading, so that a kill costs none of them.
+        """
         self._wanted.append((begin_s - AROUND_S, end_s + AROUND_S))
+        self._awake_until_s = max(self._awake_until_s, end_s + AROUND_S)
 
     def rest(self) -> list[FlangeReading]:
         """Everything that is still held back, at the end of a recording."""
