@@ -62,6 +62,7 @@ class ScriptedCamera:
         self.clock = clock
         self.regions = regions
         self.asked: list[Region | None] = []
+        self.ahead_s = 0.0
         self.ring = RingWriter.create(
             runtime / wire.IMAGE_RING,
             wire.IMAGE_SLOTS,
@@ -82,7 +83,10 @@ class ScriptedCamera:
         region = wanted if self.regions else None
         shape = (HEIGHT, WIDTH) if region is None else (region.height, region.width)
         image = CameraImage(
-            np.zeros(shape, np.uint8), self.clock.monotonic(), len(self.asked), region
+            np.zeros(shape, np.uint8),
+            self.clock.monotonic() + self.ahead_s,
+            len(self.asked),
+            region,
         )
         self.ring.publish(wire.pack_image_header(image), image.pixels.data, stamp_s=image.stamp_s)
 
@@ -231,3 +235,12 @@ def test_a_slow_robot_is_online_between_its_readings_and_a_silent_one_is_not(
 def test_a_press_is_answered_by_a_slow_robot(measuring: Measuring, rate_hz: float) -> None:
     measuring.robot.readings.extend(at(1000.0 + (k - 9) / rate_hz, 3.0) for k in range(14))
     assert asyncio.run(measuring.rest()).translation[0] == 3.0
+
+
+def test_a_picture_of_the_future_is_not_believed(loop: Loop) -> None:
+    loop.run(2.0)
+    seen = len(loop.every)
+    loop.camera.ahead_s = 5.0
+    loop.run(2.0)
+    assert len(loop.every) == seen
+    assert "ahead of now" in loop.measuring._unusable

@@ -256,6 +256,7 @@ class Measuring:
     async def _evaluate(self, image: CameraImage) -> None:
         try:
             loop = asyncio.get_running_loop()
+            _check_past(image, self.clock.monotonic())
             near = self._last_tags
             if image.region is not None:
                 near = {i: tag for i, tag in near.items() if i == self.facts.tag_b.id}
@@ -302,6 +303,15 @@ class Measuring:
             meant = sight.is_whole or not wish.whole
             if meant and sight.stamp_s >= wish.asked_s and not wish.sight.done():
                 wish.sight.set_result(sight)
+
+
+def _check_past(image: CameraImage, now_s: float) -> None:
+    """InputError for a picture of the future: it would vouch for what nobody has seen yet."""
+    if not image.stamp_s <= now_s:
+        raise InputError(
+            f"a picture is stamped {image.stamp_s - now_s:.3f} s ahead of now: the driver takes the "
+            "camera's clock for ours"
+        )
 
 
 def region_around(seen: TagObservation, facts: CellFacts) -> Region | None:
