@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from vgrd.errors import DidNotConverge, InputError, NotObservable
+from vgrd.errors import InputError, NotObservable
 from vgrd.geometry import Pose
 from vgrd.geometry.covariance import (
     covariance_from,
@@ -10,7 +10,6 @@ from vgrd.geometry.covariance import (
     radius95,
     whitener,
 )
-from vgrd.geometry.least_squares import minimize, require_convergence
 
 
 @pytest.mark.parametrize("sigmas", [(1, 1, 1), (1, 1, 0), (1, 0, 0), (1, 0.5, 0.2), (3, 0.3, 0.1)])
@@ -71,27 +70,3 @@ def test_a_mean_of_poses_lies_where_the_certain_ones_are():
     assert xi @ np.linalg.solve(covariance, xi) < 20
     assert mean.distance(truth)[0] < 0.5
     np.testing.assert_allclose(covariance, tight / 2, rtol=1e-3, atol=1e-12)
-
-
-def test_the_iteration_finds_the_valley_of_rosenbrock():
-    def linearize(x):
-        r = np.array([1 - x[0], 10 * (x[1] - x[0] ** 2)])
-        return r, np.array([[-1.0, 0], [-20 * x[0], 10]])
-
-    found = minimize(linearize, np.add, np.array([-1.2, 1.0]))
-    assert found.report.converged
-    np.testing.assert_allclose(found.state, [1, 1], atol=1e-8)
-
-
-def test_an_iteration_without_minimum_says_so():
-    def linearize(x):
-        return np.exp(-x), np.diag(-np.exp(-x))
-
-    found = minimize(linearize, np.add, np.zeros(1), max_steps=3)
-    with pytest.raises(DidNotConverge, match="hand-eye: no minimum after 3 steps"):
-        require_convergence(found.report, "hand-eye")
-
-
-def test_a_start_that_is_not_finite_is_refused():
-    with pytest.raises(DidNotConverge, match="start"):
-        minimize(lambda x: (x * np.nan, np.eye(1)), np.add, np.zeros(1))

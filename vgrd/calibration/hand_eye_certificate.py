@@ -17,7 +17,6 @@ from vgrd.geometry import Array, Pose, exp_rotation, hat, nearest_rotation
 from vgrd.geometry.least_squares import minimize
 
 _GENERATORS = hat(np.eye(3))
-_TOLERANCE = 1e-13
 _RANK = 1e-9
 _NOTHING = np.zeros((0, 6))
 
@@ -56,9 +55,7 @@ class RotationCost:
             r = self.root @ np.append(R.ravel(), 1.0)
             return r, self.root[:, :9] @ (_GENERATORS @ R).reshape(3, 9).T
 
-        minimum = minimize(
-            linearize, lambda R, step: exp_rotation(step) @ R, R, tolerance=_TOLERANCE
-        )
+        minimum = minimize(linearize, lambda R, step: exp_rotation(step) @ R, R)
         return nearest_rotation(minimum.state)
 
     def poses(self, R_X: Array) -> tuple[Pose, Pose]:

@@ -63,7 +63,6 @@ def settle(raw: JointData, layout: Layout, state: JointState) -> Optimum:
         ):
             break
     require_convergence(minimum.report, "joint estimate")
-    state = _polished(state, minimum.residuals, minimum.jacobian, layout)
     return fit_at(raw, layout, state, minimum.report)
 
 
@@ -157,13 +156,6 @@ def _held(
 
 def _retract(state: JointState, step: Array, layout: Layout) -> JointState:
     return state.retract(step, layout)
-
-
-def _polished(state: JointState, r: Array, J: Array, layout: Layout) -> JointState:
-    """One step more: costs cannot tell steps below the root of the machine's precision apart."""
-    scale = np.linalg.norm(J, axis=0)
-    Q, R = np.linalg.qr(J / scale)
-    return state.retract(solve_triangular(R, -(Q.T @ r)) / scale, layout)
 
 
 def _is_settled(before: JointState, after: JointState, data: JointData) -> bool:

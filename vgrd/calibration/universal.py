@@ -37,7 +37,6 @@ __all__ = [
 
 UniversalMethod = Literal["certified", "gauss-newton"]
 
-_CLOSE = 1e-8
 _PAPERS_STEP = 1e-3
 _PAPERS_STEPS = 100
 
@@ -124,7 +123,7 @@ def _lower(*minima: Minimum[State]) -> Minimum[State]:
 def _polish(equations: Equations, K: Array, R_X: Array) -> Minimum[State]:
     """Bottom of the valley of a rotation of X."""
     start = equations.start(nearest_valley(K, R_X))
-    return minimize(equations.linearize, retract, start, tolerance=_CLOSE, damping=1e-9)
+    return minimize(equations.linearize, retract, start, damping=1e-9)
 
 
 def _gauss_newton(equations: Equations, state: State) -> Minimum[State]:

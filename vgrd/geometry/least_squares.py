@@ -11,7 +11,9 @@ from vgrd.geometry.pose import Array
 
 State = TypeVar("State")
 
-_MAX_DAMPING = 1e12
+_MAX_DAMPING = 1e12  # no shorter step is worth a trial: it changes no digit of the residuals
+_MIN_DAMPING = 1e-12  # of unit columns: their products are known to 1e-15 only
+_COSTS_TELL = 1e-6  # of (1 + cost): no sample minds a smaller difference, and it may be rounding
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -38,36 +40,34 @@ def minimize(
     retract: Callable[[State, Array], State],
     start: State,
     *,
-    tolerance: float = 1e-9,
+    tolerance: float = 1e-7,
     max_steps: int = 100,
     damping: float = 1e-6,
 ) -> Minimum[State]:
     """Lowest sum of squares near `start`; `linearize` gives residuals (m,) and Jacobian (m, n).
 
-    Residuals are best in units of their sigma: a step that changes them by less than `tolerance`
-    of (1 + their norm) ends the iteration. A state with non-finite residuals is never entered;
-    DidNotConverge when `start` is one.
+    Residuals are best in units of their sigma. The iteration has converged where the undamped
+    Gauss-Newton step would change them by less than `tolerance` of (1 + their norm): where the
+    gradient is small, not where damping makes the steps short. A state with non-finite residuals is
+    never entered; DidNotConverge when `start` is one.
     """
-    state, (r, J) = start, linearize(start)
-    cost = 0.5 * float(r @ r)
-    if not np.isfinite(cost):
+    here = _Point(start, *linearize(start))
+    if not np.isfinite(here.cost):
         raise DidNotConverge("the start of the iteration has no finite residuals")
     steps = 0
-    converged = False
-    while steps < max_steps and not converged and damping < _MAX_DAMPING:
+    is_last = False
+    while steps < max_steps and damping < _MAX_DAMPING and not is_last:
         steps += 1
-        step, change = _damped_step(r, J, damping)
-        if change <= tolerance * (1.0 + np.sqrt(2 * cost)):
-            converged = True
-        trial = retract(state, step)
-        r_trial, J_trial = linearize(trial)
-        cost_trial = 0.5 * float(r_trial @ r_trial)
-        if cost_trial <= cost:
-            state, r, J, cost = trial, r_trial, J_trial, cost_trial
-            damping = max(damping / 10, 1e-12)
+        is_last = here.is_minimum(tolerance)
+        state = retract(here.state, here.newton if is_last else here.step(damping))
+        trial = _Point(state, *linearize(state))
+        if trial.is_better_than(here):
+            here = trial
+            damping = max(damping / 10, _MIN_DAMPING)
         else:
             damping *= 10
-    return Minimum(state, r, J, Report(converged, steps, cost))
+    report = Report(here.is_minimum(tolerance), steps, here.cost)
+    return Minimum(here.state, here.residuals, here.jacobian, report)
 
 
 def require_convergence(report: Report, what: str) -> None:
@@ -79,15 +79,42 @@ def require_convergence(report: Report, what: str) -> None:
         )
 
 
-def _damped_step(r: Array, J: Array, damping: float) -> tuple[Array, float]:
-    """Step (n,) of the column-scaled damped normal equations, and the norm by which it moves r."""
-    scale = np.sqrt(np.einsum("ij,ij->j", J, J))
-    scale[scale == 0] = 1.0
-    A = J / scale
-    normal = A.T @ A
-    normal[np.diag_indices_from(normal)] += damping
-    try:
-        step = np.linalg.solve(normal, -(A.T @ r))
-    except np.linalg.LinAlgError:
-        step = np.linalg.lstsq(normal, -(A.T @ r), rcond=None)[0]
-    return step / scale, float(np.linalg.norm(A @ step))
+class _Point(Generic[State]):
+    """A state with its residuals (m,), Jacobian (m, n) and column-scaled normal equations.
+
+    newton: (n,) the undamped step; downhill: by how much it would change the residuals.
+    """
+
+    def __init__(self, state: State, residuals: Array, jacobian: Array) -> None:
+        self.state, self.residuals, self.jacobian = state, residuals, jacobian
+        self.cost = 0.5 * float(residuals @ residuals)
+        if not np.isfinite(self.cost):
+            return
+        self._scale = np.sqrt(np.einsum("ij,ij->j", jacobian, jacobian))
+        self._scale[self._scale == 0] = 1.0
+        A = jacobian / self._scale
+        self._normal, self._gradient = A.T @ A, A.T @ residuals
+        self.newton = self.step(_MIN_DAMPING)
+        fall = -float(self._gradient @ (self.newton * self._scale))
+        self.downhill = float(np.sqrt(max(fall, 0.0)))
+
+    def step(self, damping: float) -> Array:
+        """Step (n,) of the damped normal equations."""
+        normal = self._normal.copy()
+        normal[np.diag_indices_from(normal)] += damping
+        try:
+            step = np.linalg.solve(normal, -self._gradient)
+        except np.linalg.LinAlgError:
+            step = np.linalg.lstsq(normal, -self._gradient, rcond=None)[0]
+        return np.asarray(step / self._scale)
+
+    def is_minimum(self, tolerance: float) -> bool:
+        """Whether the undamped step would change next to nothing."""
+        return bool(self.downhill <= tolerance * (1.0 + np.sqrt(2 * self.cost)))
+
+    def is_better_than(self, other: "_Point[State]") -> bool:
+        """Whether the cost is lower, or as low as rounding can tell and the gradient smaller."""
+        if not np.isfinite(self.cost):
+            return False
+        is_as_low = self.cost - other.cost <= _COSTS_TELL * (1.0 + other.cost)
+        return self.cost < other.cost or (is_as_low and self.downhill < other.downhill)

@@ -17,7 +17,6 @@ from vgrd.geometry.least_squares import minimize, require_convergence
 
 _SMALL = 1e-5  # size of the translations on the sphere of SO(4): its square is what is neglected
 _GENERATORS = hat(np.eye(3))
-_TOLERANCE = 1e-12
 
 
 def daniilidis(motions: Motions) -> Pose:
@@ -170,7 +169,6 @@ def gwak(motions: Motions) -> Pose:
         linearize,
         lambda X, step: Pose.exp(step) @ X,
         park_martin(motions),
-        tolerance=_TOLERANCE,
     )
     require_convergence(minimum.report, "hand-eye, Gwak")
     return Pose(minimum.state.rotation, size * minimum.state.translation)
