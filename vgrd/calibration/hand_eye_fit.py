@@ -17,7 +17,7 @@ from vgrd.calibration.hand_eye_free import (
 )
 from vgrd.calibration.hand_eye_state import HandEye, move_of
 from vgrd.calibration.motion import refuse_repeats
-from vgrd.errors import NotObservable, TooFewObservations
+from vgrd.errors import DidNotConverge, NotObservable, TooFewObservations
 from vgrd.geometry import Array, Pose
 from vgrd.geometry.covariance import covariance_from
 from vgrd.geometry.least_squares import Minimum, minimize, require_convergence
@@ -160,6 +160,12 @@ class _Engine:
             before, state = state, minimum.state
             if _moved(before, state) < (_NEARLY_SETTLED if robust else _SETTLED):
                 break
+        else:
+            if not robust:
+                raise DidNotConverge(
+                    f"hand-eye: not settled after {_ROUNDS} rounds of weighing; the samples "
+                    "contradict each other or belong to different set-ups"
+                )
         if not robust:
             require_convergence(minimum.report, "hand-eye")
         return minimum

@@ -13,6 +13,7 @@ from scipy.linalg import solve_triangular
 from vgrd.calibration.joint_problem import JointData
 from vgrd.calibration.joint_rows import arm_jacobian, linearize
 from vgrd.calibration.joint_state import JointState, Layout
+from vgrd.errors import DidNotConverge
 from vgrd.geometry import Array
 from vgrd.geometry.least_squares import Report, minimize, require_convergence
 
@@ -62,6 +63,11 @@ def settle(raw: JointData, layout: Layout, state: JointState) -> Optimum:
             not len(frozen) or len(_frozen(state, data, layout, factor)) == len(frozen)
         ):
             break
+    else:
+        raise DidNotConverge(
+            f"joint estimate: not settled after {_ROUNDS} rounds of weighing; the samples contradict "
+            "each other or belong to different set-ups"
+        )
     require_convergence(minimum.report, "joint estimate")
     return fit_at(raw, layout, state, minimum.report)
 

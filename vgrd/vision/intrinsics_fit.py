@@ -24,6 +24,7 @@ _STRETCH_SIGMA = 1e-3
 _RATIONAL_SIGMA = 1.0  # of k4, k5, k6, which the pictures alone hardly tell from k1, k2, k3
 _MAX_STEPS, _MAX_ROUNDS, _MOST_DAMPING = 60, 12, 1e8
 _SETTLED, _MATCHED = 1e-8, 0.03
+_UNDAMPED = 1e-6  # a step with more damping is short for that alone: it shows no minimum
 _SIGMAS_PX, _SIGMAS_MM = (1e-4, 50.0), (2e-4, 2.0)
 _ORDER = [3, 4, 5, 0, 1, 2]  # OpenCV's columns of rotation and translation as (v, w)
 
@@ -108,15 +109,15 @@ class _Problem:
             trial = self._step(state, pictures, damping)
             trial_cost = self._cost(trial)
             if not trial_cost <= cost:
-                if trial_cost - cost <= _SETTLED * (1 + cost):
+                if damping <= _UNDAMPED and trial_cost - cost <= _SETTLED * (1 + cost):
                     return state  # as low as rounding allows
                 damping *= 10
                 if damping > _MOST_DAMPING:
                     break
                 continue
-            gained = cost - trial_cost
+            is_last = damping <= _UNDAMPED and cost - trial_cost <= _SETTLED * (1 + cost)
             state, cost, damping = trial, trial_cost, max(damping / 10, 1e-12)
-            if gained <= _SETTLED * (1 + cost):
+            if is_last:
                 return state
             pictures = self._all_linearized(state)
         raise DidNotConverge(

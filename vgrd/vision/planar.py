@@ -20,6 +20,7 @@ from vgrd.vision.warp import lens_vector, project, slopes
 
 _STEPS = 60
 _STILL = 1e-6  # chi-square
+_UNDAMPED = 1e-9  # a step with more damping is short for that alone: it shows no minimum
 _SAME_RAD = np.radians(0.01)
 MOST_MISFIT_PX = 0.5  # rms beyond which no pose fits the corners
 _BRANCH_MARGIN = 25.0  # chi-square by which the second solution must be worse: 5 sigma
@@ -153,12 +154,12 @@ def _descend(
         R_new, t_new = turn @ R, turn @ t + step[:3]
         r_new, J_new = _linearized(lens, corners, corners_px, W, R_new, t_new)
         trial = float(r_new @ r_new)
+        is_last = damping <= _UNDAMPED and abs(cost - trial) < _STILL * (1 + cost)
         if trial <= cost:
-            gain = cost - trial
             R, t, r, J, cost = R_new, t_new, r_new, J_new, trial
             damping /= 10
-            if gain < _STILL * (1 + cost):
-                break
         else:
-            damping = max(10 * damping, 1e-9)
+            damping = max(10 * damping, _UNDAMPED)
+        if is_last:
+            break
     return R, t, cost, J
