@@ -5,8 +5,8 @@ from scipy.spatial.transform import Rotation
 from vgrd.calibration.repeatability import repeatability
 from vgrd.calibration.robust import fit_without_outliers, noise_scale
 from vgrd.calibration.tcp import calibrate_fixed_point
-from vgrd.calibration.tcp_plane import calibrate_plane
-from vgrd.calibration.tcp_sphere import calibrate_sphere
+from vgrd.calibration.tcp_plane import fit_plane
+from vgrd.calibration.tcp_sphere import fit_sphere
 from vgrd.calibration.touches import TouchSet
 from vgrd.calibration.universal import UniversalProblem, calibrate_universal
 from vgrd.errors import InputError, TooFewObservations
@@ -66,9 +66,9 @@ def test_a_blunder_of_two_millimetres_among_eight_touches_is_named():
 
 SURFACES = {
     "fixed point": (calibrate_fixed_point, lambda _: np.zeros((16, 3))),
-    "plane": (calibrate_plane, lambda rng: rng.uniform(-150, 150, (16, 3)) * (1, 1, 0)),
+    "plane": (fit_plane, lambda rng: rng.uniform(-150, 150, (16, 3)) * (1, 1, 0)),
     "ball": (
-        calibrate_sphere,
+        fit_sphere,
         lambda rng: 20.0 * np.array([direction(rng) for _ in range(16)]),
     ),
 }

@@ -145,10 +145,12 @@ def test_a_ball_touched_with_the_tool_always_upright_on_it_is_refused():
 def test_too_few_touches_and_impossible_surfaces_are_refused():
     with pytest.raises(TooFewObservations, match="at least 3"):
         calibrate_plane(on_plane(0, m=2), PLANE)
-    with pytest.raises(TooFewObservations, match="at least 6"):
-        calibrate_plane(on_plane(0, m=5))
     with pytest.raises(TooFewObservations, match="at least 7"):
-        calibrate_sphere(on_ball(0, m=6))
+        calibrate_plane(on_plane(0, m=6))
+    with pytest.raises(TooFewObservations, match="at least 8"):
+        calibrate_sphere(on_ball(0, m=7))
+    with pytest.raises(TooFewObservations, match="at least 7"):
+        calibrate_sphere(on_ball(0, m=6), RADIUS)
     with pytest.raises(InputError, match="unit vector"):
         calibrate_plane(on_plane(0), Plane(np.array([0, 0, 2.0]), 1.0))
     with pytest.raises(InputError, match="positive"):

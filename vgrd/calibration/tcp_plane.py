@@ -6,11 +6,15 @@ import numpy as np
 
 from vgrd.calibration.motion import missing_rotation
 from vgrd.calibration.tcp_surface import (
+    SPARE,
     SurfaceResult,
+    require_one_minimum,
     require_rank,
     require_touches,
+    require_turns,
     solve_linear,
     surface_result,
+    tip_sigma_mm,
 )
 from vgrd.calibration.touches import TouchSet
 from vgrd.errors import InputError
@@ -37,12 +41,24 @@ def calibrate_plane(touches: TouchSet, plane: Plane | None = None) -> SurfaceRes
     An unknown normal is searched over all directions. Raises InputError, TooFewObservations,
     DidNotConverge, or NotObservable with the motion that is missing.
     """
+    fit = fit_plane(touches, plane)
+    require_one_plane(fit)
+    return fit
+
+
+def fit_plane(touches: TouchSet, plane: Plane | None = None) -> SurfaceResult[Plane]:
+    """The same with its rivals not judged yet: for touches of which some may be bad."""
     if plane is not None:
         n = np.asarray(plane.normal_in_base, dtype=np.float64)
         if n.shape != (3,) or not abs(float(np.linalg.norm(n)) - 1) < 1e-6:
             raise InputError("the normal of a plane is a unit vector of three numbers")
         return _known_plane(touches, Plane(n, plane.offset_mm))
     return _unknown_plane(touches)
+
+
+def require_one_plane(fit: SurfaceResult[Plane]) -> None:
+    """Raise NotObservable where another plane and TCP explain the touches as well."""
+    require_one_minimum(fit, "unknown plane", "touch more places, the wrist tilted further")
 
 
 def _known_plane(touches: TouchSet, plane: Plane) -> SurfaceResult[Plane]:
@@ -60,22 +76,22 @@ def _unknown_plane(touches: TouchSet) -> SurfaceResult[Plane]:
     finite = np.isfinite(touches.lateral_sigma_mm) | np.isfinite(touches.axial_sigma_mm)
     center = touches.translations[finite].mean(axis=0)
     problem = _PlaneProblem(touches, center)
-    require_touches(finite.astype(float), 6, "unknown plane")
-    best = min(
-        (problem.fit(n) for n in problem.starts(finite.astype(float))),
-        key=lambda minimum: minimum.report.cost,
-    )
-    best = problem.fit(best.state[1], best.state[0])
-    require_convergence(best.report, "plane")
+    require_touches(finite.astype(float), 6 + SPARE, "unknown plane")
+    require_turns(touches.some(np.flatnonzero(finite)), 6, "unknown plane")
+    best, *others = problem.minima(finite.astype(float))
     tcp, n, d = best.state
     residuals, J = problem.raw(best.state)
     weights = problem.weights(n)
     y = touches.rotations @ tcp + touches.translations
     lever = max(float(np.std(y[finite], axis=0).max()), 1.0)
     scaled = J[weights > 0] * np.array([1, 1, 1, 1, 1 / lever, 1 / lever])
-    require_rank(scaled, "unknown plane", _spread(y[finite], n) or _tilt(touches))
+    noise = np.array([0, 0, 0, 0, 1, 1]) * tip_sigma_mm(touches) / lever
+    remedy = _spread(y[finite], n) or _tilt(touches)
+    require_rank(scaled, "unknown plane", remedy, noise)
+    require_convergence(best.report, "plane")
     surface = Plane(n, d + float(n @ center))
-    return surface_result(tcp, surface, residuals, J, weights)
+    rivals = [(other.state[0], other.report.cost) for other in others]
+    return surface_result(tcp, surface, residuals, J, weights, rivals)
 
 
 PlaneState = tuple[Array, Array, float]
@@ -87,6 +103,12 @@ class _PlaneProblem:
     def __init__(self, touches: TouchSet, center: Array) -> None:
         self._touches = touches
         self._R, self._t = touches.rotations, touches.translations - center
+
+    def minima(self, weights: Array) -> list[Minimum[PlaneState]]:
+        """Bottoms of the valleys of the starts, weighted anew, the lowest first."""
+        ends = [self.fit(n) for n in self.starts(weights)]
+        refined = [self.fit(end.state[1], end.state[0]) for end in ends]
+        return sorted(refined, key=lambda minimum: minimum.report.cost)
 
     def starts(self, weights: Array) -> list[Array]:
         """Normals (3,) that leave little when p_T and d are eliminated, best first."""

@@ -86,8 +86,15 @@ class Equations:
         return np.einsum("mij,mj->mi", W, e).ravel(), (W @ J).reshape(-1, 9)
 
     def require_rank(self, state: State) -> None:
-        """Raise NotObservable with the reason unless all 9 columns are independent."""
-        J = Equations(self._p, self._touches.measured()).linearize(state)[1]
+        """Raise NotObservable with the reason unless all 9 columns are independent.
+
+        Judged where the touches meet CAD exactly: off it by their noise, the points of a line span a
+        plane. Of the state only the rotation counts, which no column can be made to vanish by.
+        """
+        R = state[0]
+        W = self._touches.measured().base_whiteners() @ R.T
+        by_X = np.concatenate([np.broadcast_to(-np.eye(3), W.shape), hat(self._p)], axis=2)
+        J = (W @ np.concatenate([by_X, -R @ self._R], axis=2)).reshape(-1, 9)
         about_center = np.eye(9)
         about_center[:3, 3:6] = hat(self._p.mean(axis=0))
         lever = max(float(np.std(self._p, axis=0).max()), 1.0)

@@ -13,6 +13,8 @@ from scipy.special import gammaincinv
 from vgrd.errors import InputError, NotObservable
 from vgrd.geometry.pose import Array, Pose
 
+_NOISE_STANDS_OUT = 3.0  # columns of noise alone reach 1 + sqrt(columns / rows) < 2 of their rms
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Observability:
@@ -22,15 +24,23 @@ class Observability:
     undetermined: Array
 
 
-def observability(jacobian: Array, scales: Array, tolerance: float) -> Observability:
+def observability(
+    jacobian: Array, scales: Array, tolerance: float, noise: Array | None = None
+) -> Observability:
     """Rank of a Jacobian (m, n) whose columns are multiplied by `scales` (n,) first.
 
     A direction counts when it moves the residuals by more than `tolerance` times the square root
-    of the number of rows, in the unit of the residuals.
+    of the number of rows, in the unit of the residuals. noise: (n,) rms error of the entries of each
+    column, where they were measured: a direction then has to stand out of what that alone does.
     """
     m, n = jacobian.shape
     _, s, Vt = np.linalg.svd(np.linalg.qr(jacobian * scales, mode="r"), full_matrices=True)
-    rank = int(np.sum(s > tolerance * np.sqrt(max(m, 1))))
+    least = np.full(len(s), tolerance)
+    if noise is not None:
+        by_noise = np.linalg.norm(Vt[: len(s)] * noise * scales, axis=1)
+        least = np.maximum(least, _NOISE_STANDS_OUT * by_noise)
+    counts = s > least * np.sqrt(max(m, 1))
+    rank = len(s) if counts.all() else int(np.argmin(counts))
     return Observability(rank, Vt[rank:n])
 
 

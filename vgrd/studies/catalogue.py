@@ -12,6 +12,7 @@ from vgrd.studies import (
     conventions,
     coverage,
     degenerate,
+    degenerate_touches,
     experiment_a,
     fig4,
     fig5,
@@ -37,6 +38,7 @@ STUDIES: Mapping[str, Study] = MappingProxyType(
             coached,
             conventions,
             degenerate,
+            degenerate_touches,
         )
     }
 )

@@ -12,8 +12,8 @@ from vgrd.calibration.checks.misreading import VariedWrists, misreading
 from vgrd.calibration.robust import RobustFit, TouchFit, fit_without_outliers, noise_scale
 from vgrd.calibration.rotation_relaxation import Certificate
 from vgrd.calibration.tcp import FixedPointResult, calibrate_fixed_point
-from vgrd.calibration.tcp_plane import calibrate_plane
-from vgrd.calibration.tcp_sphere import calibrate_sphere
+from vgrd.calibration.tcp_plane import fit_plane, require_one_plane
+from vgrd.calibration.tcp_sphere import fit_sphere, require_one_sphere
 from vgrd.calibration.touches import TouchSet
 from vgrd.calibration.universal import UniversalProblem, UniversalResult, calibrate_universal
 from vgrd.geometry import Array, Pose
@@ -161,10 +161,11 @@ def _fixed_point(file: TouchFile) -> _Solved:
 
 def _plane(file: TouchFile) -> _Solved:
     fit = fit_without_outliers(
-        lambda weights: calibrate_plane(file.touches.weighted(weights), file.plane),
+        lambda weights: fit_plane(file.touches.weighted(weights), file.plane),
         len(file.names),
     )
     best = fit.result
+    require_one_plane(best)
     proof = _CLOSED_FORM if file.plane else None
     off = np.abs(best.residuals_mm)
     return _Solved(fit, best.tcp_in_wrist, best.covariance, off, certificate=proof)
@@ -172,10 +173,11 @@ def _plane(file: TouchFile) -> _Solved:
 
 def _sphere(file: TouchFile) -> _Solved:
     fit = fit_without_outliers(
-        lambda weights: calibrate_sphere(file.touches.weighted(weights), file.radius_mm),
+        lambda weights: fit_sphere(file.touches.weighted(weights), file.radius_mm),
         len(file.names),
     )
     best = fit.result
+    require_one_sphere(best)
     off = np.abs(best.residuals_mm)
     return _Solved(fit, best.tcp_in_wrist, best.covariance, off, certificate=None)
 
