@@ -16,7 +16,8 @@ from vgrd.calibration.reference import find_reference
 from vgrd.calibration.rotation_center import RotationCenter, find_rotation_center
 from vgrd.calibration.rotation_center_hole import HoleCenter, combine, find_hole_center
 from vgrd.calibration.teaching import Taught, teach
-from vgrd.calibration.verdict import DISAGREE_MM, Evidence, judge, verify
+from vgrd.calibration.verdict import DISAGREE_MM, Evidence, judge
+from vgrd.calibration.verification import verify
 from vgrd.errors import DidNotConverge, InputError, NotObservable, TooFewObservations
 from vgrd.geometry import Array
 from vgrd.model import (

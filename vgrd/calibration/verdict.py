@@ -1,19 +1,16 @@
 """Accept or reject: what the numbers of a calibration say against it, in words with a remedy."""
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from vgrd.calibration.checks.bad_touches import bad_touches
-from vgrd.calibration.coordinates import expected_coordinate
 from vgrd.calibration.hand_eye import HandEyeResult
 from vgrd.calibration.reference import Reference
 from vgrd.calibration.rotation_center import RotationCenter
 from vgrd.calibration.teaching import Taught
-from vgrd.errors import InputError, NotObservable
-from vgrd.geometry.covariance import radius95, rms
-from vgrd.model import Calibration, Finding, Motion, Plan, Policy, Recording, Touch
+from vgrd.geometry.covariance import rms
+from vgrd.model import Finding, Motion, Plan, Recording
 
 _NOISY = 3.0
 _FEW_SPINS = 4
@@ -44,52 +41,6 @@ def judge(evidence: Evidence) -> tuple[list[Finding], dict[str, float]]:
         *_spins(evidence),
     ]
     return findings, _residuals(evidence)
-
-
-def verify(
-    calibration: Calibration, verifications: Sequence[Touch]
-) -> tuple[list[Finding], dict[str, float]]:
-    """Compare held-out touches, the object turned, with what would have been served."""
-    findings, misses = [], []
-    for i, touch in enumerate(verifications):
-        seen = touch.observation
-        if seen is None or seen.tag_b is None:
-            findings.append(
-                Finding("verification_unseen", f"verification {i + 1}: tag B was not in view")
-            )
-            continue
-        try:
-            expected = expected_coordinate(
-                calibration, touch.target, seen.tag_b, Policy.FIXED, touch.base_from_wrist.rotation
-            )
-        except (InputError, NotObservable) as fault:
-            findings.append(Finding("verification_unusable", f"verification {i + 1}: {fault}"))
-            continue
-        off = touch.base_from_wrist.translation - expected.base_from_wrist.translation
-        off = off + _work_offset(calibration, touch)
-        axis = touch.base_from_wrist.rotation @ calibration.facts.tool.axis_in_wrist
-        if not np.isfinite(touch.axial_sigma_mm):
-            off = off - axis * float(axis @ off)
-        miss = float(np.linalg.norm(off))
-        misses.append(miss)
-        touched = np.diag([touch.lateral_sigma_mm**2] * 3)
-        allowed = 1.5 * radius95(expected.position_covariance + touched)
-        if miss > allowed:
-            findings.append(
-                Finding(
-                    "verification_failed",
-                    f"verification {i + 1} ({touch.target}) misses by {miss:.2f} mm, more than "
-                    f"{allowed:.2f} mm: touch the targets again, or check that nothing moved",
-                    fatal=True,
-                )
-            )
-    return findings, {"verification_max_mm": max(misses)} if misses else {}
-
-
-def _work_offset(calibration: Calibration, touch: Touch) -> np.ndarray:
-    """Verifications touch with the touch tip, expected coordinates are for the work tip."""
-    offset = touch.base_from_wrist.rotation @ calibration.facts.tool.work_from_touch_mm
-    return np.asarray(-offset)
 
 
 def _method(evidence: Evidence) -> list[Finding]:
