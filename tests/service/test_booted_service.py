@@ -11,7 +11,9 @@ from pathlib import Path
 from typing import NamedTuple
 
 import pytest
+
 from fakes.booted import Booted, Unbootable
+from fakes.cell import FakeCell, free_port
 from fakes.confined import (
     PROJECT,
     BootedDaemon,
@@ -19,10 +21,8 @@ from fakes.confined import (
     render,
     take_folders_from_unit,
 )
-from fakes.session import work
-
-from fakes.cell import FakeCell, free_port
 from fakes.raw_modbus import RawModbus
+from fakes.session import work
 from fakes.testing import free_loopback
 from fakes.world import World
 
