@@ -143,6 +143,19 @@ def test_a_gap_around_the_picture_is_not_bridged():
         rest_pose(readings, 1.1)
 
 
+def test_a_fast_robot_on_a_busy_machine_may_lose_what_a_slow_one_never_sends():
+    def held(longest_s: float) -> list[FlangeReading]:
+        return [
+            FlangeReading(Pose.identity(), None, 0.008 * k, 0.0)
+            for k in range(60)
+            if not 0.2 < 0.008 * k < 0.2 + longest_s - 0.004
+        ]
+
+    rest_pose(held(0.09), 0.24)
+    with pytest.raises(TooOld, match="100 ms at most are bridged"):
+        rest_pose(held(0.13), 0.24)
+
+
 def test_a_robot_that_tells_its_pose_in_steps_is_at_rest_while_the_last_digit_flickers():
     """0.1 mm and 0.1 degrees, as the registers of Doosan and xArm."""
 

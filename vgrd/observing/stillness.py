@@ -18,6 +18,7 @@ from vgrd.geometry import Pose, log_rotation, nearest_rotation
 from vgrd.observing.rate import LONGEST_PERIOD_S, distinct, reading_period_s
 
 GAP_PERIODS = 4.0  # two readings lost, their neighbours unsteady; the rate known to 1/8
+LEAST_GAP_S = 0.1  # of a fast robot on a busy machine; one of 10 Hz never sends more
 ROTATIONS_PER_STEP = 2.0  # one rotation from three rounded angles, each off by a step at most
 
 
@@ -113,7 +114,7 @@ def _ordered(readings: Sequence[FlangeReading]) -> tuple[list[FlangeReading], li
 
 def _agreed(window: Sequence[FlangeReading], period_s: float, limits: RestLimits) -> Pose:
     """Mean pose of a window without gaps in which nothing moved."""
-    longest_s = max(limits.before_s, GAP_PERIODS * period_s)
+    longest_s = max(LEAST_GAP_S, GAP_PERIODS * period_s)
     gap_s = max(after.stamp_s - before.stamp_s for before, after in pairwise(window))
     if gap_s > longest_s:
         raise TooOld(
