@@ -302,12 +302,15 @@ def _read_header(directory: Path) -> SessionHeader:
 
 
 def _check_complete(directory: Path, lines: int) -> None:
-    """Raise Corrupt when a closed session has not the number of samples with which it was closed."""
+    """Raise Corrupt when a closed session has fewer samples than when it was closed.
+
+    One more there may be: it was refused, and the disk did not let it be taken back.
+    """
     path = directory / _CLOSED
     if not path.exists():
         return
     closed = read_document(path, SCHEMA)["lines"]
-    if closed != lines:
+    if lines < closed:
         raise Corrupt(
             f"{directory / _SAMPLES} has {lines} lines, the session was closed with {closed}: "
             "samples are lost; restore the file from a backup"
