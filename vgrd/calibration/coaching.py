@@ -5,7 +5,7 @@ what the arm may do is proposed (`Reach`).
 """
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache, partial
 
 import numpy as np
@@ -41,6 +41,7 @@ __all__ = [
     "plan_samples",
     "plan_touches",
     "rank_samples",
+    "without_pose",
 ]
 
 _EXCHANGES = 4
@@ -52,7 +53,8 @@ InView = Callable[[Pose], bool]
 class Advice:
     """A candidate, the mean 95 % error (mm) of the job without and with it, and a sentence.
 
-    base_from_wrist: where the flange stands for it, by the present estimate; None for a spin.
+    base_from_wrist: where the flange stands for it, by the present estimate; None for a spin, and where
+    it may not be named (`without_pose`).
     """
 
     candidate: Candidate
@@ -97,11 +99,22 @@ def rank_samples(
     usual = cache(partial(usual_wrist, result.recording))
     advice = []
     for i in order:
-        words = f"{in_words(result, candidates[i], usual)}: 95 % error {before:.3f} -> "
-        words += f"{errors[i]:.3f} mm"
+        what = in_words(result, candidates[i], usual)
         at = flange_of(result, candidates[i])
+        words = _with_error(what, before, errors[i])
         advice.append(Advice(candidates[i], at, before, float(errors[i]), words))
     return tuple(advice)
+
+
+def without_pose(result: JointResult, advice: Advice) -> Advice:
+    """The same in words alone: no place to drive to."""
+    what = in_words(result, advice.candidate, names_place=False)
+    sentence = _with_error(what, advice.before_mm, advice.after_mm)
+    return replace(advice, base_from_wrist=None, sentence=sentence)
+
+
+def _with_error(what: str, before_mm: float, after_mm: float) -> str:
+    return f"{what}: 95 % error {before_mm:.3f} -> {after_mm:.3f} mm"
 
 
 def plan_touches(
@@ -144,9 +157,16 @@ def plan_samples(
 
 
 def in_words(
-    result: JointResult, candidate: Candidate, usual: Callable[[str | None], Array] | None = None
+    result: JointResult,
+    candidate: Candidate,
+    usual: Callable[[str | None], Array] | None = None,
+    *,
+    names_place: bool = True,
 ) -> str:
-    """What the operator is to do; usual: as `usual_wrist` of the recording."""
+    """What the operator is to do; usual: as `usual_wrist` of the recording.
+
+    names_place: whether a look tells where the flange stands for it.
+    """
     usual = usual or partial(usual_wrist, result.recording)
     if isinstance(candidate, Spinning):
         return (
@@ -155,7 +175,8 @@ def in_words(
     if isinstance(candidate, Looking):
         x, y, z = candidate.base_from_wrist.translation
         tilt = _tilt_in_words(result, usual(None), candidate.base_from_wrist.rotation)
-        return f"look with the flange at ({x:.0f}, {y:.0f}, {z:.0f}) mm, {tilt}"
+        where = f"with the flange at ({x:.0f}, {y:.0f}, {z:.0f}) mm" if names_place else "at tag A"
+        return f"look {where}, {tilt}"
     tilt = _tilt_in_words(result, usual(candidate.target), candidate.base_from_wrist)
     return f"touch {candidate.target} {tilt}"
 

@@ -28,7 +28,7 @@ from vgrd.model import (
 
 _KNOWN_MM = 0.25
 _NOISY = 3.0
-_WRONG_SIGMA = 6.0
+WRONG_SIGMA = 6.0  # residuals so large are a mistake, not noise: 3 sigma is met by chance
 _OUTLIERS: Mapping[str, tuple[str, str]] = {
     Link.HAND_EYE.value: ("look_outlier", "tag A does not fit there: look again"),
     Link.TOUCHES.value: ("touch_outlier", "undo it and touch that target again"),
@@ -147,7 +147,7 @@ def _findings(result: JointResult) -> Iterator[Finding]:
             "noisy",
             f"the samples scatter {result.noise_scale:.1f} times as much as robot, camera and touch "
             "promise: check intrinsics, tag sizes and CAD points, and that nothing is loose",
-            fatal=result.noise_scale > _WRONG_SIGMA,
+            fatal=result.noise_scale > WRONG_SIGMA,
         )
     spec = result.recording.facts.object
     if spec.motion is Motion.TURNTABLE and not result.layout.spins:

@@ -105,6 +105,11 @@ def rotation_candidates(K: Array) -> list[Array]:
     return [np.ascontiguousarray(one.T) for one in kept[:_KEPT]]
 
 
+def lowest_cost(K: Array) -> float:
+    """The cost at the bottom of the best valleys of a `reduced_cost` (n, 10)."""
+    return min(_cost(K, nearest_valley(K, R_X).T) for R_X in rotation_candidates(K))
+
+
 def solve_linear_part(
     points_in_object: Array, touches: TouchSet, R_X: Array
 ) -> tuple[Array, Array, Array]:

@@ -1,14 +1,22 @@
 """Touches of a recording that contradict CAD, and the mistake in CAD or its names that explains them."""
 
+from collections.abc import Iterator
+from itertools import combinations
+
 import numpy as np
 
 from vgrd.calibration.checks.misreading import ConstantWrist, VariedWrists, misreading
 from vgrd.calibration.motion import Axes, turned_axes
 from vgrd.calibration.teaching import arm_touches
+from vgrd.calibration.universal_start import lowest_cost, reduced_cost
+from vgrd.geometry import Array
 from vgrd.model import Finding, Recording
 
 _CONTRADICTORY = 3.0
 _MIN_TOUCHES = 4
+_SHOWS = (
+    6.0  # sigmas: beyond this a session is refused as contradictory (`joint_system.WRONG_SIGMA`)
+)
 
 
 def misread_points(recording: Recording) -> Finding | None:
@@ -29,3 +37,45 @@ def misread_points(recording: Recording) -> Finding | None:
         return None
     names = [f"{i + 1} ({touch.target})" for i, touch in enumerate(touches)]
     return misreading(names, points, wrists, scale)
+
+
+def rival_names(recording: Recording) -> str:
+    """Which wrong names the touches would not show, in words; "" where every single mistake would.
+
+    Two targets exchanged all through, or one touch of another target than it says. A flat list of
+    targets that is mirrored as a whole never shows (`misreading`).
+    """
+    touches = recording.touches
+    names = [touch.target for touch in touches]
+    if len(touches) < _MIN_TOUCHES:
+        return (
+            f"{len(touches)} touches would not show that targets were exchanged: "
+            f"touch {_MIN_TOUCHES} or more"
+        )
+    targets = recording.facts.object.targets
+    at = {name: np.asarray(targets[name].point_in_object) for name in targets}
+    arrays = arm_touches(touches, recording)
+    least = _SHOWS**2 * max(arrays.equations() - _unknowns(recording), 1)
+    for mistake, meant in _mistakes(names, sorted(targets)):
+        points: Array = np.array([at[name] for name in meant])
+        if not lowest_cost(reduced_cost(points, arrays)) > least:
+            return f"the touches would not show it if {mistake}: touch another target"
+    return ""
+
+
+def _unknowns(recording: Recording) -> int:
+    """How many unknowns touches of these wrists determine: a pose, and the TCP as far as it shows."""
+    wrists = [touch.base_from_wrist.rotation for touch in recording.touches]
+    return 6 + {Axes.NONE: 0, Axes.ONE: 2, Axes.MANY: 3}[turned_axes(wrists)[0]]
+
+
+def _mistakes(names: list[str], targets: list[str]) -> Iterator[tuple[str, list[str]]]:
+    """Every single mistake in words, and the names as they would have been meant."""
+    for a, b in combinations(sorted(set(names)), 2):
+        meant = [{a: b, b: a}.get(name, name) for name in names]
+        yield f"{a} and {b} were exchanged", meant
+    for i, name in enumerate(names):
+        for other in targets:
+            if other != name:
+                meant = [*names[:i], other, *names[i + 1 :]]
+                yield f"touch {i + 1} was of {other}, not of {name}", meant

@@ -125,7 +125,7 @@ def _readings(names: Sequence[str], points: Array) -> Iterator[_Reading]:
             Finding(
                 "targets_swapped",
                 f"the targets of touch {first} and {second} are swapped: all touches fit when "
-                "they are exchanged; correct the file",
+                "they are exchanged; correct the names, or undo these touches and take them again",
                 fatal=True,
             ),
             distinct[swapped],
