@@ -4,7 +4,7 @@ BIN := .venv/bin
 export OMP_NUM_THREADS ?= 1
 export OPENBLAS_NUM_THREADS ?= 1
 
-.PHONY: demo cell test lint bench run format clean
+.PHONY: demo cell test test-robust lint bench run format clean
 
 .venv: pyproject.toml constraints.txt
 	$(PYTHON) -m venv .venv
@@ -26,6 +26,10 @@ run: .venv
 test: .venv
 	$(BIN)/pytest -n 2 -m "not system"
 	$(BIN)/pytest -m system
+
+# The mathematics as other processors would round it.
+test-robust: .venv
+	$(BIN)/python -m tests.robust -n 2
 
 lint: .venv
 	$(BIN)/ruff check .

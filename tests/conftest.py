@@ -11,6 +11,7 @@ import pytest
 
 from fakes.daemon import Daemon
 from fakes.load import Load
+from fakes.perturbation import Perturbation, installed
 from fakes.processes import MARK, left_behind
 from fakes.taught import TaughtCell, rehearse
 from vgrd.model import Calibration
@@ -18,6 +19,7 @@ from vgrd.model import Calibration
 TIMEOUT_S = 900  # of any test: 10 s of computing took 120 on a machine with nine times as much work as processors
 GONE_WITHIN_S = 20.0  # SIGKILL takes no time, the scheduler of a busy machine does
 FAILED = pytest.StashKey[bool]()
+PERTURBATION = pytest.StashKey[Perturbation]()
 TOO_BUSY = pytest.StashKey[list[str]]()
 
 
@@ -85,7 +87,49 @@ class Stopwatch:
         pytest.skip(f"machine too busy: {what}; {evidence}")
 
 
-def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+def pytest_addoption(parser: pytest.Parser) -> None:
+    text = "change the last digits and the order of what the solvers are given"
+    parser.addoption("--perturb", type=int, metavar="SEED", help=text)
+
+
+def pytest_configure(config: pytest.Config) -> None:
+    seed = config.getoption("--perturb")
+    if seed is not None:
+        stack = ExitStack()
+        config.stash[PERTURBATION] = stack.enter_context(installed(Perturbation(seed)))
+        config.add_cleanup(stack.close)
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_runtest_protocol(item: pytest.Item):
+    """Every test says how often its solvers got perturbed input; xdist brings it along."""
+    perturbation = item.config.stash.get(PERTURBATION, None)
+    if perturbation:
+        perturbation.keep_order = item.get_closest_marker("ordered") is not None
+        perturbation.calls.clear()
+    return (yield)
+
+
+def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:
+    if terminalreporter.config.getoption("--perturb") is None:
+        return
+    reports = terminalreporter.getreports("passed") + terminalreporter.getreports("failed")
+    calls = [n for one in reports if one.when == "call" for n in _perturbed(one)]
+    reached = sum(n > 0 for n in calls)
+    terminalreporter.write_line(
+        f"perturbed: {sum(calls)} calls of solvers, by {reached} of {len(calls)} tests"
+    )
+
+
+def _perturbed(report: pytest.TestReport) -> list[int]:
+    return [value for name, value in report.user_properties if name == "perturbed"]
+
+
+def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
+    if PERTURBATION in config.stash:
+        exact = [item for item in items if item.get_closest_marker("exact")]
+        config.hook.pytest_deselected(items=exact)
+        items[:] = [item for item in items if item not in exact]
     for item in items:
         if not item.get_closest_marker("timeout"):
             item.add_marker(pytest.mark.timeout(TIMEOUT_S))
@@ -94,6 +138,8 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
 @pytest.hookimpl(wrapper=True)
 def pytest_runtest_call(item: pytest.Item):
     result = yield
+    if perturbation := item.config.stash.get(PERTURBATION, None):
+        item.user_properties.append(("perturbed", sum(perturbation.calls.values())))
     if told := item.stash.get(TOO_BUSY, []):
         pytest.skip(f"machine too busy: {', '.join(told)}")
     return result
