@@ -32,8 +32,9 @@ SIZE = 1e-12  # above rounding of one operation (1e-16), below all that matters 
 PACKAGES = ("vgrd", "fakes", "tests", "test_")
 Order = NDArray[np.intp]
 
-# Function, and its parameters whose samples belong together. Session order tells nothing to these:
-# what a session's time tells stands in the stamps of its pictures.
+# Function, and its parameters whose samples belong together. Their order tells these functions
+# nothing but a sample's number in a message and where the robot stands last; tests that expect
+# either are marked `ordered`. What a session's time tells stands in the stamps of its pictures.
 DOORS: Mapping[str, tuple[str, ...]] = {
     "vgrd.calibration.cad_fit:fit_cad": ("points_in_object", "touches"),
     "vgrd.calibration.baselines:compare_methods": ("recording",),
@@ -49,11 +50,13 @@ DOORS: Mapping[str, tuple[str, ...]] = {
     "vgrd.calibration.hand_eye_points:calibrate_hand_eye_from_points": ("problem",),
     "vgrd.calibration.hand_eye_points:estimate_target_scale": ("problem",),
     "vgrd.calibration.hand_eye_certificate:certified_start": ("moves", "cameras"),
+    "vgrd.calibration.hand_eye_certificate:rotation_cost": ("moves", "cameras"),
     "vgrd.calibration.hand_eye_start:quick_start": ("moves", "cameras"),
     "vgrd.calibration.joint:calibrate_joint": ("recording", "sightings"),
     "vgrd.calibration.joint_gather:gather": ("recording", "sightings"),
     "vgrd.calibration.repeatability:repeatability": ("touches", "targets"),
     "vgrd.calibration.rotation_center:find_rotation_center": ("camera_from_tag", "covariances"),
+    "vgrd.calibration.rotation_center_hole:find_hole_center": ("recording", "sightings"),
     "vgrd.calibration.session_advice:advise_session": ("recording",),
     "vgrd.calibration.system:calibrate_system": ("recording", "sightings"),
     "vgrd.calibration.tcp:calibrate_fixed_point": ("touches",),

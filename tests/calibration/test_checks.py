@@ -161,6 +161,7 @@ def test_looks_at_the_poses_proposed_complete_the_hand_eye():
         assert missing_motion(recording) is None, kind
 
 
+@pytest.mark.ordered("the robot stands where the last look was taken")
 def test_a_look_proposed_after_turns_about_one_axis_keeps_tag_a_but_for_its_place_along_it():
     cell = Simulation(SeedSequence(13), arm=ARM)
     recording = DEGENERATE["one axis, looks"][0](cell)
@@ -280,6 +281,7 @@ def test_a_pose_that_was_not_read_again_is_told_from_one_recorded_twice():
     assert codes(examine(twice)) == ["pose_repeated"]
 
 
+@pytest.mark.ordered("the number of a sample is part of what is expected")
 def test_an_object_that_moved_between_touches_is_named():
     cell, recording = session(22)
     pushed = cell.touch("P3", cell.wrist(0.3), angle_rad=0.1)
@@ -288,6 +290,7 @@ def test_an_object_that_moved_between_touches_is_named():
     assert "touch 9" in found.message
 
 
+@pytest.mark.ordered("the number of a sample is part of what is expected")
 @pytest.mark.parametrize("plan", [Plan.UNIVERSAL, Plan.SPECIAL])
 def test_a_touch_that_is_5_mm_off_is_the_only_one_named(plan):
     _, recording = session(23, plan=plan)
@@ -302,6 +305,7 @@ def test_a_touch_that_is_5_mm_off_is_the_only_one_named(plan):
     assert found.message.startswith("touch 3 (P3)")
 
 
+@pytest.mark.ordered("the number of a sample is part of what is expected")
 @pytest.mark.parametrize("plan", [Plan.UNIVERSAL, Plan.SPECIAL])
 def test_two_bad_touches_are_both_named_in_the_verdict_and_undoing_them_is_enough(plan):
     _, recording = session(23, plan=plan)

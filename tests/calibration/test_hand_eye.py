@@ -238,6 +238,7 @@ def test_poses_that_leave_something_open_are_refused_with_the_missing_motion(
         calibrate_hand_eye(pose_problem(mount, poses=poses))
 
 
+@pytest.mark.ordered("the number of a sample is part of what is expected")
 @pytest.mark.parametrize("mount", MOUNTS)
 def test_one_pose_twice_is_refused_by_name(mount):
     poses = wrists(mount, 6, 1)

@@ -233,6 +233,7 @@ def test_wrists_that_turn_about_many_axes_leave_nothing_open(mount):
     assert found.result.mount_from_target.distance(Y) == pytest.approx((0, 0), abs=1e-6)
 
 
+@pytest.mark.ordered("the first and the second of a pair are told by name")
 @pytest.mark.parametrize("mount", MOUNTS)
 @pytest.mark.parametrize(
     ("wrists", "error", "words"),

@@ -76,6 +76,7 @@ def test_perfect_samples_give_the_true_coordinate(kind, policy):
     np.testing.assert_allclose(misses(sim, result, policy, base_from_work=asked), 0, atol=2e-4)
 
 
+@pytest.mark.ordered("the number of a sample is part of what is expected")
 def test_perfect_samples_give_every_unknown():
     sim = perfect()
     result = calibrate_joint(sim.record(wrists=mixed(sim)), arm=EXACT)

@@ -54,6 +54,7 @@ def mean_miss(sim, result, requests):
     )
 
 
+@pytest.mark.ordered("the number of a sample is part of what is expected")
 def test_a_touch_off_by_2_mm_is_named_and_does_not_spoil_the_coordinate():
     clean, kept, spoilt = [], [], []
     for seed in range(10):
@@ -74,6 +75,7 @@ def test_a_touch_off_by_2_mm_is_named_and_does_not_spoil_the_coordinate():
     assert np.mean(spoilt) > 1.5 * np.mean(clean)
 
 
+@pytest.mark.ordered("the number of a sample is part of what is expected")
 def test_two_bad_touches_do_not_hide_each_other():
     for seed in range(3):
         _, recording = taught(520 + seed, touches=10, tilted=5)
@@ -82,6 +84,7 @@ def test_two_bad_touches_do_not_hide_each_other():
         assert named(result) == {"touch 2 (P2)", "touch 7 (P1)"}
 
 
+@pytest.mark.ordered("the number of a sample is part of what is expected")
 def test_bad_pictures_are_named_and_the_touches_keep_their_weight():
     sim, recording = taught(530)
     turn = Pose.from_rotvec((0.0, 0.02, 0.0), (0.0, 0.0, 0.0))
@@ -100,6 +103,7 @@ def test_bad_pictures_are_named_and_the_touches_keep_their_weight():
     assert mean_miss(sim, result, requests) < 1.1 * mean_miss(sim, clean, requests)
 
 
+@pytest.mark.ordered("the number of a sample is part of what is expected")
 def test_a_hole_read_in_the_wrong_place_is_named():
     sim, recording = taught(531)
     holes = [Sighting(h.target, h.pixel, h.sigma_px, h.spin) for h in sim.holes([None, 3])]

@@ -109,6 +109,7 @@ def test_a_tolerance_that_is_not_met_rejects_the_calibration() -> None:
     assert "misses_tolerance" in codes(rejected)
 
 
+@pytest.mark.ordered("the number of a sample is part of what is expected")
 def test_a_bad_touch_is_named_and_left_out() -> None:
     sim = world()
     recording = recorded(sim, tilted(sim, 8))

@@ -154,6 +154,7 @@ def shifted(touch, offset):
     return replace(touch, base_from_wrist=Pose(pose.rotation, np.add(pose.translation, offset)))
 
 
+@pytest.mark.ordered("the number of a sample is part of what is expected")
 @pytest.mark.parametrize("wrists", [None, VARIED])
 def test_a_bad_touch_is_named_and_refuses_the_calibration(wrists):
     world = cell(3)
@@ -167,6 +168,7 @@ def test_a_bad_touch_is_named_and_refuses_the_calibration(wrists):
     assert "touch_outlier" not in codes(calibrate_system(recording))
 
 
+@pytest.mark.ordered("the number of a sample is part of what is expected")
 def test_an_object_moved_while_touching_refuses_the_calibration_and_names_the_touch():
     world = cell(4)
     recording = world.record()
@@ -187,6 +189,7 @@ def test_touches_without_tag_a_are_told_but_do_no_harm():
     assert calibration.verdict.ok
 
 
+@pytest.mark.ordered("the number of a sample is part of what is expected")
 def test_a_look_that_does_not_fit_is_left_out_and_named():
     world = cell(6)
     recording = world.record(looks=10)
