@@ -17,8 +17,8 @@ FUTURES = {"submit", "run_in_executor", "run_coroutine_threadsafe"}
 
 # "file: function" of what is made otherwise, with the reason.
 ALLOWED = {
-    "vgrd/cell/recorder.py: _queue": "to be removed: the recorder's part of this mending",
-    "vgrd/cell/advisor.py: _asked": "to be removed: the cell's part of this mending",
+    "vgrd/cell/recorder.py: _queue": "a fault becomes the recorder's trouble, which status and replies tell",
+    "vgrd/cell/advisor.py: _asked": "a task of the advisor's group; the callback only forgets it",
     "fakes/rtde.py: _serve": "awaited in the same function; kept to be cancelled from outside",
     "fakes/rtde.py: _answer": "a fake's stream of samples: it ends with its client",
 }
