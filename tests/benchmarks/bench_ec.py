@@ -46,7 +46,7 @@ def rows() -> list[Row]:
         seen = ours.detect(pixels)
         now = time.monotonic()
         sight = Sight(CameraImage(pixels, now, 1), seen[0], seen[1], flange, None)
-        answer = answer_request(request, calibration, 1, sight, limits, now, time.time())
+        answer, _ = answer_request(request, calibration, 1, sight, limits, now, time.time())
         image = RegisterImage(answer, State.READY, 1, now)
         image = RegisterImage.unpack(image.pack())
         registers = view(image, now, deadline_s=0.25, answered=request).response
