@@ -572,6 +572,19 @@ def test_a_changed_tcp_stays_a_fault_until_it_is_confirmed(bench: Bench) -> None
     assert bench.ask().answer.status is Status.OK
 
 
+def test_a_latched_fault_is_not_confirmed_while_the_robot_tells_nothing(bench: Bench) -> None:
+    bench.ask()
+    right, bench.measuring.tcp = bench.measuring.tcp, Pose.from_rotvec((0, 0, 0.01))
+    assert bench.read().answer.status is Status.TCP_OFFSET_CHANGED
+    bench.measuring.troubles["robot"] = "gone"
+    with pytest.raises(ControlError, match="nobody can tell"):
+        bench.serving.confirm()
+    bench.measuring.troubles["robot"], bench.measuring.tcp = "", right
+    assert bench.read().answer.status is Status.TCP_OFFSET_CHANGED
+    bench.serving.confirm()
+    assert bench.ask().answer.status is Status.OK
+
+
 def test_a_latch_and_its_end_are_handed_on_to_be_kept(bench: Bench) -> None:
     kept: list[object] = []
     bench.serving.on_latch.append(kept.append)

@@ -86,6 +86,10 @@ class GateProcess:
         assert report is not None
         return next(row for row in report.processes if row.name == name)
 
+    def pid(self, name: str) -> int:
+        """Id of a process that runs; one that waits for its start has none, and 0 would mean us all."""
+        return until(lambda: self.row(name).pid)
+
     def client(self) -> RawModbus:
         """Connect."""
         return RawModbus("127.0.0.1", self.port)
@@ -168,7 +172,7 @@ def test_a_failed_cell_is_invalid_within_the_deadline_and_the_gate_answers_on(
 ):
     with gate.client() as robot, gate.client() as saboteur:
         assert served(robot, 11, 5)["STATUS"] == Status.OK
-        pid = gate.row("cell").pid
+        pid = gate.pid("cell")
         begin = time.monotonic()
         ask(saboteur, 2, fault)
         slowest, v = 0.0, {}
@@ -202,7 +206,7 @@ def test_a_robot_that_asks_faster_than_the_cell_reads_gets_its_last_answer(tmp_p
         until(lambda: see(client)["STATE"] == State.READY)
         ask(client, 1, 5)
         answered(client, 1)
-        pid = gate.row("cell").pid
+        pid = gate.pid("cell")
         os.kill(pid, signal.SIGSTOP)
         for trig in range(2, 502):
             client.write(0, [trig])
@@ -215,7 +219,7 @@ def test_rings_deleted_before_the_cell_restarts_are_followed(gate):
     with gate.client() as client:
         for ring in (gate.runtime_dir / "registers.ring", gate.runtime_dir / "health/cell.ring"):
             ring.unlink()
-        os.kill(gate.row("cell").pid, signal.SIGKILL)
+        os.kill(gate.pid("cell"), signal.SIGKILL)
         until(lambda: see(client)["STATUS"] == Status.INTERNAL_ERROR)
         until(lambda: see(client)["STATE"] & State.READY)
         ask(client, 1, 5)

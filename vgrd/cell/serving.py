@@ -134,7 +134,10 @@ class Serving:
         self.use(None, 0)
 
     def confirm(self) -> None:
-        """Forget a latched fault; ControlError while its cause is still there."""
+        """Forget a latched fault; ControlError while its cause is there, or cannot be looked for."""
+        if self.latched and self.calibration is not None and self.measuring.reading() is None:
+            trouble = self.measuring.robot_trouble()
+            raise ControlError(f"nobody can tell whether the cause is gone: robot: {trouble}")
         trouble = self._tcp_trouble()
         if trouble:
             raise ControlError(f"the cause is still there: {trouble}")
