@@ -125,8 +125,8 @@ def test_a_group_of_operators_commands_and_reads_and_others_do_not(place) -> Non
     for command in (
         "groupadd --system vgrd",
         "useradd --system --gid vgrd --no-create-home vgrd",
-        "useradd --groups vgrd operator",
-        "useradd stranger",
+        "useradd --groups vgrd anna",
+        "useradd bruno",
         "chmod 755 /root",  # the interpreter may live there; this is the namespace's copy
         "chown --recursive vgrd:vgrd /var/cache/private/vgrd",
     ):
@@ -139,17 +139,17 @@ def test_a_group_of_operators_commands_and_reads_and_others_do_not(place) -> Non
     assert systemd.ask("start", "vgrd.socket") == ""
     with place.daemon as daemon:
         status = [sys.executable, "-m", "vgrd.cli", "status", "--socket", "/run/vgrd/control.sock"]
-        may = systemd.run("runuser", "-u", "operator", "--", *status)
+        may = systemd.run("runuser", "-u", "anna", "--", *status)
         assert may.returncode == 0, may.stderr
-        may_not = systemd.run("runuser", "-u", "stranger", "--", *status)
+        may_not = systemd.run("runuser", "-u", "bruno", "--", *status)
         assert "Permission denied" in may_not.stderr
         assert may_not.returncode != 0
         for inside in ("/run/vgrd", "/var/lib/vgrd"):
             top = systemd.path(inside)
             for path in (top, *top.rglob("*")):
                 assert path.lstat().st_mode & 0o007 == 0, path
-            assert systemd.run("runuser", "-u", "operator", "--", "ls", inside).returncode == 0
-            assert systemd.run("runuser", "-u", "stranger", "--", "ls", inside).returncode != 0
+            assert systemd.run("runuser", "-u", "anna", "--", "ls", inside).returncode == 0
+            assert systemd.run("runuser", "-u", "bruno", "--", "ls", inside).returncode != 0
         assert daemon.control.call("status")["camera"] == "ok"
 
 

@@ -30,6 +30,7 @@ pytestmark = pytest.mark.system
 MAX_AGE_S = 3.0
 LONGEST_GAP_S = 1.0
 DEADLINE_S = 0.25  # of the gate: what a cell that is gone said last is not valid any more
+LOST_S = 0.3  # 0.26 s, and the time of a read
 GONE_WITHIN_S = 2.0
 COMES_WITHIN_S = 120.0
 MISS_MM = 1.0
@@ -169,9 +170,11 @@ def test_a_process_that_dies_never_makes_the_robot_read_a_wrong_coordinate(
     assert_every_view_is_honest(cell, witness)
     stopwatch.judge("longest gap of the registers", longest_gap_s(witness), LONGEST_GAP_S)
     stale = [v.sent_s - struck for v in witness.views if v.valid and struck < v.sent_s < reborn]
-    assert told & {int(v.values["STATUS"]) for v in witness.views if v.sent_s > struck}
+    if stale or process == "cell":  # a request in work may outlive a device that is soon back
+        assert told & {int(v.values["STATUS"]) for v in witness.views if v.sent_s > struck}
     if process == "cell":
         assert all(since_s < DEADLINE_S for since_s in stale)
+    stopwatch.judge(f"valid after the {process} was lost", max(stale, default=0.0), LOST_S)
     record_property("back_s", round(back_s, 2))
     record_property("longest_gap_ms", round(1e3 * longest_gap_s(witness)))
     record_property("views", len(witness.views))
