@@ -244,6 +244,11 @@ class StillMeasuring:
             raise DeviceUnavailable(f"no picture within {timeout_s} s")
         return self.sight
 
+    def watched(self, sight: Sight) -> None:
+        """A region is seen, not the whole picture."""
+        for listener in self.on_watch:
+            listener(sight)
+
     def show(self, sight: Sight) -> None:
         self.sight = sight
         for listener in self.on_watch:
@@ -407,12 +412,26 @@ class TestHold:
         assert image.answer.status is Status.OK
         assert image.state & State.HELD
         seen_s = bench.serving._basis.seen_s
-        for _ in range(3):  # pictures without the tag do not lengthen it
-            bench.clock.sleep(0.2)
-            bench.measuring.show(hidden(taught.sight, bench.clock.monotonic()))
+        while (
+            bench.clock.monotonic() < seen_s + 0.9
+        ):  # pictures without the tag do not lengthen it
+            bench.clock.sleep(0.1)
+            bench.measuring.show(hidden(taught.sight, bench.clock.monotonic() - 0.02))
+            assert bench.read().answer.status is Status.OK
+        bench.measuring.show(hidden(taught.sight, seen_s + 0.98))
         bench.clock.now_s = seen_s + 0.99
         assert bench.read().answer.status is Status.OK
         assert bench.status_after(0.02) is Status.TAG_B_NOT_FOUND
+
+    def test_a_camera_that_freezes_ends_it_as_it_ends_every_answer(
+        self, bench: Bench, taught: Taught
+    ) -> None:
+        bench.measuring.show(hidden(taught.sight, 1000.25))
+        assert bench.read().answer.status is Status.OK
+        until_s = bench.serving.vouch.until_s
+        assert until_s < bench.serving._basis.seen_s + 1.0
+        bench.clock.now_s = until_s + 0.001
+        assert bench.read().answer.status is Status.GRAB_TIMEOUT
 
     def test_it_goes_on_when_the_tag_comes_back_in_its_place_and_ends_when_elsewhere(
         self, bench: Bench, taught: Taught
@@ -444,6 +463,72 @@ class TestHold:
         bench.measuring.show(hidden(taught.sight, 1000.3))
         bench.measuring.troubles[trouble] = "gone"
         assert not bench.read().answer.status.is_ok
+
+
+class TestNewest:
+    """EC_NEWEST rests on the newest picture of all, and that must be new."""
+
+    def ask(self, bench: Bench) -> Status:
+        return bench.ask(CMD=Command.EC_NEWEST).answer.status
+
+    def test_a_picture_that_a_newer_region_disproved_is_not_served_again(
+        self, bench: Bench, taught: Taught
+    ) -> None:
+        bench.measuring.show(at(taught.sight, 1000.1))
+        assert self.ask(bench) is Status.OK
+        moved = turned(taught, 0.02, 1000.25)
+        bench.measuring.watched(moved)
+        assert bench.read().answer.status is Status.OBJECT_MOVED
+        bench.measuring.sight = at(taught.sight, 1000.1)
+        bench.measuring.coming = [turned(taught, 0.02, 1000.3)]
+        image = bench.ask(CMD=Command.EC_NEWEST)
+        assert bench.measuring.wishes >= 1
+        assert image.answer.captured_s > 1000.2
+
+    def test_a_region_without_the_tag_is_newer_evidence_too(
+        self, bench: Bench, taught: Taught
+    ) -> None:
+        bench.measuring.show(at(taught.sight, 1000.1))
+        bench.measuring.watched(hidden(taught.sight, 1000.25))
+        bench.measuring.coming = [hidden(taught.sight, 1000.3)]
+        assert self.ask(bench) is Status.TAG_B_NOT_FOUND
+
+    def test_a_camera_that_hangs_is_not_believed_for_its_last_picture(
+        self, bench: Bench, taught: Taught
+    ) -> None:
+        bench.measuring.show(at(taught.sight, 1000.1))
+        assert self.ask(bench) is Status.OK
+        bench.clock.sleep(1.0)
+        bench.measuring.sight, kept = None, bench.measuring.sight
+        assert self.ask(bench) is Status.GRAB_TIMEOUT
+        bench.measuring.sight = kept
+        assert self.ask(bench) is Status.OK  # with a picture of now
+        assert bench.serving.answer.captured_s > 1001.0
+
+    def test_a_picture_after_the_answered_one_is_heard_before_the_answer_is_given(
+        self, bench: Bench, taught: Taught
+    ) -> None:
+        fresh = bench.measuring.fresh
+
+        async def then_moved(timeout_s: float, *, whole: bool = True) -> Sight:
+            sight = await fresh(timeout_s, whole=whole)
+            bench.measuring.watched(turned(taught, 0.02, sight.stamp_s + 0.05))
+            return sight
+
+        bench.measuring.fresh = then_moved  # type: ignore[method-assign]
+        assert bench.ask().answer.status is Status.OBJECT_MOVED
+
+
+def test_an_answer_that_is_too_old_ends_and_is_watched_no_more(
+    bench: Bench, taught: Taught
+) -> None:
+    assert bench.ask().answer.status is Status.OK
+    until_s = bench.read().answer.captured_s + LIMITS.max_age_s
+    while bench.clock.monotonic() < until_s:
+        bench.clock.sleep(0.05)
+        bench.measuring.show(at(taught.sight, bench.clock.monotonic() - 0.02))
+    assert bench.read().answer.status is Status.IMAGE_TOO_OLD
+    assert not bench.measuring.watching
 
 
 class TestAgreement:
@@ -625,6 +710,29 @@ def test_a_cell_that_drifted_stops_serving(bench: Bench, taught: Taught) -> None
     assert bench.ask().answer.status is Status.OK
 
 
+@pytest.mark.parametrize("pictures", [0, 1, 2])
+def test_no_answer_is_given_while_tag_a_may_have_moved(
+    bench: Bench, taught: Taught, pictures: int
+) -> None:
+    """A watch shows no tag A: what the whole pictures began to say must be heard to its end before."""
+    assert taught.sight.base_from_wrist is not None
+    bumped = Pose.from_rotvec((0, 0, 0), (3.0, 0, 0)) @ taught.sight.base_from_wrist
+    bumped_sight = replace(taught.sight, base_from_wrist=bumped)
+    for k in range(pictures):
+        bench.measuring.show(at(bumped_sight, 1000.05 + 0.01 * k))
+    bench.measuring.coming = [at(bumped_sight, 1000.21 + 0.01 * k) for k in range(4)]
+    assert bench.ask().answer.status is Status.CALIBRATION_DRIFT
+
+
+def test_one_picture_that_errs_about_tag_a_costs_another_one(bench: Bench, taught: Taught) -> None:
+    assert taught.sight.base_from_wrist is not None
+    bumped = Pose.from_rotvec((0, 0, 0), (3.0, 0, 0)) @ taught.sight.base_from_wrist
+    erring = at(replace(taught.sight, base_from_wrist=bumped), 1000.21)
+    bench.measuring.coming = [erring, at(taught.sight, 1000.25)]
+    assert bench.ask().answer.status is Status.OK
+    assert bench.measuring.wishes == 2
+
+
 def test_the_newest_picture_serves_while_it_shows_the_object(bench: Bench, taught: Taught) -> None:
     bench.measuring.show(at(taught.sight, 1000.2))
     assert bench.ask(CMD=Command.EC_NEWEST).answer.status is Status.OK
@@ -633,7 +741,8 @@ def test_the_newest_picture_serves_while_it_shows_the_object(bench: Bench, taugh
     assert bench.ask(CMD=Command.EC_NEWEST).answer.status is Status.TAG_B_NOT_FOUND
     bench.measuring.show(at(taught.sight, 1000.4))
     bench.clock.sleep(3.3)
-    assert bench.ask(CMD=Command.EC_NEWEST).answer.status is Status.IMAGE_TOO_OLD
+    assert bench.ask(CMD=Command.EC_NEWEST).answer.status is Status.OK
+    assert bench.serving.answer.captured_s > 1003.0  # of a new picture: the old one is too old
 
 
 def test_clear_drops_the_answer(bench: Bench) -> None:

@@ -113,8 +113,10 @@ def test_a_picture_speaks_for_interval_latency_and_margin(latencies_s, whole) ->
         vouch.learn(10.0, 10.0 + latency_s, whole=whole)
     slowest_s = min(max(latencies_s[-5:]), SLOWEST_S)
     assert vouch.latency_s == pytest.approx(slowest_s)
-    vouch.see(20.0)
+    vouch.see(20.0, whole=whole)
     assert vouch.until_s == pytest.approx(20.0 + max(0.1, slowest_s) + slowest_s + MARGIN_S)
+    vouch.hold(20.1, 20.0, whole=whole)
+    assert vouch.until_s <= 20.1
     vouch.end()
     assert vouch.until_s == -np.inf
 

@@ -146,6 +146,29 @@ def test_the_same_trig_again_starts_nothing_and_a_change_by_one_register_does(be
     assert bench.desk.counters["superseded"] == 1
 
 
+@pytest.mark.parametrize("answered", [True, False], ids=["answered", "pending"])
+def test_the_same_trig_with_another_point_is_refused_and_shows_no_earlier_coordinate(
+    bench, answered
+):
+    """A robot program that starts anew counts from 1 again; ECHO 1 must not be its predecessor's answer."""
+    bench.trigger(1)
+    if answered:
+        bench.publish(bench.answer(1, seq=1))
+        assert bench.status() == (1, Status.OK)
+    other = bytearray(bench.desk._request)
+    other[2 * 2 : 2 * 3] = struct.pack(">H", 9)
+    bench.desk.write_registers(0, bytes(other))
+    assert bench.status() == (1, Status.BAD_PARAMETER)
+    assert bench.see()["DETAIL"] == 0
+    assert bench.see()["POINT"] == 9
+    bench.publish(bench.answer(1, seq=2))
+    assert bench.status() == (1, Status.BAD_PARAMETER)
+    bench.desk.write_registers(0, bytes(other))
+    assert bench.status() == (1, Status.BAD_PARAMETER)
+    bench.trigger(2)
+    assert bench.status() == (0, Status.BUSY)
+
+
 def test_only_the_newest_of_two_requests_is_answered(bench):
     bench.trigger(7)
     bench.trigger(8)

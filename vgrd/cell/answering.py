@@ -104,13 +104,21 @@ def answer_request(
     policy = _POLICIES.get(request.policy, limits.policy)
     if policy is not Policy.REQUESTED:
         expected = expected_coordinate(calibration, target.name, sight.tag_b, policy)
-        return _encode(request, answer, expected, calibration, limits), expected.base_from_wrist
-    work = requested_orientation(request)
-    try:
-        expected = expected_coordinate(calibration, target.name, sight.tag_b, policy, work)
-    except (InputError, NotObservable):
-        return replace(answer, status=Status.BAD_PARAMETER, detail=ORIENTATION_REGISTER), None
+    else:
+        work = requested_orientation(request)
+        try:
+            expected = expected_coordinate(calibration, target.name, sight.tag_b, policy, work)
+        except (InputError, NotObservable):
+            return replace(answer, status=Status.BAD_PARAMETER, detail=ORIENTATION_REGISTER), None
+    if not _is_finite(expected):
+        return replace(answer, status=Status.UNCERTAINTY_TOO_HIGH), None
     return _encode(request, answer, expected, calibration, limits), expected.base_from_wrist
+
+
+def _is_finite(expected: ExpectedCoordinate) -> bool:
+    """Whether all that is told are numbers; without one of them nothing is known."""
+    told = (expected.u95_mm, expected.u95_rad, *expected.base_from_wrist.matrix().flat)
+    return all(map(math.isfinite, told))
 
 
 def requested_orientation(request: Request) -> Array:

@@ -95,6 +95,7 @@ class CameraFeed:
             kind=wire.TRIGGER_KIND,
         )
         self.asked_s: float | None = None
+        self._since_s = clock.monotonic()
 
     def trigger(self, region: Region | None) -> None:
         """Ask for a picture, whole or a region of it."""
@@ -103,11 +104,11 @@ class CameraFeed:
 
     def newest(self) -> CameraImage | None:
         """The newest picture since the last call, or None; answers the trigger."""
-        image = self.feed.newest()
-        if image is None:
-            return None
+        message = self.feed.newest()
+        if message is None or message.stamp_s < self._since_s:
+            return None  # one that was taken for an earlier life of this process tells nothing
         self.asked_s = None
-        return wire.unpack_image(image.payload)
+        return wire.unpack_image(message.payload)
 
     def forget(self) -> None:
         """Wait no longer for what was asked for."""

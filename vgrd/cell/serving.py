@@ -88,6 +88,7 @@ class Serving:
         self.vouch = Vouch(measuring.watch_period_s)
         self._basis: Basis | None = None
         self._sights: deque[Sight] = deque(maxlen=SIGHTS_KEPT)
+        self._latest: Sight | None = None
         self._drifting = 0
         self._tasks: asyncio.TaskGroup | None = None
         self._work: asyncio.Task[None] | None = None
@@ -193,6 +194,8 @@ class Serving:
             return fault[0]
         if self.measuring.camera_blind():
             return Status.CAMERA_OFFLINE
+        if not now_s < self.answer.valid_until_s:
+            return Status.IMAGE_TOO_OLD
         basis = self._basis
         if basis is None or (basis.hidden and not self._may_hold(basis, now_s)):
             return Status.TAG_B_NOT_FOUND
@@ -228,10 +231,17 @@ class Serving:
         end_s = self.clock.monotonic() + PICTURE_SHARE * timeout_s
         sight = self._newest() if request.command == Command.EC_NEWEST else None
         sight = sight or await self._picture(end_s, whole=True)
+        for _ in range(DRIFT_PICTURES):  # one picture may err about tag A, as many do not
+            if sight is not None and self._drifting:
+                sight = await self._picture(end_s, whole=True)
         if sight is None:
             return reply(request, self._blind_status()), None
+        if self._drifting:
+            return reply(request, Status.CALIBRATION_DRIFT), None
         answer, basis = self._judge(request, calibration, sight)
         doubt = None if basis is None else await self._doubt(basis, end_s)
+        if doubt is None and basis is not None:
+            doubt = self._contradiction(basis)
         if self.calibration is not calibration:  # another one was activated meanwhile
             doubt = Status.CALIBRATION_MISMATCH
         return (answer, basis) if doubt is None else (replace(answer, status=doubt), None)
@@ -259,11 +269,23 @@ class Serving:
             return None
 
     def _newest(self) -> Sight | None:
-        """The newest whole picture, if it shows tag B and the camera can still see."""
+        """The newest picture, if it is whole, shows tag B, and pictures come as they should."""
         sight = self.measuring.sight
         if sight is None or sight.tag_b is None or self.measuring.camera_blind():
             return None
-        return sight
+        age_s = self.clock.monotonic() - sight.stamp_s
+        is_fresh = age_s <= self.vouch.fresh_s(self.measuring.period_s)
+        return sight if self._latest is sight and is_fresh else None
+
+    def _contradiction(self, basis: Basis) -> Status | None:
+        """What the newest picture, taken after that of the answer, says against it."""
+        latest = self._latest
+        if latest is None or latest.stamp_s <= basis.stamp_s:
+            return None
+        if latest.tag_b is None:
+            return Status.TAG_B_NOT_FOUND
+        moved_mm = displacement_mm(basis.points, basis.tag_b, latest.tag_b)
+        return None if moved_mm <= self.limits.moved_mm else Status.OBJECT_MOVED
 
     async def _doubt(self, basis: Basis, end_s: float) -> Status | None:
         """Why one picture is not enough; None when a second one shows the object at the same place."""
@@ -314,6 +336,7 @@ class Serving:
         """Each new picture may show that the object or the cell moved since the answer."""
         self.vouch.learn(sight.stamp_s, self.clock.monotonic(), whole=sight.is_whole)
         self._watch_drift(sight)
+        self._latest = sight
         if sight.tag_b is not None:
             self._sights.append(sight)
         basis = self._basis
@@ -321,7 +344,8 @@ class Serving:
             return
         if sight.tag_b is None:
             self._basis = replace(basis, hidden=True)
-            self.vouch.hold(basis.seen_s + self.limits.hold.longest_s)
+            until_s = basis.seen_s + self.limits.hold.longest_s
+            self.vouch.hold(until_s, sight.stamp_s, whole=sight.is_whole)
         else:
             moved_mm = displacement_mm(basis.points, basis.tag_b, sight.tag_b)
             if not moved_mm <= self.limits.moved_mm:  # not a number counts as moved
@@ -329,7 +353,7 @@ class Serving:
                 self._end(Status.OBJECT_MOVED)
             else:
                 self._basis = replace(basis, seen_s=sight.stamp_s, hidden=False)
-                self.vouch.see(sight.stamp_s)
+                self.vouch.see(sight.stamp_s, whole=sight.is_whole)
         self.publish()
 
     def _may_hold(self, basis: Basis, now_s: float) -> bool:

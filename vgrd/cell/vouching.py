@@ -93,8 +93,7 @@ class Vouch:
     @property
     def latency_s(self) -> float:
         """From exposure to evaluation, of the slowest of the last pictures of the watch."""
-        known = self._latencies_s[False] or self._latencies_s[True] or (self.period_s,)
-        return min(max(known), SLOWEST_S)
+        return self._latency_s(whole=not self._latencies_s[False])
 
     @property
     def interval_s(self) -> float:
@@ -103,8 +102,17 @@ class Vouch:
 
     @property
     def span_s(self) -> float:
-        """How long one picture speaks, from its exposure on."""
+        """How long one picture of the watch speaks, from its exposure on."""
         return self.interval_s + self.latency_s + MARGIN_S
+
+    def fresh_s(self, whole_period_s: float) -> float:
+        """How old the newest whole picture can be while they come as they should, every period."""
+        latency_s = self._latency_s(whole=True)
+        return max(whole_period_s, latency_s) + latency_s + MARGIN_S
+
+    def _latency_s(self, *, whole: bool) -> float:
+        known = self._latencies_s[whole] or (self.period_s,)
+        return min(max(known), SLOWEST_S)
 
     def learn(self, stamp_s: float, now_s: float, *, whole: bool) -> None:
         """A picture, exposed at `stamp_s`, was evaluated now."""
@@ -114,13 +122,18 @@ class Vouch:
         """An answer was given now: the first watch picture is on its way."""
         self.until_s = now_s + self.interval_s + MARGIN_S
 
-    def see(self, stamp_s: float) -> None:
+    def see(self, stamp_s: float, *, whole: bool) -> None:
         """A picture, exposed at `stamp_s`, shows the object where the answer has it."""
-        self.until_s = stamp_s + self.span_s
+        self.until_s = stamp_s + self._spoken_s(whole=whole)
 
-    def hold(self, until_s: float) -> None:
-        """The tag is hidden; the answer stands until then, unless the tag comes back."""
-        self.until_s = until_s
+    def hold(self, until_s: float, stamp_s: float, *, whole: bool) -> None:
+        """A picture shows no tag; the answer stands until then, as long as pictures go on coming."""
+        self.until_s = min(until_s, stamp_s + self._spoken_s(whole=whole))
+
+    def _spoken_s(self, *, whole: bool) -> float:
+        """A whole picture takes its own time, and the next one may be whole too."""
+        latency_s = max(self._latency_s(whole=True), self.latency_s) if whole else self.latency_s
+        return max(self.period_s, latency_s) + latency_s + MARGIN_S
 
     def end(self) -> None:
         """No answer stands."""

@@ -29,7 +29,9 @@ Forward = Callable[[Request], bool]
 DEFAULT_TIMEOUT_S: Final = 5.0
 
 _ALIVE_INPUT = 16
-_OPT = REQUEST.registers("OPT")[0]
+_TRIG, _CMD, _OPT, _TIMEOUT = (
+    REQUEST.registers(name)[0] for name in ("TRIG", "CMD", "OPT", "TMO")
+)
 _ORIENTATION = REQUEST.registers("ORI_")
 _BEATS_PER_TOGGLE = 5
 _BLOCKS = (
@@ -67,6 +69,7 @@ class Desk:
         self._coils = [False, False]
         self._nonce = secrets.randbits(63)
         self._written: set[int] = set()  # request registers, since TRIG changed
+        self._asked = b""  # parameters, when TRIG changed
         self._pending: Request | None = None
         self._answered: Request | None = None
         self._overdue_s = math.inf
@@ -97,6 +100,8 @@ class Desk:
         self._written.update(range(address, end))
         if self._request[:2] != before:
             self._triggered()
+        elif address == 0 and before != bytes(2) and self._parameters() != self._asked:
+            self._refuse_reuse()
         self._refresh(self._clock.monotonic())
         return True
 
@@ -193,8 +198,23 @@ class Desk:
             return False
         return answer.status.is_ok or (self._refusal is not None and self._refusal.echo == 0)
 
+    def _parameters(self) -> bytes:
+        """What a request consists of besides TRIG."""
+        return self._request[2 * _CMD : 2 * _TIMEOUT + 2] + self._request[2 * _ORIENTATION[0] :]
+
+    def _refuse_reuse(self) -> None:
+        """A TRIG that was used, written once more with other parameters, would show the old answer as theirs."""
+        if self._closed is None:
+            self._nonce += 1
+            self._abort()
+            self._asked = self._parameters()
+            self._pending, self._answered = Request.parse(self._request, self._nonce), None
+            self._remember_answer()
+            self._refuse(Status.BAD_PARAMETER, _TRIG)
+
     def _triggered(self, *, by_coil: bool = False) -> None:
         written, self._written = self._written, set()
+        self._asked = self._parameters()
         if self._closed is not None:
             return
         self._nonce += 1

@@ -23,8 +23,8 @@ copy at 300-367** (CDAB): choose the word order by the address.
 ## How to ask
 
 1. Write CMD, POINT and what else is wanted, and a TRIG that differs from the one before and from
-   0; in one request, or TRIG last. Before the write is answered STATE shows BUSY and the
-   coordinates are sentinels.
+   0; in one request, or TRIG last. The same TRIG with other parameters is refused: 103, DETAIL 0.
+   Before the write is answered STATE shows BUSY and the coordinates are sentinels.
    CMD, POINT, OPT and all other registers keep what was written, with one exception: policy 3
    (REQUESTED) wants registers 23-28 written anew for each request, after TRIG changed the last
    time. Else it is refused with STATUS 103, DETAIL 23: an old orientation, or none, is no wish.
