@@ -21,7 +21,7 @@ from vgrd.observing.stillness import RestLimits, is_covered, rest_pose, rest_pos
 
 LOOP_S = 0.005
 BEAT_S = 0.1
-RETRIGGER_S = 3.5
+RETRIGGER_S = 2.5  # longer than a device process waits for the picture
 EVALUATION_HANG_S = 2.0
 ROBOT_LOST_S = 1.0
 HEALTH_STALE_S = 1.5  # a device whose process has been silent so long is refused without a try

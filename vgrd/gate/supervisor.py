@@ -18,7 +18,8 @@ from vgrd.ipc.messages import HEALTH_KIND, Health, ProcessReport
 from vgrd.ipc.ring import RingReader
 
 FIRST_DELAY_S: Final = 0.25
-LAST_DELAY_S: Final = 5.0
+LAST_DELAY_S: Final = 2.0  # with 1.6 s for its start, a device that is back serves within 5 s
+REFUSED_DELAY_S: Final = 5.0  # what somebody has to mend first
 GOOD_AFTER_S: Final = 30.0
 STOP_S: Final = 1.0
 LOOK_S: Final = 0.1
@@ -102,7 +103,7 @@ class Managed:
                 break
             if lived_s > GOOD_AFTER_S:
                 delay_s = FIRST_DELAY_S
-            wait_s = LAST_DELAY_S if self._exit_code == REFUSED_EXIT else delay_s
+            wait_s = REFUSED_DELAY_S if self._exit_code == REFUSED_EXIT else delay_s
             log.warning(
                 "process_ended",
                 child=self.spec.name,

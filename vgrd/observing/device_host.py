@@ -31,7 +31,7 @@ from vgrd.observing import wire
 from vgrd.observing.device_checks import FlangeCheck, FrameCheck
 
 READ_TIMEOUT_S = 0.5
-GRAB_TIMEOUT_S = 3.0
+GRAB_TIMEOUT_S = 2.0  # no request waits longer for its picture
 TRIGGER_POLL_S = 0.001
 BAD_READINGS_IN_A_ROW = 50
 
