@@ -1,7 +1,11 @@
 """The perturbed run of the suite reaches the solvers, and changes what it says it changes."""
 
+import re
+import subprocess
+import sys
 from dataclasses import replace
 from inspect import signature
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -14,6 +18,9 @@ from vgrd.calibration.tcp import calibrate_fixed_point
 from vgrd.calibration.touches import TouchSet
 from vgrd.calibration.universal import UniversalProblem, calibrate_universal
 from vgrd.geometry import exp_rotation
+from vgrd.orphans import dying_with_us
+
+PROJECT = Path(__file__).parents[1]
 
 
 def touches(count=8, seed=1):
@@ -113,3 +120,17 @@ def test_a_refusal_of_the_solver_is_not_hidden():
     recording = replace(Simulation(1).record(), touches=())
     with installed(Perturbation(1)), pytest.raises(Exception, match="touch"):
         joint.calibrate_joint(recording)
+
+
+def test_what_is_refused_for_its_rank_is_refused_with_other_last_digits_too():
+    """The quick part of `make test-robust`: decisions of rank at exactly degenerate input."""
+    names = ("touch_methods", "universal", "hand_eye", "hand_eye_certificate", "hand_eye_methods")
+    files = [f"tests/calibration/test_{name}.py" for name in names]
+    argv = [sys.executable, "-m", "pytest", "-q", "-p", "no:xdist", "-p", "no:cacheprovider"]
+    argv += ["--perturb", "3", "-k", "refused or rank", *files]
+    run = subprocess.run(
+        dying_with_us(argv), cwd=PROJECT, capture_output=True, text=True, check=False
+    )
+    assert run.returncode == 0, run.stdout
+    calls, reached = re.search(r"perturbed: (\d+) calls of solvers, by (\d+)", run.stdout).groups()
+    assert int(calls) >= int(reached) >= 20

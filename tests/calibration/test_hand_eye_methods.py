@@ -235,6 +235,7 @@ def turning_by_halves():
     ]
 
 
+@pytest.mark.ordered("the first and the second of a pair are told by name")
 @pytest.mark.parametrize("mount", MOUNTS)
 @pytest.mark.parametrize("name", NAMES)
 @pytest.mark.parametrize(

@@ -162,6 +162,7 @@ def deviated(pose, deviation):
     return Pose(exp_rotation(deviation[3:]) @ pose.rotation, pose.translation + deviation[:3])
 
 
+@pytest.mark.ordered("the number of a sample is part of what is expected")
 def test_derivatives_by_the_arm_are_those_of_a_deviated_flange():
     sim = Simulation(6)
     recording = sim.record(looks=3, spins=3, wrists=mixed(sim, 2, 4))
