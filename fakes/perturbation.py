@@ -219,11 +219,12 @@ class Jitter:
     ) -> tuple[Recording, tuple[Sighting, ...]]:
         """A recording and the holes seen in it; each hole still tells of its spin."""
         kinds = ("looks", "spins", "touches", "points", "verifications")
-        orders = {kind: self.order(len(getattr(recording, kind))) for kind in kinds}
-        samples: dict[str, Any] = {
-            kind: tuple(self.shaken(one) for one in _taken(getattr(recording, kind), order))
-            for kind, order in orders.items()
-        }
+        orders: dict[str, Order] = {}
+        samples: dict[str, Any] = {}
+        for kind in kinds:  # verifications last: what is held out changes no other's noise
+            given = getattr(recording, kind)
+            orders[kind] = self.order(len(given))
+            samples[kind] = tuple(self.shaken(one) for one in _taken(given, orders[kind]))
         place = np.argsort(orders["spins"])
         seen = _taken([self.shaken(one) for one in sightings], self.order(len(sightings)))
         moved = (one if one.spin is None else _with_spin(one, place) for one in seen)

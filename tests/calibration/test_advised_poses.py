@@ -80,6 +80,7 @@ def test_four_touches_with_two_targets_exchanged_get_words_and_no_pose():
     assert "check which target every touch names" in told["trouble"]
 
 
+@pytest.mark.ordered("the number of a sample is part of what is expected")
 @pytest.mark.parametrize("stage", ["six varied", "six upright", "six mixed"])
 def test_six_touches_with_two_targets_exchanged_are_told_to_mend_that_first(stage):
     _, recording = session(1, stage)
@@ -134,6 +135,7 @@ def test_touches_that_would_not_show_an_exchange_get_words_only(wrists):
             assert "P1 and P3 were exchanged" in advice.no_pose
 
 
+@pytest.mark.ordered("the number of a sample is part of what is expected")
 def test_a_touch_that_the_others_contradict_keeps_the_words_and_takes_the_pose():
     _, recording = session(1, "nine")
     touches = list(recording.touches)

@@ -76,6 +76,17 @@ def test_a_mistake_in_the_cad_points_is_named(kind, name):
     assert codes(found) == [mistake.code]
 
 
+@pytest.mark.parametrize("kind", ["one wrist", "tilted"])
+def test_targets_in_the_wrong_order_are_named_in_whatever_order_they_were_touched(kind):
+    rng = np.random.default_rng(8)
+    mistaken = CONVENTIONS["wrong order of targets"]
+    recording = mistaken.change(free_session(kind, SeedSequence(8), rng), rng)
+    for seed in range(3):
+        order = np.random.default_rng(seed).permutation(len(recording.touches))
+        touches = tuple(recording.touches[i] for i in order)
+        assert codes(examine(replace(recording, touches=touches))) == [mistaken.code]
+
+
 def test_a_camera_on_the_flange_is_told_from_inverted_poses_by_tag_b():
     _, recording = session(4)
     rng = np.random.default_rng(0)
@@ -176,6 +187,7 @@ def test_a_look_proposed_after_turns_about_one_axis_keeps_tag_a_but_for_its_plac
     assert np.linalg.norm(moved - unknown * (unknown @ moved)) < 2
 
 
+@pytest.mark.ordered("the first touch is the one to repeat")
 def test_a_tilt_proposed_where_the_tip_is_known_keeps_it_on_the_target():
     cell = Simulation(14)
     recording = cell.record(plan=Plan.UNIVERSAL, looks=8, spins=6, points=8)

@@ -112,6 +112,7 @@ def test_a_hole_read_in_the_wrong_place_is_named():
     assert named(result) == {f"hole {holes[8].target} in spin 4"}
 
 
+@pytest.mark.ordered("the number of a sample is part of what is expected")
 def test_holes_of_a_spin_that_is_left_out_go_with_it():
     sim, recording = taught(532)
     holes = [Sighting(h.target, h.pixel, h.sigma_px, h.spin) for h in sim.holes([2, 5, 6])]

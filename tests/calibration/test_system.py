@@ -244,6 +244,7 @@ def test_verifications_are_judged_by_what_would_have_been_served():
     np.testing.assert_array_equal(bad.base_from_camera.matrix(), fine.base_from_camera.matrix())
 
 
+@pytest.mark.exact("one look more is another order and other digits for the rest")
 def test_the_same_look_twice_is_taken_once():
     recording = cell(11).record()
     twice = replace(recording, looks=(*recording.looks, recording.looks[0]))
@@ -251,6 +252,7 @@ def test_the_same_look_twice_is_taken_once():
     np.testing.assert_array_equal(calibrate_system(twice).base_from_camera.matrix(), once)
 
 
+@pytest.mark.ordered("the number of a sample is part of what is expected")
 def test_recordings_that_determine_too_little_are_refused_with_the_reason():
     world = cell(12)
     recording = world.record()

@@ -46,6 +46,7 @@ NUMBERS = Study(
 )
 
 
+@pytest.mark.exact("workers are processes of their own, which --perturb does not reach")
 @pytest.mark.parametrize("name", ["fig4", "blunders"])
 def test_results_are_bit_identical_for_one_and_two_workers(name, tmp_path):
     runs = {"fig4": 40, "blunders": 1}[name]

@@ -36,7 +36,8 @@ def misread_points(recording: Recording) -> Finding | None:
     if not _CONTRADICTORY < scale < np.inf:
         return None
     names = [f"{i + 1} ({touch.target})" for i, touch in enumerate(touches)]
-    return misreading(names, points, wrists, scale)
+    places = [list(targets).index(touch.target) for touch in touches]
+    return misreading(names, points, wrists, scale, places)
 
 
 def rival_names(recording: Recording) -> str:

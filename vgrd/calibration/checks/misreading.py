@@ -85,15 +85,20 @@ class ConstantWrist:
 
 
 def misreading(
-    names: Sequence[str], points_in_object: Array, wrists: Wrists, scale: float
+    names: Sequence[str],
+    points_in_object: Array,
+    wrists: Wrists,
+    scale: float,
+    places: Sequence[int] | None = None,
 ) -> Finding | None:
     """The one mistake with which all m touches agree, None where none or several explain them.
 
     scale: how many times as much as promised they scatter as given. Mirrored points in one plane
     fit as well as before: turning the plane over is a rotation, nothing in the touches shows it.
+    places: (m,) where each touch's target stands in the list; None: listed as first touched.
     """
     readings = sorted(
-        _readings(names, points_in_object), key=lambda one: wrists.closed_form(one.points)
+        _readings(names, points_in_object, places), key=lambda one: wrists.closed_form(one.points)
     )
     tried = [(wrists.scatter(one.points), one.finding) for one in readings[:_PROMISING]]
     tried.sort(key=lambda one: one[0])
@@ -104,7 +109,9 @@ def misreading(
     return tried[0][1]
 
 
-def _readings(names: Sequence[str], points: Array) -> Iterator[_Reading]:
+def _readings(
+    names: Sequence[str], points: Array, places: Sequence[int] | None
+) -> Iterator[_Reading]:
     yield _Reading(
         Finding(
             "points_mirrored",
@@ -114,7 +121,7 @@ def _readings(names: Sequence[str], points: Array) -> Iterator[_Reading]:
         ),
         points * (1, 1, -1),
     )
-    yield from _other_orders(points)
+    yield from _other_orders(points, places)
     distinct, which = np.unique(points, axis=0, return_inverse=True)
     which = which.ravel()
     for a, b in combinations(range(len(distinct)), 2):
@@ -132,11 +139,12 @@ def _readings(names: Sequence[str], points: Array) -> Iterator[_Reading]:
         )
 
 
-def _other_orders(points: Array) -> Iterator[_Reading]:
+def _other_orders(points: Array, places: Sequence[int] | None) -> Iterator[_Reading]:
     """The list of targets, each named once, backwards or begun elsewhere."""
     _, first, which = np.unique(points, axis=0, return_index=True, return_inverse=True)
-    place = np.argsort(np.argsort(first))[which.ravel()]
-    listed, m = points[np.sort(first)], len(first)
+    by_list = np.argsort(first if places is None else np.asarray(places)[first])
+    place = np.argsort(by_list)[which.ravel()]
+    listed, m = points[first[by_list]], len(first)
     for backwards in (False, True):
         for shift in range(m):
             order = np.roll(np.arange(m)[:: -1 if backwards else 1], -shift)
