@@ -103,12 +103,11 @@ class Vouch:
     @property
     def span_s(self) -> float:
         """How long one picture of the watch speaks, from its exposure on."""
-        return self.interval_s + self.latency_s + MARGIN_S
+        return _span_s(self.period_s, self.latency_s)
 
     def fresh_s(self, whole_period_s: float) -> float:
         """How old the newest whole picture can be while they come as they should, every period."""
-        latency_s = self._latency_s(whole=True)
-        return max(whole_period_s, latency_s) + latency_s + MARGIN_S
+        return _span_s(whole_period_s, self._latency_s(whole=True))
 
     def _latency_s(self, *, whole: bool) -> float:
         known = self._latencies_s[whole] or (self.period_s,)
@@ -133,8 +132,13 @@ class Vouch:
     def _spoken_s(self, *, whole: bool) -> float:
         """A whole picture takes its own time, and the next one may be whole too."""
         latency_s = max(self._latency_s(whole=True), self.latency_s) if whole else self.latency_s
-        return max(self.period_s, latency_s) + latency_s + MARGIN_S
+        return _span_s(self.period_s, latency_s)
 
     def end(self) -> None:
         """No answer stands."""
         self.until_s = -math.inf
+
+
+def _span_s(period_s: float, latency_s: float) -> float:
+    """How long a picture speaks, from its exposure on: until the next should have been evaluated."""
+    return max(period_s, latency_s) + latency_s + MARGIN_S
