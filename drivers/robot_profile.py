@@ -14,7 +14,7 @@ from drivers import settings as driver_settings
 from vgrd.devices import SLOWEST_ROBOT_HZ
 from vgrd.errors import BadReading, ConfigError, InputError
 from vgrd.geometry import Array, Pose
-from vgrd.geometry.formats import RotationFormat, rotation_from, rotation_to, value_count
+from vgrd.geometry.rotation_formats import RotationFormat, rotation_from, rotation_to, value_count
 
 FOLDER = Path(__file__).resolve().parent.parent / "config" / "robots"
 _DATA = ModbusClientMixin.DATATYPE

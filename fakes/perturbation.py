@@ -19,12 +19,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from vgrd.calibration.hand_eye import HandEyeProblem, PoseSample
-from vgrd.calibration.hand_eye_methods import PosePair
-from vgrd.calibration.hand_eye_points import PointHandEyeProblem, PointSample
-from vgrd.calibration.joint import Sighting
-from vgrd.calibration.touches import TouchSet
-from vgrd.calibration.universal import UniversalProblem
+from vgrd.calibration.hand_eye.points import PointHandEyeProblem, PointSample
+from vgrd.calibration.hand_eye.pose_pairs import HandEyeProblem, PoseSample
+from vgrd.calibration.hand_eye.published import PosePair
+from vgrd.calibration.joint.estimate import Sighting
+from vgrd.calibration.touches.touch_set import TouchSet
+from vgrd.calibration.universal.estimate import UniversalProblem
 from vgrd.geometry import Array, Pose, exp_rotation
 from vgrd.model import Observation, Recording, TagObservation, Touch
 
@@ -36,36 +36,39 @@ Order = NDArray[np.intp]
 # nothing but a sample's number in a message and where the robot stands last; tests that expect
 # either are marked `ordered`. What a session's time tells stands in the stamps of its pictures.
 DOORS: Mapping[str, tuple[str, ...]] = {
-    "vgrd.calibration.cad_fit:fit_cad": ("points_in_object", "touches"),
-    "vgrd.calibration.baselines:compare_methods": ("recording",),
+    "vgrd.calibration.touches.cad_fit:fit_cad": ("points_in_object", "touches"),
+    "fakes.studies.paper.baselines:compare_methods": ("recording",),
     "vgrd.calibration.checks:bad_touches": ("recording",),
     "vgrd.calibration.checks:examine": ("recording",),
     "vgrd.calibration.checks:missing_motion": ("recording",),
     "vgrd.calibration.checks:missing_motions": ("recording",),
-    "vgrd.calibration.coaching:next_best": ("taught",),
-    "vgrd.calibration.coaching:rank_samples": ("taught",),
-    "vgrd.calibration.hand_eye:calibrate_hand_eye": ("problem",),
-    "vgrd.calibration.hand_eye_methods.registry:Method.solve": ("pairs",),
-    "vgrd.calibration.hand_eye_partial:calibrate_hand_eye_partial": ("problem",),
-    "vgrd.calibration.hand_eye_points:calibrate_hand_eye_from_points": ("problem",),
-    "vgrd.calibration.hand_eye_points:estimate_target_scale": ("problem",),
-    "vgrd.calibration.hand_eye_certificate:certified_start": ("moves", "cameras"),
-    "vgrd.calibration.hand_eye_certificate:rotation_cost": ("moves", "cameras"),
-    "vgrd.calibration.hand_eye_start:quick_start": ("moves", "cameras"),
-    "vgrd.calibration.joint:calibrate_joint": ("recording", "sightings"),
-    "vgrd.calibration.joint_gather:gather": ("recording", "sightings"),
-    "vgrd.calibration.repeatability:repeatability": ("touches", "targets"),
-    "vgrd.calibration.rotation_center:find_rotation_center": ("camera_from_tag", "covariances"),
-    "vgrd.calibration.rotation_center_hole:find_hole_center": ("recording", "sightings"),
-    "vgrd.calibration.session_advice:advise_session": ("recording",),
-    "vgrd.calibration.system:calibrate_system": ("recording", "sightings"),
-    "vgrd.calibration.tcp:calibrate_fixed_point": ("touches",),
-    "vgrd.calibration.tcp_plane:calibrate_plane": ("touches",),
-    "vgrd.calibration.tcp_sphere:calibrate_sphere": ("touches",),
-    "vgrd.calibration.universal:calibrate_universal": ("problem",),
-    "vgrd.calibration.universal_start:reduced_cost": ("points_in_object", "touches"),
+    "vgrd.calibration.planning.next_sample:next_best": ("taught",),
+    "vgrd.calibration.planning.next_sample:rank_samples": ("taught",),
+    "vgrd.calibration.hand_eye.pose_pairs:calibrate_hand_eye": ("problem",),
+    "vgrd.calibration.hand_eye.published.registry:Method.solve": ("pairs",),
+    "vgrd.calibration.hand_eye.partial:calibrate_hand_eye_partial": ("problem",),
+    "vgrd.calibration.hand_eye.points:calibrate_hand_eye_from_points": ("problem",),
+    "vgrd.calibration.hand_eye.points:estimate_target_scale": ("problem",),
+    "vgrd.calibration.hand_eye.certificate:certified_start": ("moves", "cameras"),
+    "vgrd.calibration.hand_eye.certificate:rotation_cost": ("moves", "cameras"),
+    "vgrd.calibration.hand_eye.park_martin:quick_start": ("moves", "cameras"),
+    "vgrd.calibration.joint.estimate:calibrate_joint": ("recording", "sightings"),
+    "vgrd.calibration.joint.samples:gather": ("recording", "sightings"),
+    "vgrd.calibration.touches.repeatability:repeatability": ("touches", "targets"),
+    "vgrd.calibration.turntable.rotation_center:find_rotation_center": (
+        "camera_from_tag",
+        "covariances",
+    ),
+    "vgrd.calibration.stepwise.hole_center:find_hole_center": ("recording", "sightings"),
+    "vgrd.calibration.planning.advice:advise_session": ("recording",),
+    "vgrd.calibration.solve:calibrate_system": ("recording", "sightings"),
+    "vgrd.calibration.tcp.fixed_point:calibrate_fixed_point": ("touches",),
+    "vgrd.calibration.tcp.plane:calibrate_plane": ("touches",),
+    "vgrd.calibration.tcp.sphere:calibrate_sphere": ("touches",),
+    "vgrd.calibration.universal.estimate:calibrate_universal": ("problem",),
+    "vgrd.calibration.universal.start:reduced_cost": ("points_in_object", "touches"),
     "vgrd.geometry.covariance:mean_pose": ("poses", "covariances"),
-    "vgrd.geometry.point_pose:pose_from_points": ("points_in_target", "pixels"),
+    "vgrd.geometry.resection:pose_from_points": ("points_in_target", "pixels"),
 }
 _EXACT = ("covariances", "targets")  # sigmas and names go with their samples, as they are
 _BY_SAMPLE = ("residuals_mm", "whitened", "scores", "samples")  # of results

@@ -39,6 +39,7 @@ STUDIES = {  # trials of each case: few, all is seeded
     "degenerate-touches": 3,
 }
 
+
 class Tree:
     """A checkout, and how its commands are run."""
 

@@ -9,11 +9,11 @@ from typing import NamedTuple
 
 import pytest
 
-from fakes.daemon import Daemon
-from fakes.load import Load
+from fakes.cell.daemon import Daemon
+from fakes.cell.load import Load
+from fakes.cell.processes import MARK, left_behind
+from fakes.cell.taught import TaughtCell, rehearse
 from fakes.perturbation import Perturbation, installed
-from fakes.processes import MARK, left_behind
-from fakes.taught import TaughtCell, rehearse
 from vgrd.model import Calibration
 
 TIMEOUT_S = 900  # of any test: 10 s of computing took 120 on a machine with nine times as much work as processors

@@ -17,10 +17,10 @@ FUTURES = {"submit", "run_in_executor", "run_coroutine_threadsafe"}
 
 # "file: function" of what is made otherwise, with the reason.
 ALLOWED = {
-    "vgrd/cell/recorder.py: _queue": "a fault becomes the recorder's trouble, which status and replies tell",
-    "vgrd/cell/advisor.py: _asked": "a task of the advisor's group; the callback only forgets it",
-    "fakes/rtde.py: _serve": "awaited in the same function; kept to be cancelled from outside",
-    "fakes/rtde.py: _answer": "a fake's stream of samples: it ends with its client",
+    "vgrd/cell/recording/recorder.py: _queue": "a fault becomes the recorder's trouble, which status and replies tell",
+    "vgrd/solving/advisor.py: _asked": "a task of the advisor's group; the callback only forgets it",
+    "fakes/controllers/rtde.py: _serve": "awaited in the same function; kept to be cancelled from outside",
+    "fakes/controllers/rtde.py: _answer": "a fake's stream of samples: it ends with its client",
 }
 
 

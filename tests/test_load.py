@@ -3,11 +3,11 @@
 import ctypes
 import time
 
-from fakes.load import BUSY_LATE_S, BUSY_SHARE, Load, Moment
+from fakes.cell.load import BUSY_LATE_S, BUSY_SHARE, Load, Moment
 
 
 def evidence(monkeypatch, late_s: float, share: float, missing_s: float = 0.0) -> str:
-    monkeypatch.setattr("fakes.load._waited_s", lambda: 10.0 * share)
+    monkeypatch.setattr("fakes.cell.load._waited_s", lambda: 10.0 * share)
     load = Load()
     load._late.append((time.monotonic(), late_s))
     return load.evidence(Moment(time.monotonic() - 10.0, 0.0), missing_s)
@@ -28,7 +28,7 @@ def test_a_short_delay_excuses_no_long_one(monkeypatch) -> None:
 
 
 def test_what_was_before_the_span_is_no_evidence(monkeypatch) -> None:
-    monkeypatch.setattr("fakes.load._waited_s", lambda: 7.0)
+    monkeypatch.setattr("fakes.cell.load._waited_s", lambda: 7.0)
     load = Load()
     load._late.append((time.monotonic() - 1.0, 3.0))
     assert load.evidence(Moment(time.monotonic(), 7.0)) == ""

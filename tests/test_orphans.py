@@ -11,7 +11,7 @@ from threading import Thread
 
 import pytest
 
-from fakes.processes import MARK, is_alive, left_behind, marked, started_s
+from fakes.cell.processes import MARK, is_alive, left_behind, marked, started_s
 from fakes.testing import free_loopback
 from vgrd.orphans import dying_with_us
 
@@ -28,7 +28,7 @@ time.sleep(987)
 """
 STARTS_A_FAKE = """
 import sys, time
-from fakes.processes import descendants
+from fakes.cell.processes import descendants
 from fakes.testing import FakeProcess
 with FakeProcess("rtde", "--host", sys.argv[1]) as fake:
     import os

@@ -11,12 +11,14 @@ import numpy as np
 import pytest
 
 from fakes.perturbation import SIZE, Jitter, Perturbation, installed
-from fakes.simulation import Simulation
-from vgrd.calibration import joint, system, tcp
-from vgrd.calibration.joint import Sighting
-from vgrd.calibration.tcp import calibrate_fixed_point
-from vgrd.calibration.touches import TouchSet
-from vgrd.calibration.universal import UniversalProblem, calibrate_universal
+from fakes.world.simulation import Simulation
+from vgrd.calibration import solve as system
+from vgrd.calibration.joint.estimate import Sighting
+from vgrd.calibration.joint.estimate import estimate as joint
+from vgrd.calibration.tcp.fixed_point import calibrate_fixed_point
+from vgrd.calibration.tcp.fixed_point import fixed_point as tcp
+from vgrd.calibration.touches.touch_set import TouchSet
+from vgrd.calibration.universal.estimate import UniversalProblem, calibrate_universal
 from vgrd.geometry import exp_rotation
 from vgrd.orphans import dying_with_us
 
@@ -73,7 +75,7 @@ def test_every_binding_of_a_door_is_replaced_and_put_back():
     before = [joint.calibrate_joint, system.calibrate_system, calibrate_fixed_point]
     with installed(Perturbation(1)) as perturbation:
         calibrate_fixed_point(touches())  # as a test imported it
-        assert perturbation.calls == {"vgrd.calibration.tcp:calibrate_fixed_point": 1}
+        assert perturbation.calls == {"vgrd.calibration.tcp.fixed_point:calibrate_fixed_point": 1}
     assert [joint.calibrate_joint, system.calibrate_system, calibrate_fixed_point] == before
 
 
@@ -81,7 +83,7 @@ def test_only_the_outermost_door_perturbs():
     recording = Simulation(1).record()
     with installed(Perturbation(1)) as perturbation:
         system.calibrate_system(recording)
-    assert perturbation.calls == {"vgrd.calibration.system:calibrate_system": 1}
+    assert perturbation.calls == {"vgrd.calibration.solve:calibrate_system": 1}
 
 
 def test_equal_input_is_perturbed_alike_and_another_seed_differs():
@@ -107,7 +109,7 @@ def test_a_hole_stays_with_the_spin_in_which_it_was_seen():
 def test_points_and_touches_of_a_problem_stay_together():
     problem = UniversalProblem(np.arange(24.0).reshape(8, 3), touches())
     seen = []
-    name = "vgrd.calibration.universal:calibrate_universal"
+    name = "vgrd.calibration.universal.estimate:calibrate_universal"
     Perturbation(1).call(name, seen.append, signature(calibrate_universal), problem)
     sigma = touches().lateral_sigma_mm
     for point, own in zip(seen[0].points_in_object, seen[0].touches.lateral_sigma_mm, strict=True):

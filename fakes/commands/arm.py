@@ -6,8 +6,8 @@ from dataclasses import dataclass, field, fields, replace
 
 import numpy as np
 
-from fakes.console import Action, numbers
-from fakes.rtde import RtdeState
+from fakes.commands.console import Action, numbers
+from fakes.controllers.rtde import RtdeState
 from vgrd.geometry import Pose
 
 _PERIOD_S = 10.0

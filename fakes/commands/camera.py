@@ -6,10 +6,10 @@ from typing import Annotated
 
 import typer
 
-from fakes.console import Action, numbers, switch, until_stopped, what_can_be_typed
-from fakes.gige_camera import GigeCamera
-from fakes.layout import Layout
-from fakes.scene import pictures
+from fakes.camera.gige_camera import GigeCamera
+from fakes.camera.scene import pictures
+from fakes.commands.console import Action, numbers, switch, until_stopped, what_can_be_typed
+from fakes.world.layout import Layout
 
 
 def _actions(camera: GigeCamera) -> dict[str, Action]:

@@ -10,15 +10,15 @@ from typing import Annotated
 import typer
 from rich.console import Console
 
-from fakes.cell import FakeCell
+from fakes.cell.cell import FakeCell
+from fakes.cell.daemon import Daemon
+from fakes.cell.operator import SPEED_MM_S, TURN_RAD_S, Operator
+from fakes.commands.console import Action, numbers, until_stopped, what_can_be_typed, word
 from fakes.commands.demo import set_up_table
-from fakes.console import Action, numbers, until_stopped, what_can_be_typed, word
-from fakes.daemon import Daemon
-from fakes.layout import Layout
-from fakes.operator import SPEED_MM_S, TURN_RAD_S, Operator
-from fakes.poses import retracted_pose
-from fakes.show import Show
-from fakes.world import World
+from fakes.demo.show import Show
+from fakes.world.layout import Layout
+from fakes.world.poses import retracted_pose
+from fakes.world.world import World
 from vgrd.geometry import Pose
 
 
@@ -28,7 +28,7 @@ def main(
     folder: Annotated[
         Path, typer.Option(help="where state stays from one run to the next")
     ] = Path("build/fake-cell"),
-    camera: Annotated[str | None, typer.Option(help="aravis or fakes.pylon_camera")] = None,
+    camera: Annotated[str | None, typer.Option(help="aravis or fakes.camera.pylon_camera")] = None,
 ) -> None:
     """Run fake robot, fake camera and the daemon with an active calibration until Ctrl-C.
 

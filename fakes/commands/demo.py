@@ -11,16 +11,16 @@ import typer
 from rich.console import Console
 from rich.table import Table
 
-from fakes.cell import FakeCell, free_port
-from fakes.comparison import misses_by_method
-from fakes.daemon import Daemon
-from fakes.layout import Layout
-from fakes.memory import pss_mib, tree_pss_mib
-from fakes.operator import SPEED_MM_S, TURN_RAD_S, Operator
-from fakes.report import Report
-from fakes.robot_program import Stopped
-from fakes.show import Show
-from fakes.world import Noise, World
+from fakes.cell.cell import FakeCell, free_port
+from fakes.cell.daemon import Daemon
+from fakes.cell.memory import pss_mib, tree_pss_mib
+from fakes.cell.operator import SPEED_MM_S, TURN_RAD_S, Operator
+from fakes.controllers.robot_program import Stopped
+from fakes.demo.comparison import misses_by_method
+from fakes.demo.report import Report
+from fakes.demo.show import Show
+from fakes.world.layout import Layout
+from fakes.world.world import Noise, World
 from vgrd.errors import VgrdError
 
 
@@ -28,7 +28,7 @@ def main(
     seed: Annotated[int, typer.Option(help="of noise, arm and scripted operator")] = 1,
     requests: Annotated[int, typer.Option(help="robot requests at new table angles")] = 30,
     folder: Annotated[Path | None, typer.Option(help="where to leave the files")] = None,
-    camera: Annotated[str | None, typer.Option(help="aravis or fakes.pylon_camera")] = None,
+    camera: Annotated[str | None, typer.Option(help="aravis or fakes.camera.pylon_camera")] = None,
     *,
     perfect: Annotated[bool, typer.Option(help="no touch noise, no arm errors")] = False,
     faults: Annotated[bool, typer.Option(help="show the three live faults")] = True,

@@ -8,11 +8,11 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 
-import fakes.layout
-from fakes import poses
-from fakes.layout import Layout
-from fakes.visibility import TAG_NAMES, Sight, visible
-from fakes.world import TagName
+from fakes.world import layout as written
+from fakes.world import poses
+from fakes.world.layout import Layout
+from fakes.world.visibility import TAG_NAMES, Sight, visible
+from fakes.world.world import TagName
 from vgrd.geometry import Pose
 
 Shot = tuple[Pose, float]
@@ -45,7 +45,7 @@ def scripted(layout: Layout) -> dict[str, list[Shot]]:
 def main() -> None:
     """Print the layout and how often each tag is in view, how tilted and how sharp."""
     layout = Layout()
-    print(fakes.layout.__doc__)
+    print(written.__doc__)
     table = Table(
         title="what the camera sees",
         caption="tilt: deg to the line of sight; blur: px; any tilt: all ways, 15-25 deg",

@@ -8,8 +8,8 @@ import typer
 
 from drivers import robot_profile
 from fakes.commands.arm import Arm
-from fakes.console import Action, switch, until_stopped, what_can_be_typed
-from fakes.modbus_robot import ModbusFaults, ModbusRobotServer
+from fakes.commands.console import Action, switch, until_stopped, what_can_be_typed
+from fakes.controllers.modbus_robot import ModbusFaults, ModbusRobotServer
 
 
 def _actions(arm: Arm, server: ModbusRobotServer) -> dict[str, Action]:

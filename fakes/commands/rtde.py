@@ -7,8 +7,8 @@ from typing import Annotated
 import typer
 
 from fakes.commands.arm import Arm
-from fakes.console import Action, numbers, switch, until_stopped, what_can_be_typed, word
-from fakes.rtde import PORT, RtdeFaults, RtdeServer
+from fakes.commands.console import Action, numbers, switch, until_stopped, what_can_be_typed, word
+from fakes.controllers.rtde import PORT, RtdeFaults, RtdeServer
 
 
 def _actions(arm: Arm, server: RtdeServer) -> dict[str, Action]:

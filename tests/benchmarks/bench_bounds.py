@@ -12,7 +12,7 @@ from numpy.random import SeedSequence
 from scipy.spatial.transform import Rotation
 from scipy.special import chdtri
 
-from fakes.simulation import (
+from fakes.world.simulation import (
     COARSE,
     EXACT_ARM,
     WORK_ROTATION,
@@ -21,14 +21,20 @@ from fakes.simulation import (
     Simulation,
 )
 from tests.benchmarks.harness import Row
-from vgrd.calibration.hand_eye import HandEyeProblem, PoseSample, calibrate_hand_eye
-from vgrd.calibration.joint import ArmModel, JointResult, Turntable, calibrate_joint, result_at
-from vgrd.calibration.joint_expected import expected_by_joint
-from vgrd.calibration.joint_gather import gather
-from vgrd.calibration.joint_problem import JointData, Link
-from vgrd.calibration.joint_state import JointState
-from vgrd.calibration.touches import TouchSet
-from vgrd.calibration.universal import Equations, UniversalProblem, calibrate_universal
+from vgrd.calibration.hand_eye.pose_pairs import HandEyeProblem, PoseSample, calibrate_hand_eye
+from vgrd.calibration.joint.estimate import (
+    ArmModel,
+    JointResult,
+    Turntable,
+    calibrate_joint,
+    result_at,
+)
+from vgrd.calibration.joint.expected import expected_by_joint
+from vgrd.calibration.joint.problem import JointData, Link
+from vgrd.calibration.joint.samples import gather
+from vgrd.calibration.joint.state import JointState
+from vgrd.calibration.touches.touch_set import TouchSet
+from vgrd.calibration.universal.estimate import Equations, UniversalProblem, calibrate_universal
 from vgrd.geometry import Array, Pose, hat
 from vgrd.geometry.covariance import covariance_from
 from vgrd.model import Mount, Policy, Recording

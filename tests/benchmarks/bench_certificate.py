@@ -15,9 +15,14 @@ from scipy.spatial.transform import Rotation
 from scipy.stats import truncnorm
 
 from tests.benchmarks.harness import Row, ratio_of
-from vgrd.calibration.touches import TouchSet
-from vgrd.calibration.universal import Equations, UniversalProblem, calibrate_universal, retract
-from vgrd.calibration.universal_problem import State
+from vgrd.calibration.touches.touch_set import TouchSet
+from vgrd.calibration.universal.estimate import (
+    Equations,
+    UniversalProblem,
+    calibrate_universal,
+    retract,
+)
+from vgrd.calibration.universal.problem import State
 from vgrd.errors import NotObservable
 from vgrd.geometry.least_squares import minimize
 

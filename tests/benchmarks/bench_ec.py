@@ -7,19 +7,19 @@ import tempfile
 import time
 from pathlib import Path
 
-from fakes.layout import Layout
-from fakes.poses import retracted_pose
-from fakes.rehearsal import Rehearsal, facts_of
-from fakes.world import World
+from fakes.cell.rehearsal import Rehearsal, facts_of
+from fakes.world.layout import Layout
+from fakes.world.poses import retracted_pose
+from fakes.world.world import World
 from tests.benchmarks.harness import Row, ratio_of
 from tests.benchmarks.peers import Peer
-from vgrd.calibration.system import calibrate_system
-from vgrd.cell.answering import Limits, answer_request
+from vgrd.calibration.solve import calibrate_system
 from vgrd.cell.measuring import Sight
+from vgrd.cell.serving.answering import Limits, answer_request
 from vgrd.devices import CameraImage
 from vgrd.model import Policy
 from vgrd.registers import REQUEST, RegisterImage, Request, State, Status, view
-from vgrd.vision.tags import TagDetector
+from vgrd.vision.tags.tag_finder import TagDetector
 
 ROUNDS = 15
 BAR = 0.5

@@ -14,11 +14,11 @@ from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, contextmanager
 from pathlib import Path
 
-from fakes.daemon import Daemon
-from fakes.poses import retracted_pose
-from fakes.robot_program import RobotProgram
-from fakes.rtde import RtdeServer
-from fakes.taught import TaughtCell, rehearse
+from fakes.cell.daemon import Daemon
+from fakes.cell.taught import TaughtCell, rehearse
+from fakes.controllers.robot_program import RobotProgram
+from fakes.controllers.rtde import RtdeServer
+from fakes.world.poses import retracted_pose
 from tests.benchmarks.harness import Row
 from tests.benchmarks.moved_object import frozen, killed, stopped, unplugged, wait_until_served
 from vgrd.geometry import Pose

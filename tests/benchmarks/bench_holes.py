@@ -10,13 +10,13 @@ from dataclasses import replace
 import cv2
 import numpy as np
 
-from fakes.optics import Optics
-from fakes.patterns import Disc
-from fakes.pictures import Look, Placed, RegionPicture, clean_levels, draw, pinhole
+from fakes.camera.patterns import Disc
+from fakes.camera.pictures import Look, Placed, RegionPicture, clean_levels, draw, pinhole
+from fakes.world.optics import Optics
 from tests.benchmarks.harness import Row
 from vgrd.geometry import Array, Pose
 from vgrd.geometry.camera import CameraModel
-from vgrd.vision.holes import HoleObservation, find_hole
+from vgrd.vision.holes.hole_finder import HoleObservation, find_hole
 
 POSES, BOUNDS = 300, 8
 TILTS_DEG = (0, 20, 40, 60)

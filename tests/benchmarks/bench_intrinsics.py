@@ -10,8 +10,8 @@ import numpy as np
 from tests.benchmarks.harness import Row
 from vgrd.geometry import Array, Pose
 from vgrd.geometry.camera import CameraModel
-from vgrd.vision.intrinsics import calibrate_intrinsics
-from vgrd.vision.intrinsics_fit import View
+from vgrd.vision.intrinsics.estimate import calibrate_intrinsics
+from vgrd.vision.intrinsics.fit import View
 
 RUNS, PICTURES = 8, 20
 NOISE_PX, PRINT_MM = 0.005, 0.01

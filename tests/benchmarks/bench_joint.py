@@ -11,12 +11,12 @@ import numpy as np
 from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 
-from fakes.simulation import Simulation
+from fakes.world.simulation import Simulation
 from tests.benchmarks.harness import Row, ratio_of
-from vgrd.calibration.joint import ArmModel, calibrate_joint
-from vgrd.calibration.joint_gather import gather
-from vgrd.calibration.joint_problem import JointData, Tags
-from vgrd.calibration.joint_state import JointState, guess
+from vgrd.calibration.joint.estimate import ArmModel, calibrate_joint
+from vgrd.calibration.joint.problem import JointData, Tags
+from vgrd.calibration.joint.samples import gather
+from vgrd.calibration.joint.state import JointState, guess
 from vgrd.geometry import hat
 from vgrd.model import Recording
 

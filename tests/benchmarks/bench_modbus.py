@@ -7,7 +7,7 @@ import sys
 import time
 from collections.abc import Iterator
 
-from fakes.raw_modbus import RawModbus
+from fakes.controllers.raw_modbus import RawModbus
 from tests.benchmarks.harness import Row, ratio_of
 from vgrd.orphans import dying_with_us
 

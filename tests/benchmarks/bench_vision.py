@@ -1,6 +1,6 @@
 """Accuracy and self-knowledge of tag vision against the physical bound; peers are in bench_vision_peers.
 
-Every row draws pictures with known truth (`fakes.pictures`). VGRD_BENCH_SHARE scales the number of
+Every row draws pictures with known truth (`fakes.camera.pictures`). VGRD_BENCH_SHARE scales the number of
 pictures; 1 (300 poses per accuracy row, 2,000 for covariance and flags, 10,000 for flips) takes hours,
 the default takes minutes.
 """
@@ -10,9 +10,9 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from fakes.optics import Optics
-from fakes.patterns import Figure, charuco_pattern, grid_pattern, tag_pattern
-from fakes.pictures import Band, Look, Spot
+from fakes.camera.patterns import Figure, charuco_pattern, grid_pattern, tag_pattern
+from fakes.camera.pictures import Band, Look, Spot
+from fakes.world.optics import Optics
 from tests.benchmarks.harness import Row
 from tests.benchmarks.vision_truth import (
     NARROW,
@@ -25,11 +25,11 @@ from tests.benchmarks.vision_truth import (
 )
 from vgrd.geometry import Pose
 from vgrd.model import TagSpec
-from vgrd.vision.board_fit import charuco_raster, tag_board_raster
-from vgrd.vision.boards import Charuco
-from vgrd.vision.planar import is_ambiguous
-from vgrd.vision.quality import disturbance
-from vgrd.vision.raster import Raster, tag_raster
+from vgrd.vision.alignment.quality import disturbance
+from vgrd.vision.boards.fit import charuco_raster, tag_board_raster
+from vgrd.vision.print.boards import Charuco
+from vgrd.vision.print.raster import Raster, tag_raster
+from vgrd.vision.tags.planar_pose import is_ambiguous
 
 SHARE = float(os.environ.get("VGRD_BENCH_SHARE", "0.05"))
 TILTS = (0, 20, 40, 60)

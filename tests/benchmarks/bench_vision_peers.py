@@ -14,8 +14,8 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from fakes.patterns import tag_pattern
-from fakes.pictures import Placed, draw
+from fakes.camera.patterns import tag_pattern
+from fakes.camera.pictures import Placed, draw
 from tests.benchmarks.harness import Row, ratio_of
 from tests.benchmarks.peers import Peer, PeerLost
 from tests.benchmarks.vision_truth import NARROW, measured, random_pose, rms, shot
@@ -23,10 +23,10 @@ from vgrd.geometry import Array, Pose
 from vgrd.geometry.camera import CameraModel
 from vgrd.model import TagSpec
 from vgrd.orphans import die_with
-from vgrd.vision.codes import square_corners
-from vgrd.vision.planar import planar_poses
-from vgrd.vision.raster import tag_raster
-from vgrd.vision.tags import TagDetector
+from vgrd.vision.print.codes import square_corners
+from vgrd.vision.print.raster import tag_raster
+from vgrd.vision.tags.planar_pose import planar_poses
+from vgrd.vision.tags.tag_finder import TagDetector
 
 SHARE = float(os.environ.get("VGRD_BENCH_SHARE", "0.05"))
 TAG = TagSpec("36h11", 7, 10.0)

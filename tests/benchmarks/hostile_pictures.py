@@ -13,10 +13,10 @@ import cv2
 import numpy as np
 
 from vgrd.model import TagSpec
-from vgrd.vision.codes import marker_cells
-from vgrd.vision.finding import find_tags, search_tags, tags_within
-from vgrd.vision.pictures import SUFFIXES, as_8_bit, read_picture
-from vgrd.vision.tags import TagDetector
+from vgrd.vision.images.pictures import SUFFIXES, as_8_bit, read_picture
+from vgrd.vision.print.codes import marker_cells
+from vgrd.vision.tags.detection import find_tags, search_tags, tags_within
+from vgrd.vision.tags.tag_finder import TagDetector
 
 FAMILIES = ("36h11", "25h9", "16h5", "4x4_50")
 CAMERA_PX = (320, 240)

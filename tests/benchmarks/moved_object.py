@@ -19,10 +19,10 @@ from pathlib import Path
 
 import numpy as np
 
-from fakes.daemon import Daemon
-from fakes.poses import retracted_pose
-from fakes.robot_program import RobotProgram, Stopped
-from fakes.taught import TaughtCell, rehearse
+from fakes.cell.daemon import Daemon
+from fakes.cell.taught import TaughtCell, rehearse
+from fakes.controllers.robot_program import RobotProgram, Stopped
+from fakes.world.poses import retracted_pose
 from vgrd.geometry import Pose
 from vgrd.registers import Status
 

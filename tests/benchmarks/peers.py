@@ -17,7 +17,7 @@ import numpy as np
 from tests.benchmarks.harness import ending
 from vgrd.geometry import Array
 from vgrd.orphans import die_with
-from vgrd.vision.codes import dictionary_of
+from vgrd.vision.print.codes import dictionary_of
 
 ANSWER_TIMEOUT_S = (
     300.0  # 12 MP take seconds; a machine with other work may need a hundred times that

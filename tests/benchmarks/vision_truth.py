@@ -5,16 +5,16 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from fakes.optics import Optics
-from fakes.patterns import Figure
-from fakes.pictures import Look, Placed, clean_levels, draw, pinhole
-from fakes.sensor import Region
+from fakes.camera.patterns import Figure
+from fakes.camera.pictures import Look, Placed, clean_levels, draw, pinhole
+from fakes.camera.sensor import Region
+from fakes.world.optics import Optics
 from vgrd.geometry import Array, Pose
 from vgrd.geometry.camera import CameraModel
-from vgrd.vision.planar import PlanarPose, planar_poses
-from vgrd.vision.raster import Raster
-from vgrd.vision.refining import Refined, refine
-from vgrd.vision.warp import lens_vector
+from vgrd.vision.alignment.refinement import Refined, refine
+from vgrd.vision.images.warp import lens_vector
+from vgrd.vision.print.raster import Raster
+from vgrd.vision.tags.planar_pose import PlanarPose, planar_poses
 
 DISTORTION = np.array([-0.08, 0.10, 2e-4, -1e-4])
 DEPTH_MM = 600.0

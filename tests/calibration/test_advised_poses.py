@@ -8,10 +8,10 @@ from itertools import combinations
 import numpy as np
 import pytest
 
-from fakes.simulation import COARSE, ArmErrors, Simulation
-from vgrd.calibration.coaching import Spinning, Touching
-from vgrd.calibration.reach import Reach
-from vgrd.calibration.session_advice import SessionAdvice, advise_session
+from fakes.world.simulation import COARSE, ArmErrors, Simulation
+from vgrd.calibration.planning.advice import SessionAdvice, advise_session
+from vgrd.calibration.planning.next_sample import Spinning, Touching
+from vgrd.calibration.planning.reach import Reach
 from vgrd.geometry import Pose, exp_rotation
 from vgrd.model import Policy, Recording
 

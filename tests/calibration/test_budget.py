@@ -4,10 +4,10 @@ from functools import cache
 import numpy as np
 import pytest
 
-from fakes.simulation import FINE, ArmErrors, Simulation
-from vgrd.calibration.budget import Source, Systematic, error_budget
-from vgrd.calibration.joint import ArmModel, Refinement, calibrate_joint
-from vgrd.calibration.joint_expected import expected_by_joint
+from fakes.world.simulation import FINE, ArmErrors, Simulation
+from vgrd.calibration.joint.estimate import ArmModel, Refinement, calibrate_joint
+from vgrd.calibration.joint.expected import expected_by_joint
+from vgrd.calibration.planning.error_budget import Source, Systematic, error_budget
 from vgrd.geometry import Pose, exp_rotation
 from vgrd.model import Policy
 

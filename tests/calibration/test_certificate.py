@@ -4,19 +4,19 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from vgrd.calibration.certificate import certify
-from vgrd.calibration.rotation_relaxation import prove, relax
-from vgrd.calibration.touches import TouchSet
-from vgrd.calibration.universal import (
+from vgrd.calibration.touches.touch_set import TouchSet
+from vgrd.calibration.universal.certificate import certify
+from vgrd.calibration.universal.estimate import (
     Equations,
     UniversalProblem,
     calibrate_universal,
     retract,
 )
-from vgrd.calibration.universal_start import reduced_cost, rotation_candidates
+from vgrd.calibration.universal.start import reduced_cost, rotation_candidates
 from vgrd.errors import DidNotConverge, NotObservable
 from vgrd.geometry import Pose
 from vgrd.geometry.least_squares import minimize
+from vgrd.geometry.rotation_relaxation import prove, relax
 
 SIGMA = 0.233
 

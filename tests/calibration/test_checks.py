@@ -4,27 +4,26 @@ import numpy as np
 import pytest
 from numpy.random import SeedSequence
 
+from fakes.studies.robustness.conventions import free_session
+from fakes.studies.robustness.degenerate import KINDS as DEGENERATE
+from fakes.studies.robustness.mistakes import CONVENTIONS, OTHERS, with_poses
+from fakes.world.simulation import WORK_ROTATION, ArmErrors, Simulation
+from vgrd.calibration.acceptance import accept, confidence_of
 from vgrd.calibration.checks import (
-    accept,
     bad_touches,
     cannot_tell,
     examine,
     missing_motion,
     missing_motions,
 )
-from vgrd.calibration.checks.acceptance import confidence_of
 from vgrd.calibration.checks.readings import Turns, reread_candidates
-from vgrd.calibration.motion import turned_axes
-from vgrd.calibration.system import calibrate_system
+from vgrd.calibration.observability.motion import turned_axes
+from vgrd.calibration.solve import calibrate_system
 from vgrd.errors import InputError
 from vgrd.geometry import Pose, exp_rotation
 from vgrd.geometry.covariance import radius95
-from vgrd.geometry.formats import RotationFormat, rotation_from, rotation_to
+from vgrd.geometry.rotation_formats import RotationFormat, rotation_from, rotation_to
 from vgrd.model import Plan, Policy, Touch
-from vgrd.studies.conventions import free_session
-from vgrd.studies.degenerate import KINDS as DEGENERATE
-from vgrd.studies.mistakes import CONVENTIONS, OTHERS, with_poses
-from vgrd.studies.simulation import WORK_ROTATION, ArmErrors, Simulation
 
 ARM = ArmErrors(0.03, 0.1)
 EULER = "kuka-abc-deg read as rpy-fixed-xyz-deg"

@@ -3,8 +3,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from fakes.simulation import COARSE, Simulation
-from vgrd.calibration.coaching import (
+from fakes.world.simulation import COARSE, Simulation
+from vgrd.calibration.joint.estimate import ArmModel, calibrate_joint
+from vgrd.calibration.joint.expected import expected_by_joint
+from vgrd.calibration.planning.next_sample import (
     Job,
     Looking,
     Reach,
@@ -15,10 +17,8 @@ from vgrd.calibration.coaching import (
     plan_touches,
     rank_samples,
 )
-from vgrd.calibration.foresight import Foresight
-from vgrd.calibration.joint import ArmModel, calibrate_joint
-from vgrd.calibration.joint_expected import expected_by_joint
-from vgrd.calibration.reach import (
+from vgrd.calibration.planning.predicted_error import Foresight
+from vgrd.calibration.planning.reach import (
     Box,
     camera_sees_tag_a,
     flange_of,

@@ -4,12 +4,18 @@ import numpy as np
 import pytest
 from numpy.random import SeedSequence
 
-from vgrd.calibration.tcp_sphere import calibrate_sphere
-from vgrd.calibration.touches import TouchSet
+from fakes.studies.robustness.degenerate_touches import (
+    DEGENERATE,
+    DOUBTFUL,
+    GOOD,
+    TCP,
+    solve_session,
+)
+from vgrd.calibration.tcp.sphere import calibrate_sphere
+from vgrd.calibration.touches.touch_set import TouchSet
 from vgrd.errors import NotObservable
 from vgrd.geometry import exp_rotation
 from vgrd.geometry.covariance import observability
-from vgrd.studies.degenerate_touches import DEGENERATE, DOUBTFUL, GOOD, TCP, solve_session
 
 SESSIONS = 12
 

@@ -3,7 +3,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from vgrd.calibration.expected import (
+from vgrd.calibration.stepwise.equations import (
     flange_for,
     motion_about,
     moved_flange,

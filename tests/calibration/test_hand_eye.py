@@ -2,14 +2,14 @@ import cv2
 import numpy as np
 import pytest
 
-from vgrd.calibration.hand_eye import HandEyeProblem, PoseSample, calibrate_hand_eye
-from vgrd.calibration.hand_eye_points import (
+from vgrd.calibration.hand_eye.park_martin import quick_start
+from vgrd.calibration.hand_eye.points import (
     PointHandEyeProblem,
     PointSample,
     calibrate_hand_eye_from_points,
     estimate_target_scale,
 )
-from vgrd.calibration.hand_eye_start import quick_start
+from vgrd.calibration.hand_eye.pose_pairs import HandEyeProblem, PoseSample, calibrate_hand_eye
 from vgrd.errors import CalibrationError, InputError, NotObservable, TooFewObservations
 from vgrd.geometry import Pose
 from vgrd.geometry.camera import CameraModel

@@ -1,10 +1,10 @@
 import numpy as np
 import pytest
 
-from vgrd.calibration.hand_eye import HandEyeProblem, PoseSample, calibrate_hand_eye
-from vgrd.calibration.hand_eye_certificate import certified_start, rotation_cost
-from vgrd.calibration.hand_eye_partial import calibrate_hand_eye_partial
-from vgrd.calibration.hand_eye_state import move_of
+from vgrd.calibration.hand_eye.certificate import certified_start, rotation_cost
+from vgrd.calibration.hand_eye.partial import calibrate_hand_eye_partial
+from vgrd.calibration.hand_eye.pose_pairs import HandEyeProblem, PoseSample, calibrate_hand_eye
+from vgrd.calibration.hand_eye.state import move_of
 from vgrd.errors import InputError, NotObservable, TooFewObservations
 from vgrd.geometry import Pose, exp_rotation, hat, log_rotation
 from vgrd.model import Mount

@@ -2,12 +2,12 @@ import cv2
 import numpy as np
 import pytest
 
-from vgrd.calibration.hand_eye_methods import METHODS, PosePair
-from vgrd.calibration.hand_eye_methods.motions import Motions
-from vgrd.calibration.hand_eye_methods.robot_world import li, shah
-from vgrd.calibration.hand_eye_methods.separable import horaud_dornaika, park_martin, tsai_lenz
-from vgrd.calibration.hand_eye_methods.simultaneous import andreff, daniilidis
-from vgrd.calibration.hand_eye_state import move_of
+from vgrd.calibration.hand_eye.published import METHODS, PosePair
+from vgrd.calibration.hand_eye.published.motions import Motions
+from vgrd.calibration.hand_eye.published.robot_world import li, shah
+from vgrd.calibration.hand_eye.published.separable import horaud_dornaika, park_martin, tsai_lenz
+from vgrd.calibration.hand_eye.published.simultaneous import andreff, daniilidis
+from vgrd.calibration.hand_eye.state import move_of
 from vgrd.errors import InputError, NotObservable, TooFewObservations
 from vgrd.geometry import Pose
 from vgrd.geometry.covariance import covariance_from

@@ -3,14 +3,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from fakes.simulation import FINE, WORK_ROTATION, ArmErrors, Simulation, Vision
-from vgrd.calibration.baselines import expected_by_method
-from vgrd.calibration.joint import ArmModel, Sighting, Turntable, calibrate_joint
-from vgrd.calibration.joint_basis import basis_of
-from vgrd.calibration.joint_expected import expected_by_joint, predict, work_orientation
-from vgrd.calibration.joint_gather import gather
-from vgrd.calibration.joint_problem import Link
-from vgrd.calibration.joint_rows import arm_jacobian, linearize
+from fakes.studies.paper.baselines import expected_by_method
+from fakes.world.simulation import FINE, WORK_ROTATION, ArmErrors, Simulation, Vision
+from vgrd.calibration.joint.basis import basis_of
+from vgrd.calibration.joint.estimate import ArmModel, Sighting, Turntable, calibrate_joint
+from vgrd.calibration.joint.expected import expected_by_joint, predict, work_orientation
+from vgrd.calibration.joint.problem import Link
+from vgrd.calibration.joint.rows import arm_jacobian, linearize
+from vgrd.calibration.joint.samples import gather
 from vgrd.errors import InputError, NotObservable, TagNotSeen, TooFewObservations
 from vgrd.geometry import Pose, exp_rotation
 from vgrd.model import Motion, Mount, Policy

@@ -3,14 +3,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from fakes.simulation import FINE, Simulation
-from vgrd.calibration.joint import ArmModel, Refinement, calibrate_joint
-from vgrd.calibration.joint_expected import expected_by_joint
-from vgrd.calibration.joint_optics import FOCAL, TAG_A, TAG_B
-from vgrd.calibration.joint_rows import linearize
+from fakes.world.simulation import FINE, Simulation
+from vgrd.calibration.joint.camera_corrections import FOCAL, TAG_A, TAG_B
+from vgrd.calibration.joint.estimate import ArmModel, Refinement, calibrate_joint
+from vgrd.calibration.joint.expected import expected_by_joint
+from vgrd.calibration.joint.rows import linearize
 from vgrd.geometry import Pose, exp_rotation, log_rotation
 from vgrd.geometry.camera import CameraModel
-from vgrd.geometry.point_pose import pose_from_points
+from vgrd.geometry.resection import pose_from_points
 
 EXACT = ArmModel()
 SQUARE = np.array([(-0.5, -0.5, 0.0), (0.5, -0.5, 0.0), (0.5, 0.5, 0.0), (-0.5, 0.5, 0.0)])

@@ -3,14 +3,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from fakes.simulation import FINE, Simulation
-from vgrd.calibration.joint import ArmModel, Sighting, calibrate_joint
-from vgrd.calibration.joint_expected import expected_by_joint
-from vgrd.calibration.joint_fit import settle
-from vgrd.calibration.joint_gather import gather
-from vgrd.calibration.joint_problem import SAMPLED, Link
-from vgrd.calibration.joint_robust import deletion
-from vgrd.calibration.joint_state import guess, layout_of
+from fakes.world.simulation import FINE, Simulation
+from vgrd.calibration.joint.estimate import ArmModel, Sighting, calibrate_joint
+from vgrd.calibration.joint.expected import expected_by_joint
+from vgrd.calibration.joint.fit import settle
+from vgrd.calibration.joint.problem import SAMPLED, Link
+from vgrd.calibration.joint.robust import deletion
+from vgrd.calibration.joint.samples import gather
+from vgrd.calibration.joint.state import guess, layout_of
 from vgrd.geometry import Pose
 
 EXACT = ArmModel()

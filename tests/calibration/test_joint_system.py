@@ -6,14 +6,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from vgrd.calibration.joint import calibrate_joint
-from vgrd.calibration.joint_expected import expected_by_joint
-from vgrd.calibration.system import calibrate_system, expected_coordinate
+from fakes.world.simulation import WORK_ROTATION, Simulation
+from vgrd.calibration.expected_coordinate import expected_coordinate
+from vgrd.calibration.joint.estimate import calibrate_joint
+from vgrd.calibration.joint.expected import expected_by_joint
+from vgrd.calibration.solve import calibrate_system
 from vgrd.errors import InputError, NotObservable
 from vgrd.geometry import exp_rotation
 from vgrd.model import Plan, Policy
 from vgrd.store.calibrations import CalibrationStore
-from vgrd.studies.simulation import WORK_ROTATION, Simulation
 
 
 def world(seed=3, **options):

@@ -5,11 +5,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from fakes.simulation import COARSE, Simulation
+from fakes.world.simulation import COARSE, Simulation
 from vgrd.calibration.checks.misread_points import rival_names
-from vgrd.calibration.joint import JointResult, calibrate_joint
-from vgrd.calibration.pose_trust import MARGIN_MM, place_u95_mm, reason_against
-from vgrd.calibration.reach import Looking, Reach, Spinning, Touching, flange_of
+from vgrd.calibration.joint.estimate import JointResult, calibrate_joint
+from vgrd.calibration.planning.pose_trust import MARGIN_MM, place_u95_mm, reason_against
+from vgrd.calibration.planning.reach import Looking, Reach, Spinning, Touching, flange_of
 from vgrd.geometry import Pose, exp_rotation
 from vgrd.geometry.covariance import radius95
 

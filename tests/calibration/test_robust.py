@@ -2,13 +2,13 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from vgrd.calibration.repeatability import repeatability
-from vgrd.calibration.robust import fit_without_outliers, noise_scale
-from vgrd.calibration.tcp import calibrate_fixed_point
-from vgrd.calibration.tcp_plane import fit_plane
-from vgrd.calibration.tcp_sphere import fit_sphere
-from vgrd.calibration.touches import TouchSet
-from vgrd.calibration.universal import UniversalProblem, calibrate_universal
+from vgrd.calibration.observability.leave_one_out import fit_without_outliers, noise_scale
+from vgrd.calibration.tcp.fixed_point import calibrate_fixed_point
+from vgrd.calibration.tcp.plane import fit_plane
+from vgrd.calibration.tcp.sphere import fit_sphere
+from vgrd.calibration.touches.repeatability import repeatability
+from vgrd.calibration.touches.touch_set import TouchSet
+from vgrd.calibration.universal.estimate import UniversalProblem, calibrate_universal
 from vgrd.errors import InputError, TooFewObservations
 
 TCP = np.array([5.0, -8.0, 120.0])

@@ -5,13 +5,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from fakes.recordings import SimulatedCell, Vision, fixed_wrist
-from vgrd.calibration.baselines import SPECIAL, SPECIAL_CAD, expected_by_method
-from vgrd.calibration.joint_problem import Sighting
-from vgrd.calibration.reference import find_reference
-from vgrd.calibration.rotation_center import find_rotation_center
-from vgrd.calibration.rotation_center_hole import combine, find_hole_center
-from vgrd.calibration.system import calibrate_system, expected_coordinate
+from fakes.studies.paper.baselines import SPECIAL, SPECIAL_CAD, expected_by_method
+from fakes.world.recordings import SimulatedCell, Vision, fixed_wrist
+from vgrd.calibration.expected_coordinate import expected_coordinate
+from vgrd.calibration.joint.problem import Sighting
+from vgrd.calibration.solve import calibrate_system
+from vgrd.calibration.stepwise.hole_center import combine, find_hole_center
+from vgrd.calibration.touches.reference import find_reference
+from vgrd.calibration.turntable.rotation_center import find_rotation_center
 from vgrd.errors import DidNotConverge, InputError, NotObservable, TooFewObservations
 from vgrd.geometry import Pose, exp_rotation
 from vgrd.geometry.camera import CameraModel

@@ -3,9 +3,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from fakes.recordings import SimulatedCell, Vision, fixed_wrist
-from vgrd.calibration.baselines import expected_by_method
-from vgrd.calibration.system import calibrate_system, expected_coordinate
+from fakes.studies.paper.baselines import expected_by_method
+from fakes.world.recordings import SimulatedCell, Vision, fixed_wrist
+from vgrd.calibration.expected_coordinate import expected_coordinate
+from vgrd.calibration.solve import calibrate_system
 from vgrd.errors import InputError, NotObservable, TooFewObservations
 from vgrd.geometry import Pose, exp_rotation
 from vgrd.model import Mount, Observation, Plan, Policy, Tool, frozen_array

@@ -2,10 +2,10 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from vgrd.calibration.tcp_plane import Plane, calibrate_plane
-from vgrd.calibration.tcp_sphere import calibrate_sphere
-from vgrd.calibration.touches import TouchSet
-from vgrd.calibration.universal import UniversalProblem, calibrate_universal
+from vgrd.calibration.tcp.plane import Plane, calibrate_plane
+from vgrd.calibration.tcp.sphere import calibrate_sphere
+from vgrd.calibration.touches.touch_set import TouchSet
+from vgrd.calibration.universal.estimate import UniversalProblem, calibrate_universal
 from vgrd.errors import InputError, NotObservable, TooFewObservations
 from vgrd.geometry import Pose, exp_rotation
 

@@ -3,14 +3,14 @@ import pytest
 from scipy.spatial.transform import Rotation
 from scipy.stats import truncnorm
 
-from vgrd.calibration.touches import TouchSet
-from vgrd.calibration.universal import (
+from vgrd.calibration.touches.touch_set import TouchSet
+from vgrd.calibration.universal.estimate import (
     Equations,
     UniversalProblem,
     calibrate_universal,
     retract,
 )
-from vgrd.calibration.universal_start import reduced_cost, rotation_candidates
+from vgrd.calibration.universal.start import reduced_cost, rotation_candidates
 from vgrd.errors import InputError, NotObservable, TooFewObservations
 from vgrd.geometry import Pose, exp_rotation
 from vgrd.geometry.least_squares import minimize

@@ -5,11 +5,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from vgrd.calibration.system import calibrate_system
+from fakes.world.simulation import WORK_ROTATION, Simulation
+from vgrd.calibration.solve import calibrate_system
 from vgrd.calibration.verification import verify
 from vgrd.geometry import Pose
 from vgrd.model import Plan, Tool, frozen_array
-from vgrd.studies.simulation import WORK_ROTATION, Simulation
 
 ANGLES = np.linspace(-2.5, 2.5, 20)
 ASKEW = np.array([0.6, 0.0, 0.8])

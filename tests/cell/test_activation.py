@@ -10,11 +10,11 @@ from pathlib import Path
 import pytest
 from filelock import FileLock
 
-from fakes.samples import Samples
 from fakes.testing import ManualClock
-from vgrd.cell.activation import Activation, check_usable
-from vgrd.cell.answering import Limits
-from vgrd.cell.serving import Serving
+from fakes.world.samples import Samples
+from vgrd.cell.serving.activation import Activation, check_usable
+from vgrd.cell.serving.answering import Limits
+from vgrd.cell.serving.service import Serving
 from vgrd.errors import CalibrationMismatch, InputError, StoreError
 from vgrd.ipc.ring import RingReader, RingWriter
 from vgrd.model import Calibration, Finding, Policy, Verdict

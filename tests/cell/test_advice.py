@@ -7,22 +7,22 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from fakes.layout import Layout
-from fakes.rehearsal import Rehearsal, facts_of
-from fakes.simulation import Simulation
+from fakes.cell.rehearsal import Rehearsal, facts_of
 from fakes.testing import ManualClock
-from fakes.world import Noise, World
-from vgrd.calibration.reach import Reach
-from vgrd.calibration.session_advice import advise_session
-from vgrd.cell import advisor as advising
-from vgrd.cell.advisor import Advisor, answer_line
-from vgrd.cell.recorder import Recorder
-from vgrd.cell.teaching import Teaching
-from vgrd.config import TouchSection
+from fakes.world.layout import Layout
+from fakes.world.simulation import Simulation
+from fakes.world.world import Noise, World
+from vgrd.calibration.planning.advice import advise_session
+from vgrd.calibration.planning.reach import Reach
+from vgrd.cell.recording.recorder import Recorder
+from vgrd.cell.recording.teaching import Teaching
+from vgrd.config.cell_file import TouchSection
 from vgrd.devices import FlangeReading
 from vgrd.errors import CalibrationError, ControlError, InputError
 from vgrd.geometry import Pose
 from vgrd.model import Observation, Policy, Recording
+from vgrd.solving import advisor as advising
+from vgrd.solving.advisor import Advisor, answer_line
 from vgrd.store.sessions import SampleKind
 
 

@@ -15,8 +15,8 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from vgrd.cell.control_lines import ControlLimits, optional_number, optional_text, text_argument
-from vgrd.cell.control_server import ControlServer, Operation
+from vgrd.cell.control.lines import ControlLimits, optional_number, optional_text, text_argument
+from vgrd.cell.control.server import ControlServer, Operation
 from vgrd.errors import ControlError, NotSteady
 from vgrd.ipc.control import ControlClient
 

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from vgrd.cell.latches import LATCH_FILE, LATCH_RING, LatchBook
+from vgrd.cell.serving.latches import LATCH_FILE, LATCH_RING, LatchBook
 from vgrd.errors import StoreError
 from vgrd.registers import Status
 

@@ -7,15 +7,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from fakes.samples import Samples
 from fakes.testing import ManualClock
+from fakes.world.samples import Samples
 from vgrd.cell.measuring import Measuring, Sight
-from vgrd.devices import CameraImage, FlangeReading, Pixels, Region
+from vgrd.devices import CameraImage, FlangeReading, Pixels, Region, wire
 from vgrd.errors import NotSteady
 from vgrd.geometry import Array, Pose
 from vgrd.ipc.ring import RingReader, RingWriter
 from vgrd.model import TagObservation, frozen_array
-from vgrd.observing import wire
 
 PERIOD_S = 0.008
 

@@ -9,11 +9,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from fakes.samples import Samples
 from fakes.testing import ManualClock
-from vgrd.cell.housekeeping import Housekeeping
+from fakes.world.samples import Samples
 from vgrd.cell.measuring import Sight
-from vgrd.cell.recorder import Recorder
+from vgrd.cell.recording.housekeeping import Housekeeping
+from vgrd.cell.recording.recorder import Recorder
 from vgrd.devices import CameraImage, FlangeReading
 from vgrd.geometry import Pose
 from vgrd.model import Plan

@@ -5,14 +5,14 @@ from pathlib import Path
 
 import pytest
 
-from fakes.layout import Layout
-from fakes.rehearsal import facts_of
-from fakes.world import Noise, World
-from vgrd.cell.differences import fact_differences
-from vgrd.cell.resolved import Resolved, forget_resolved, load_resolved, save_resolved
-from vgrd.cell.setup import cell_facts, process_table
+from fakes.cell.rehearsal import facts_of
+from fakes.world.layout import Layout
+from fakes.world.world import Noise, World
+from vgrd.cell.serving.differences import fact_differences
 from vgrd.commands.reloading import changed_keys
-from vgrd.config import load_config
+from vgrd.config.cell_file import load_config
+from vgrd.config.resolved import Resolved, forget_resolved, load_resolved, save_resolved
+from vgrd.config.setup import cell_facts, process_table
 from vgrd.errors import ConfigError
 
 ROOT = Path(__file__).parents[2]

@@ -5,15 +5,15 @@ from pathlib import Path
 
 import pytest
 
-from fakes.layout import Layout
-from fakes.rehearsal import Rehearsal, facts_of
-from fakes.world import Noise, World
-from vgrd.calibration.system import calibrate_system
-from vgrd.cell import solver
-from vgrd.cell.servable import unservable
-from vgrd.cell.solver import solve_session
+from fakes.cell.rehearsal import Rehearsal, facts_of
+from fakes.world.layout import Layout
+from fakes.world.world import Noise, World
+from vgrd.calibration.solve import calibrate_system
 from vgrd.clock import SystemClock
 from vgrd.model import Plan, Policy, Recording
+from vgrd.solving import session as solver
+from vgrd.solving.servable import unservable
+from vgrd.solving.session import solve_session
 from vgrd.store.sessions import SampleKind, SessionWriter
 
 

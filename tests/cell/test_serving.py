@@ -9,16 +9,16 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from fakes.layout import Layout
-from fakes.poses import retracted_pose
-from fakes.rehearsal import Rehearsal, facts_of
+from fakes.cell.rehearsal import Rehearsal, facts_of
 from fakes.testing import ManualClock
-from fakes.world import Noise, World
-from vgrd.calibration.system import calibrate_system
-from vgrd.cell.answering import Limits, answer_request, check_request
+from fakes.world.layout import Layout
+from fakes.world.poses import retracted_pose
+from fakes.world.world import Noise, World
+from vgrd.calibration.solve import calibrate_system
 from vgrd.cell.measuring import Sight
-from vgrd.cell.serving import Serving, tcp_difference
-from vgrd.cell.vouching import MARGIN_S, Hold
+from vgrd.cell.serving.answering import Limits, answer_request, check_request
+from vgrd.cell.serving.service import Serving, tcp_difference
+from vgrd.cell.serving.vouching import MARGIN_S, Hold
 from vgrd.devices import CameraImage, FlangeReading
 from vgrd.errors import (
     ControlError,
@@ -602,7 +602,7 @@ class Unforeseen(Exception):
 def test_every_error_of_a_request_ends_it_with_a_status(
     bench: Bench, monkeypatch: pytest.MonkeyPatch, error: Exception, status: Status
 ) -> None:
-    monkeypatch.setattr("vgrd.cell.serving.answer_request", raising(error))
+    monkeypatch.setattr("vgrd.cell.serving.service.answer_request", raising(error))
     image = bench.ask()
     assert (image.answer.status, image.answer.echo) == (status, 7)
     monkeypatch.undo()
@@ -612,7 +612,7 @@ def test_every_error_of_a_request_ends_it_with_a_status(
 def test_a_fault_of_ours_ends_the_request_with_900_and_then_the_process(
     bench: Bench, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("vgrd.cell.serving.answer_request", raising(Unforeseen()))
+    monkeypatch.setattr("vgrd.cell.serving.service.answer_request", raising(Unforeseen()))
     with pytest.raises(ExceptionGroup):
         bench.ask()
     image = bench.read()

@@ -7,27 +7,28 @@ import cv2
 import numpy as np
 import pytest
 
-from fakes.layout import Layout
-from fakes.optics import Optics
-from fakes.poses import retracted_pose
-from fakes.rehearsal import Rehearsal, facts_of
-from fakes.world import World
-from vgrd.calibration.joint_fit import information_inverse, settle
-from vgrd.calibration.joint_gather import gather
-from vgrd.calibration.joint_problem import Sighting
-from vgrd.calibration.joint_state import guess, layout_of
-from vgrd.calibration.system import calibrate_system, expected_coordinate
-from vgrd.cell import hole_sightings
-from vgrd.cell.hole_pictures import draw_searched
-from vgrd.cell.hole_sightings import HolesSeen, see_holes
-from vgrd.cell.solver import solve_session
+from fakes.cell.rehearsal import Rehearsal, facts_of
+from fakes.world.layout import Layout
+from fakes.world.optics import Optics
+from fakes.world.poses import retracted_pose
+from fakes.world.world import World
+from vgrd.calibration.expected_coordinate import expected_coordinate
+from vgrd.calibration.joint.fit import information_inverse, settle
+from vgrd.calibration.joint.problem import Sighting
+from vgrd.calibration.joint.samples import gather
+from vgrd.calibration.joint.state import guess, layout_of
+from vgrd.calibration.solve import calibrate_system
 from vgrd.clock import SystemClock
 from vgrd.devices import CameraImage
 from vgrd.errors import InputError
 from vgrd.geometry.camera import CameraModel
 from vgrd.model import Calibration, Plan, Policy, Recording, frozen_array
+from vgrd.solving import hole_sightings
+from vgrd.solving.hole_pictures import draw_searched
+from vgrd.solving.hole_sightings import HolesSeen, see_holes
+from vgrd.solving.session import solve_session
 from vgrd.store.sessions import SampleKind, SessionWriter
-from vgrd.vision.drawing import DOUBTFUL, GOOD, Bgr
+from vgrd.vision.images.drawing import DOUBTFUL, GOOD, Bgr
 
 LOOKS, SPINS = 4, 3
 

@@ -5,13 +5,21 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from fakes.layout import Layout
-from fakes.poses import retracted_pose
-from fakes.rehearsal import Rehearsal, facts_of
-from fakes.samples import Samples
-from fakes.world import Noise, World
-from vgrd.calibration.system import calibrate_system, expected_coordinate
-from vgrd.cell.vouching import MARGIN_S, SLOWEST_S, Vouch, agree, displacement_mm, points_in_tag
+from fakes.cell.rehearsal import Rehearsal, facts_of
+from fakes.world.layout import Layout
+from fakes.world.poses import retracted_pose
+from fakes.world.samples import Samples
+from fakes.world.world import Noise, World
+from vgrd.calibration.expected_coordinate import expected_coordinate
+from vgrd.calibration.solve import calibrate_system
+from vgrd.cell.serving.vouching import (
+    MARGIN_S,
+    SLOWEST_S,
+    Vouch,
+    agree,
+    displacement_mm,
+    points_in_tag,
+)
 from vgrd.geometry import Pose
 from vgrd.model import Policy, TagObservation, frozen_array
 

@@ -5,8 +5,8 @@ from pathlib import Path
 
 import pytest
 
-from fakes.simulation import ArmErrors, Simulation
 from fakes.testing import ManualClock
+from fakes.world.simulation import ArmErrors, Simulation
 from vgrd.model import Plan
 from vgrd.store.sessions import SampleKind, SessionWriter
 

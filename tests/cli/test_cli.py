@@ -10,9 +10,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from fakes.cell import cell_text
-from fakes.layout import Layout
-from fakes.recordings import SimulatedCell, fixed_wrist
+from fakes.cell.cell import cell_text
+from fakes.world.layout import Layout
+from fakes.world.recordings import SimulatedCell, fixed_wrist
 from vgrd.clock import SystemClock
 from vgrd.model import Recording
 from vgrd.orphans import dying_with_us

@@ -7,12 +7,12 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from fakes.patterns import grid_pattern
-from fakes.pictures import Placed, draw, pinhole
+from fakes.camera.patterns import grid_pattern
+from fakes.camera.pictures import Placed, draw, pinhole
 from vgrd.geometry import Pose
 from vgrd.model import TagSpec
-from vgrd.vision.codes import marker_cells, square_corners
-from vgrd.vision.targets import TagGrid, config_lines
+from vgrd.vision.print.codes import marker_cells, square_corners
+from vgrd.vision.print.targets import TagGrid, config_lines
 
 K = np.array([[2000.0, 0, 402], [0, 2000, 298], [0, 0, 1]])
 SIZE = (800, 600)

@@ -9,10 +9,10 @@ import pytest
 
 from vgrd.geometry import Pose
 from vgrd.geometry.camera import CameraModel
-from vgrd.vision.boards import Charuco
-from vgrd.vision.camera_files import read_camera
-from vgrd.vision.targets import TagGrid, target_sheet
-from vgrd.vision.targets_sheet import MM_PER_INCH, pixels
+from vgrd.vision.intrinsics.camera_files import read_camera
+from vgrd.vision.print.boards import Charuco
+from vgrd.vision.print.sheet import MM_PER_INCH, pixels
+from vgrd.vision.print.targets import TagGrid, target_sheet
 
 REAL = Path(__file__).parents[3] / "shared" / "data" / "ros-industrial-charuco" / "images"
 SIZE = (900, 700)

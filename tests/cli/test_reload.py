@@ -6,14 +6,14 @@ from pathlib import Path
 
 import pytest
 
-from fakes.layout import Layout
-from fakes.rehearsal import facts_of
-from fakes.samples import Samples
-from fakes.world import Noise, World
-from vgrd.cell.resolved import Resolved
-from vgrd.cell.setup import cell_facts
+from fakes.cell.rehearsal import facts_of
+from fakes.world.layout import Layout
+from fakes.world.samples import Samples
+from fakes.world.world import Noise, World
 from vgrd.commands import reloading
-from vgrd.config import load_config
+from vgrd.config.cell_file import load_config
+from vgrd.config.resolved import Resolved
+from vgrd.config.setup import cell_facts
 from vgrd.errors import CalibrationMismatch, DaemonUnreachable, InputError
 from vgrd.model import Verdict
 from vgrd.store.calibrations import CalibrationStore

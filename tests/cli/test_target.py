@@ -4,7 +4,7 @@ import json
 
 import cv2
 
-from vgrd.vision.finding import find_tags
+from vgrd.vision.tags.detection import find_tags
 
 
 def test_a_tag_is_drawn_as_asked_for_in_every_format(vgrd, tmp_path):

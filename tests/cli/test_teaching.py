@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from fakes.poses import WORK_ROTATION, look_poses
+from fakes.world.poses import WORK_ROTATION, look_poses
 from vgrd.geometry import Pose
 from vgrd.ipc.control import ControlClient
 from vgrd.store.sessions import load_recording

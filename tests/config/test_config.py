@@ -7,8 +7,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from vgrd.config import CellConfig, load_config
-from vgrd.config_document import document
+from vgrd.config.cell_file import CellConfig, load_config
+from vgrd.config.document import document
 from vgrd.errors import ConfigError
 
 GOOD = """
@@ -164,7 +164,7 @@ ROOT = Path(__file__).parents[2]
 
 def test_the_documentation_of_the_cell_file_is_up_to_date() -> None:
     page = (ROOT / "docs" / "cell-file.md").read_text(encoding="utf-8")
-    assert page == document(), "run: python -m vgrd.config_document docs/cell-file.md"
+    assert page == document(), "run: python -m vgrd.config.document docs/cell-file.md"
 
 
 def test_the_example_is_good() -> None:

@@ -12,17 +12,17 @@ from hypothesis import strategies as st
 from drivers import aravis, pylon
 from drivers.frame_counter import FrameCounter
 from drivers.region_grid import RegionGrid
-from fakes import cameras, pylon_camera
-from fakes.gige_camera import GigeCamera
-from fakes.layout import Layout
-from fakes.render import Renderer
-from fakes.scene import SnapshotWriter, pictures
+from fakes.camera import cameras, pylon_camera
+from fakes.camera.gige_camera import GigeCamera
+from fakes.camera.render import Renderer
+from fakes.camera.scene import SnapshotWriter, pictures
 from fakes.testing import FakeProcess, free_loopback
-from fakes.world import WorldSnapshot
+from fakes.world.layout import Layout
+from fakes.world.world import WorldSnapshot
 from vgrd.clock import SystemClock
 from vgrd.devices import Region
 from vgrd.errors import BadReading, ConfigError, DeviceRefused, DeviceUnavailable
-from vgrd.vision.pictures import as_8_bit
+from vgrd.vision.images.pictures import as_8_bit
 
 CLOCK = SystemClock()
 SIZE = (4024, 3036)

@@ -10,9 +10,9 @@ import pytest
 from drivers import modbus_robot, robot_profile, ur_rtde
 from fakes.testing import FakeProcess, free_loopback
 from vgrd.clock import SystemClock
+from vgrd.devices.stillness import RestLimits, is_covered, rest_pose
 from vgrd.errors import BadReading, DeviceUnavailable
 from vgrd.geometry import Pose
-from vgrd.observing.stillness import RestLimits, is_covered, rest_pose
 
 CLOCK = SystemClock()
 TCP = (12.0, -3.0, 152.0, 0.0, 0.0, 0.4)

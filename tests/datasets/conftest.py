@@ -8,7 +8,7 @@ import pytest
 
 from vgrd.geometry import Pose
 from vgrd.geometry.camera import CameraModel
-from vgrd.geometry.formats import RotationFormat, rotation_to
+from vgrd.geometry.rotation_formats import RotationFormat, rotation_to
 from vgrd.model import Mount
 
 K = np.array([[1400.0, 0, 630], [0, 1405.0, 470], [0, 0, 1]])

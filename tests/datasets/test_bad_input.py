@@ -2,9 +2,9 @@
 
 import pytest
 
-from vgrd.datasets import load_dataset
 from vgrd.errors import ConfigError
 from vgrd.geometry import Pose
+from vgrd.solving.datasets import load_dataset
 
 
 def faults(path):

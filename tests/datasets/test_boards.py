@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from vgrd.errors import InputError, TagNotSeen
-from vgrd.vision.boards import Charuco, Chessboard, CircleGrid, SingleTag, detect_board
+from vgrd.vision.print.boards import Charuco, Chessboard, CircleGrid, SingleTag, detect_board
 
 PX_PER_MM = 6.0
 MARGIN_MM = 20.0

@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from vgrd.datasets import load_dataset, solve_dataset
 from vgrd.errors import ConfigError
 from vgrd.geometry import Pose
 from vgrd.model import Mount
+from vgrd.solving.datasets import load_dataset, solve_dataset
 
 MOUNTS = pytest.mark.parametrize("mount", list(Mount))
 SMALL = np.array([(0.0, 0, 0), (24, 0, 0), (24, 24, 0), (0, 24, 0)])

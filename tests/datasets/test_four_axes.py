@@ -7,11 +7,11 @@ import pytest
 from typer.testing import CliRunner
 
 from vgrd.cli import app
-from vgrd.datasets import solve_dataset
 from vgrd.errors import NotObservable
 from vgrd.geometry import Pose
-from vgrd.geometry.formats import RotationFormat
+from vgrd.geometry.rotation_formats import RotationFormat
 from vgrd.model import Mount
+from vgrd.solving.datasets import solve_dataset
 
 MOUNTS = pytest.mark.parametrize("mount", list(Mount))
 KEYS = {

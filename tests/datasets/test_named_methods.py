@@ -5,12 +5,12 @@ import json
 import numpy as np
 import pytest
 
-from vgrd.calibration.hand_eye_methods import METHODS
+from vgrd.calibration.hand_eye.published import METHODS
 from vgrd.cli import main
-from vgrd.datasets import solve_dataset
 from vgrd.errors import InputError
 from vgrd.geometry import Pose
 from vgrd.model import Mount
+from vgrd.solving.datasets import solve_dataset
 
 
 def poses_of(result, recording):

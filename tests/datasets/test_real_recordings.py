@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from vgrd.datasets import solve_dataset
+from vgrd.solving.datasets import solve_dataset
 
 ROOT = Path(__file__).parents[2]
 DATA = ROOT.parent / "shared" / "data"

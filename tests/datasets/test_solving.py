@@ -9,14 +9,14 @@ from rich.console import Console
 
 from vgrd import cli
 from vgrd.commands import solving
-from vgrd.datasets import solve_dataset
-from vgrd.datasets.half_turns import turn_alike
 from vgrd.errors import CalibrationError, ConfigError, NotObservable, TooFewObservations
 from vgrd.geometry import Pose
 from vgrd.geometry.camera import CameraModel
-from vgrd.geometry.formats import RotationFormat
+from vgrd.geometry.rotation_formats import RotationFormat
 from vgrd.model import Mount
-from vgrd.vision.boards import BoardObservation
+from vgrd.solving.datasets import solve_dataset
+from vgrd.solving.datasets.half_turns import turn_alike
+from vgrd.vision.print.boards import BoardObservation
 
 GRID = np.array([(25.0 * x, 25.0 * y, 0.0) for y in range(5) for x in range(6)])
 MOUNTS = pytest.mark.parametrize("mount", list(Mount))

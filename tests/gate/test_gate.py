@@ -14,8 +14,8 @@ from pathlib import Path
 
 import pytest
 
-from fakes.processes import is_alive
-from fakes.raw_modbus import RawModbus
+from fakes.cell.processes import is_alive
+from fakes.controllers.raw_modbus import RawModbus
 from vgrd.errors import IpcError
 from vgrd.ipc.messages import GATE_KIND, GATE_RING, GateReport, ProcessReport
 from vgrd.ipc.ring import RingReader

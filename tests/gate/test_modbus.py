@@ -13,7 +13,7 @@ from dataclasses import replace
 import pytest
 from pymodbus.client import ModbusTcpClient
 
-from fakes.raw_modbus import RawModbus
+from fakes.controllers.raw_modbus import RawModbus
 from vgrd.clock import SystemClock
 from vgrd.errors import ServingError
 from vgrd.gate.desk import Desk

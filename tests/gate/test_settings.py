@@ -4,9 +4,9 @@ from pathlib import Path
 
 import pytest
 
-from vgrd.cell.resolved import Resolved, save_resolved
-from vgrd.cell.setup import process_table
-from vgrd.config import load_config
+from vgrd.config.cell_file import load_config
+from vgrd.config.resolved import Resolved, save_resolved
+from vgrd.config.setup import process_table
 from vgrd.gate.settings import load_settings, save_table
 from vgrd.registers import Scale16
 

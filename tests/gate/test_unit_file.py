@@ -7,10 +7,10 @@ from pathlib import Path
 
 import pytest
 
-from fakes.confined import TEMPLATE, render
-from fakes.confinement import ENFORCED, IMPLIED
-from fakes.unit_file import last, read_section, syscall_filter
-from vgrd.config import ServingSection
+from fakes.confinement.confined import TEMPLATE, render
+from fakes.confinement.namespaces import ENFORCED, IMPLIED
+from fakes.confinement.unit_file import last, read_section, syscall_filter
+from vgrd.config.cell_file import ServingSection
 
 SOCKET = TEMPLATE.with_name("vgrd.socket")
 TOOL = shutil.which("systemd-analyze")

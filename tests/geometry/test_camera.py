@@ -5,7 +5,7 @@ import pytest
 from vgrd.errors import InputError
 from vgrd.geometry import Pose
 from vgrd.geometry.camera import CameraModel
-from vgrd.geometry.point_pose import pose_from_points
+from vgrd.geometry.resection import pose_from_points
 
 SIZE = (1600, 1200)
 MATRIX = np.array([[1352.0, 0, 789.7], [0, 1356.1, 627.3], [0, 0, 1]])

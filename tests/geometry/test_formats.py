@@ -5,7 +5,7 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from vgrd.errors import InputError
-from vgrd.geometry.formats import (
+from vgrd.geometry.rotation_formats import (
     RotationFormat,
     pose_from,
     rotation_from,

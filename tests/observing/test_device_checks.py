@@ -10,14 +10,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from fakes.testing import ManualClock
-from vgrd.devices import CameraImage, FlangeReading
+from vgrd.devices import CameraImage, FlangeReading, wire
+from vgrd.devices.checks import FlangeCheck, FrameCheck
+from vgrd.devices.host import host_robot
 from vgrd.errors import BadReading, DeviceRefused, DeviceUnavailable, InputError
 from vgrd.geometry import Pose
 from vgrd.ipc.health import HealthReporter
 from vgrd.ipc.ring import RingReader
-from vgrd.observing import wire
-from vgrd.observing.device_checks import FlangeCheck, FrameCheck
-from vgrd.observing.device_host import host_robot
 
 NOW_S = 1000.0
 SIZE = (120, 160)

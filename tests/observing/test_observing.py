@@ -3,14 +3,13 @@
 import numpy as np
 import pytest
 
-from fakes.samples import Samples
-from vgrd.devices import CameraImage, FlangeReading
+from fakes.world.samples import Samples
+from vgrd.devices import CameraImage, FlangeReading, wire
+from vgrd.devices.checks import FrameCheck
+from vgrd.devices.host import BadReadings, driver_module
+from vgrd.devices.stillness import RestLimits, rest_pose
 from vgrd.errors import BadReading, ConfigError, DeviceUnavailable, NotSteady, TooOld
 from vgrd.geometry import Pose
-from vgrd.observing import wire
-from vgrd.observing.device_checks import FrameCheck
-from vgrd.observing.device_host import BadReadings, driver_module
-from vgrd.observing.stillness import RestLimits, rest_pose
 
 
 def reading(stamp_s: float, x_mm: float = 0.0, turn_rad: float = 0.0) -> FlangeReading:

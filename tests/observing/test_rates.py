@@ -9,15 +9,15 @@ from hypothesis import strategies as st
 
 from vgrd.cell.feeds import HISTORY_S
 from vgrd.devices import FlangeReading
-from vgrd.errors import NotSteady, TooOld
-from vgrd.geometry import Pose
-from vgrd.observing.rate import (
+from vgrd.devices.rate import (
     LONGEST_PERIOD_S,
     catch_up_s,
     reading_period_s,
     silence_limit_s,
 )
-from vgrd.observing.stillness import RestLimits, is_covered, rest_pose, rest_pose_since
+from vgrd.devices.stillness import RestLimits, is_covered, rest_pose, rest_pose_since
+from vgrd.errors import NotSteady, TooOld
+from vgrd.geometry import Pose
 
 LIMITS = RestLimits()
 START_S = 100.0

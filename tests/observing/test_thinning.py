@@ -6,10 +6,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from vgrd.devices import FlangeReading
+from vgrd.devices.stillness import RestLimits, rest_pose
+from vgrd.devices.thinning import AROUND_S, HOLD_S, REST_S, PoseThinning
 from vgrd.errors import ObservationError
 from vgrd.geometry import Pose
-from vgrd.observing.stillness import RestLimits, rest_pose
-from vgrd.observing.thinning import AROUND_S, HOLD_S, REST_S, PoseThinning
 
 LIMITS = RestLimits()
 seeds = st.integers(0, 2**32 - 1)

@@ -7,9 +7,9 @@ from pathlib import Path
 
 import pytest
 
-from fakes.layout import Layout
-from fakes.operator import SPEED_MM_S, TURN_RAD_S
-from fakes.world import World
+from fakes.cell.operator import SPEED_MM_S, TURN_RAD_S
+from fakes.world.layout import Layout
+from fakes.world.world import World
 
 SEED = 1
 

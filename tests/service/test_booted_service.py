@@ -12,19 +12,19 @@ from typing import NamedTuple
 
 import pytest
 
-from fakes.booted import Booted, Unbootable
-from fakes.cell import FakeCell, free_port
-from fakes.confined import (
+from fakes.cell.cell import FakeCell, free_port
+from fakes.cell.session import work
+from fakes.confinement.booted import Booted, Unbootable
+from fakes.confinement.confined import (
     PROJECT,
     BootedDaemon,
     drop_in,
     render,
     take_folders_from_unit,
 )
-from fakes.raw_modbus import RawModbus
-from fakes.session import work
+from fakes.controllers.raw_modbus import RawModbus
 from fakes.testing import free_loopback
-from fakes.world import World
+from fakes.world.world import World
 
 pytestmark = [pytest.mark.system, pytest.mark.timeout(900)]
 

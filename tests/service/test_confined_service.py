@@ -10,23 +10,23 @@ from pathlib import Path
 
 import pytest
 
-from fakes.cell import FakeCell, free_port
-from fakes.confined import (
+from fakes.cell.cell import FakeCell, free_port
+from fakes.cell.session import work
+from fakes.confinement.confined import (
     PROJECT,
     ConfinedDaemon,
     render,
     take_folders_from_unit,
     visible,
 )
-from fakes.session import work
-from fakes.world import World
+from fakes.world.world import World
 from vgrd.orphans import dying_with_us
 
 # All that confining needs of a machine: a library, a tool, and the right to namespaces.
 ABLE = """
-from fakes.confinement import enter_namespaces
-from fakes.seccomp import library
-from fakes.unit_file import members
+from fakes.confinement.namespaces import enter_namespaces
+from fakes.confinement.seccomp import library
+from fakes.confinement.unit_file import members
 library()
 members("@known")
 enter_namespaces()
@@ -46,7 +46,14 @@ def _able() -> None:
 def confined(folder: Path, unit_text: str, code: str) -> subprocess.CompletedProcess[str]:
     """Python code run under a unit's directives."""
     unit = render(folder / "cell.toml", folder / "probe.service", unit_text)
-    command = [sys.executable, "-m", "fakes.confinement", str(unit), str(folder), *visible()]
+    command = [
+        sys.executable,
+        "-m",
+        "fakes.confinement.namespaces",
+        str(unit),
+        str(folder),
+        *visible(),
+    ]
     return subprocess.run(
         dying_with_us([*command, "--", sys.executable, "-c", code]),
         capture_output=True,

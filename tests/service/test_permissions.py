@@ -11,8 +11,8 @@ from pathlib import Path
 
 import pytest
 
-from fakes.samples import Samples
 from fakes.testing import ManualClock
+from fakes.world.samples import Samples
 from vgrd.errors import InputError
 from vgrd.gate.settings import save_table
 from vgrd.ipc.health import HealthReporter

@@ -7,8 +7,8 @@ import resource
 import sys
 from pathlib import Path
 
-from fakes.samples import Samples
 from fakes.testing import ManualClock
+from fakes.world.samples import Samples
 from vgrd.errors import StoreError
 from vgrd.model import Plan
 from vgrd.store.calibrations import CalibrationStore

@@ -13,7 +13,7 @@ import sys
 import time
 from pathlib import Path
 
-from fakes.samples import Samples
+from fakes.world.samples import Samples
 from vgrd.clock import SystemClock
 from vgrd.model import Plan
 from vgrd.orphans import die_with

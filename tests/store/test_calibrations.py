@@ -10,8 +10,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from fakes.samples import Samples
 from fakes.testing import ManualClock
+from fakes.world.samples import Samples
 from vgrd.errors import Corrupt, InputError, NoCurrentCalibration, SchemaTooNew, StoreError
 from vgrd.orphans import dying_with_us
 from vgrd.store.calibrations import Activation, CalibrationStore

@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from fakes.samples import Samples
+from fakes.world.samples import Samples
 from vgrd.devices import FlangeReading
 from vgrd.errors import Corrupt, StoreError
 from vgrd.geometry import Array, Pose

@@ -11,8 +11,8 @@ from pathlib import Path
 
 import pytest
 
-from fakes.samples import Samples
 from fakes.testing import ManualClock
+from fakes.world.samples import Samples
 from vgrd.errors import NoCurrentCalibration, StoreError
 from vgrd.model import Plan
 from vgrd.store import sessions

@@ -5,8 +5,8 @@ from dataclasses import replace
 
 import pytest
 
-from fakes.samples import Samples
 from fakes.testing import ManualClock
+from fakes.world.samples import Samples
 from vgrd.errors import StoreError
 from vgrd.model import Plan
 from vgrd.store.calibrations import CalibrationStore

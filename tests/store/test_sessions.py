@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from mcap.reader import make_reader
 
-from fakes.samples import Samples
 from fakes.testing import ManualClock
+from fakes.world.samples import Samples
 from vgrd.clock import SystemClock
 from vgrd.errors import Corrupt, InputError, SchemaTooNew, StoreError
 from vgrd.model import Plan

@@ -4,9 +4,9 @@ import os
 import signal
 import sys
 
-from vgrd.studies.drawing import panels
-from vgrd.studies.runner import run_trials
-from vgrd.studies.study import Study
+from fakes.studies.runner import run_trials
+from fakes.studies.study import Study
+from vgrd.charts import panels
 
 
 def _wait(seed, parameters):

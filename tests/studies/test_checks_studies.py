@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from vgrd.studies.conducting import conduct
+from fakes.studies.conducting import conduct
 
 
 @pytest.mark.parametrize("name", ["conventions", "degenerate"])

@@ -11,13 +11,13 @@ import numpy as np
 import pytest
 from numpy.random import SeedSequence
 
+from fakes.studies.catalogue import STUDIES, study_called
+from fakes.studies.conducting import conduct
+from fakes.studies.runner import run_trials
+from fakes.studies.study import Figure, Study, Trials
+from vgrd.charts import panels
 from vgrd.errors import DeviceUnavailable, InputError, NotObservable
 from vgrd.orphans import dying_with_us
-from vgrd.studies.catalogue import STUDIES, study_called
-from vgrd.studies.conducting import conduct
-from vgrd.studies.drawing import panels
-from vgrd.studies.runner import run_trials
-from vgrd.studies.study import Figure, Study, Trials
 
 PNG = b"\x89PNG\r\n\x1a\n"
 

@@ -11,12 +11,12 @@ from typing import NamedTuple
 
 import pytest
 
-from fakes.cell import free_port
-from fakes.layout import Layout
-from fakes.processes import descendants, is_alive
-from fakes.raw_modbus import RawModbus
-from fakes.robot_program import RobotProgram
-from fakes.world import World
+from fakes.cell.cell import free_port
+from fakes.cell.processes import descendants, is_alive
+from fakes.controllers.raw_modbus import RawModbus
+from fakes.controllers.robot_program import RobotProgram
+from fakes.world.layout import Layout
+from fakes.world.world import World
 from vgrd.model import Calibration
 from vgrd.orphans import dying_with_us
 from vgrd.store.calibrations import CalibrationStore

@@ -16,13 +16,13 @@ from pathlib import Path
 import pytest
 from filelock import FileLock
 
-from fakes.layout import Layout
-from fakes.rehearsal import facts_of
-from fakes.samples import Samples
-from fakes.world import Noise, World
-from vgrd.cell.latches import LATCH_FILE
-from vgrd.cell.resolved import Resolved, save_resolved
-from vgrd.config import load_config
+from fakes.cell.rehearsal import facts_of
+from fakes.world.layout import Layout
+from fakes.world.samples import Samples
+from fakes.world.world import Noise, World
+from vgrd.cell.serving.latches import LATCH_FILE
+from vgrd.config.cell_file import load_config
+from vgrd.config.resolved import Resolved, save_resolved
 from vgrd.errors import ControlError, VgrdError
 from vgrd.ipc.control import ControlClient
 from vgrd.model import Verdict

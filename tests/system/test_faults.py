@@ -11,11 +11,11 @@ from pathlib import Path
 
 import pytest
 
-from fakes.daemon import Daemon
-from fakes.poses import retracted_pose
-from fakes.robot_program import PASSING, Reply, RobotProgram, Stopped
-from fakes.rtde import RtdeServer
-from fakes.taught import TaughtCell
+from fakes.cell.daemon import Daemon
+from fakes.cell.taught import TaughtCell
+from fakes.controllers.robot_program import PASSING, Reply, RobotProgram, Stopped
+from fakes.controllers.rtde import RtdeServer
+from fakes.world.poses import retracted_pose
 from vgrd.errors import ControlError
 from vgrd.geometry import Pose
 from vgrd.registers import State, Status

@@ -15,9 +15,9 @@ from typing import NamedTuple
 import numpy as np
 import pytest
 
-from fakes.processes import is_alive, started_s
-from fakes.robot_program import RobotProgram, Stopped
-from fakes.taught import LINK_TIMEOUT_S, TaughtCell
+from fakes.cell.processes import is_alive, started_s
+from fakes.cell.taught import LINK_TIMEOUT_S, TaughtCell
+from fakes.controllers.robot_program import RobotProgram, Stopped
 from vgrd.errors import ControlError, DaemonUnreachable
 from vgrd.geometry import Pose
 from vgrd.orphans import dying_with_us

@@ -9,8 +9,8 @@ from pathlib import Path
 
 import pytest
 
-from fakes.daemon import Daemon
-from fakes.taught import TaughtCell
+from fakes.cell.daemon import Daemon
+from fakes.cell.taught import TaughtCell
 from vgrd.errors import ControlError, DaemonUnreachable
 from vgrd.registers import State
 

@@ -10,11 +10,12 @@ from typing import NamedTuple
 import numpy as np
 import pytest
 
-from fakes.layout import Layout
-from fakes.poses import retracted_pose
-from fakes.rehearsal import Rehearsal, facts_of
-from fakes.world import World
-from vgrd.calibration.system import calibrate_system, expected_coordinate
+from fakes.cell.rehearsal import Rehearsal, facts_of
+from fakes.world.layout import Layout
+from fakes.world.poses import retracted_pose
+from fakes.world.world import World
+from vgrd.calibration.expected_coordinate import expected_coordinate
+from vgrd.calibration.solve import calibrate_system
 from vgrd.geometry import Array
 from vgrd.model import Policy
 from vgrd.orphans import die_with

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from vgrd.geometry.formats import RotationFormat, rotation_to
-from vgrd.touch_files import solve_touches
+from vgrd.geometry.rotation_formats import RotationFormat, rotation_to
+from vgrd.solving.touch_files import solve_touches
 
 TCP = np.array([12.0, -7.0, 148.0])
 FORMAT = RotationFormat.RPY_FIXED_XYZ_DEG

@@ -7,8 +7,8 @@ from scipy.spatial.transform import Rotation
 
 from vgrd.errors import ConfigError, NotObservable
 from vgrd.geometry import Pose
-from vgrd.geometry.formats import RotationFormat, rotation_to
-from vgrd.touch_files import solve_touches
+from vgrd.geometry.rotation_formats import RotationFormat, rotation_to
+from vgrd.solving.touch_files import solve_touches
 
 TCP = np.array([12.0, -7.0, 148.0])
 OBJECT_FROM_BASE = Pose.from_rotvec((0.1, -0.2, 1.9), (-300, 420, -80))

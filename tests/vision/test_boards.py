@@ -5,19 +5,19 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from fakes.patterns import charuco_pattern, grid_pattern
-from fakes.pictures import Band, Look, Placed, draw, pinhole
+from fakes.camera.patterns import charuco_pattern, grid_pattern
+from fakes.camera.pictures import Band, Look, Placed, draw, pinhole
 from vgrd.errors import InputError, TagNotSeen
 from vgrd.geometry import Pose
 from vgrd.geometry.camera import CameraModel
 from vgrd.model import TagSpec
-from vgrd.vision.board_fit import fit_board
-from vgrd.vision.boards import Charuco
-from vgrd.vision.inspecting import inspect_picture
-from vgrd.vision.inspecting_boards import inspect_board
-from vgrd.vision.pictures import Picture
-from vgrd.vision.refining import Method
-from vgrd.vision.targets import TagGrid
+from vgrd.vision.alignment.refinement import Method
+from vgrd.vision.boards.fit import fit_board
+from vgrd.vision.boards.inspection import inspect_board
+from vgrd.vision.images.pictures import Picture
+from vgrd.vision.inspection import inspect_picture
+from vgrd.vision.print.boards import Charuco
+from vgrd.vision.print.targets import TagGrid
 
 SIZE = (1280, 960)
 OPTICS = pinhole(

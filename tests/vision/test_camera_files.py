@@ -10,7 +10,7 @@ import yaml
 
 from vgrd.errors import InputError
 from vgrd.geometry.camera import CameraModel
-from vgrd.vision.camera_files import Kind, read_camera, write_camera
+from vgrd.vision.intrinsics.camera_files import Kind, read_camera, write_camera
 
 K = np.array([[1352.02747, 0, 789.67065], [0, 1356.14287, 627.2995], [0, 0, 1]])
 SIZE = (1600, 1200)

@@ -4,17 +4,17 @@ import cv2
 import numpy as np
 import pytest
 
-from fakes.patterns import Disc, tag_pattern
-from fakes.pictures import Look, Placed, camera_of, clean_levels, pinhole
-from fakes.sensor import with_noise
+from fakes.camera.patterns import Disc, tag_pattern
+from fakes.camera.pictures import Look, Placed, camera_of, clean_levels, pinhole
+from fakes.camera.sensor import with_noise
 from vgrd.devices import CameraImage, full_scale
 from vgrd.geometry import Pose
 from vgrd.geometry.camera import CameraModel
 from vgrd.model import TagSpec
 from vgrd.store.images import decode_image, encode_image
-from vgrd.vision.holes import find_hole
-from vgrd.vision.pictures import read_picture
-from vgrd.vision.tags import TagDetector
+from vgrd.vision.holes.hole_finder import find_hole
+from vgrd.vision.images.pictures import read_picture
+from vgrd.vision.tags.tag_finder import TagDetector
 
 MATRIX = np.array([[2500.0, 0, 350], [0, 2500.0, 350], [0, 0, 1]])
 TAG = TagSpec("36h11", 5, 20.0)

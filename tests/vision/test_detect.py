@@ -3,8 +3,8 @@ import numpy as np
 import pytest
 
 from vgrd.errors import InputError
-from vgrd.vision.codes import SQUARE_FAMILIES, code_count, family_named, marker_cells
-from vgrd.vision.finding import find_tags
+from vgrd.vision.print.codes import SQUARE_FAMILIES, code_count, family_named, marker_cells
+from vgrd.vision.tags.detection import find_tags
 
 
 def drawn(*markers, cell_px=12, size=(640, 400)):

@@ -9,7 +9,7 @@ import pytest
 from vgrd.errors import InputError
 from vgrd.geometry import Pose
 from vgrd.geometry.camera import CameraModel
-from vgrd.vision.drawing import (
+from vgrd.vision.images.drawing import (
     BLUE,
     GOOD,
     RED,

@@ -1,12 +1,12 @@
 import numpy as np
 import pytest
 
-from fakes.patterns import Disc
-from fakes.pictures import Band, Look, Placed, draw, pinhole
+from fakes.camera.patterns import Disc
+from fakes.camera.pictures import Band, Look, Placed, draw, pinhole
 from vgrd.errors import HoleNotSeen, InputError
 from vgrd.geometry import Pose
 from vgrd.geometry.camera import CameraModel
-from vgrd.vision.holes import HoleSpec, find_hole, sight_holes
+from vgrd.vision.holes.hole_finder import HoleSpec, find_hole, sight_holes
 
 BENT = np.array([-0.08, 0.1, 2e-4, -1e-4, 0.0])
 CAMERA = pinhole(np.array([[6500.0, 0, 2000], [0, 6500.0, 1500], [0, 0, 1]]), BENT, (4000, 3000))

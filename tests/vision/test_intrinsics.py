@@ -9,9 +9,9 @@ import pytest
 from vgrd.errors import InputError, TooFewObservations
 from vgrd.geometry import Pose
 from vgrd.geometry.camera import CameraModel
-from vgrd.vision.intrinsics import calibrate_intrinsics
-from vgrd.vision.intrinsics_effect import effect_on_coordinates
-from vgrd.vision.intrinsics_fit import View
+from vgrd.vision.intrinsics.effect import effect_on_coordinates
+from vgrd.vision.intrinsics.estimate import calibrate_intrinsics
+from vgrd.vision.intrinsics.fit import View
 
 SIZE = (1600, 1200)
 CAMERA = CameraModel(

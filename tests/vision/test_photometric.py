@@ -2,30 +2,30 @@ import os
 from concurrent.futures import ProcessPoolExecutor
 from importlib import import_module
 from multiprocessing import get_context
-from pkgutil import iter_modules
+from pkgutil import walk_packages
 
 import numpy as np
 import pytest
 from numba.core.registry import CPUDispatcher
 
 import vgrd.vision
-from fakes.patterns import charuco_pattern, grid_pattern, tag_pattern
-from fakes.pictures import Band, Look, Placed, Spot, draw, pinhole
+from fakes.camera.patterns import charuco_pattern, grid_pattern, tag_pattern
+from fakes.camera.pictures import Band, Look, Placed, Spot, draw, pinhole
 from vgrd.geometry import Pose
 from vgrd.geometry.camera import CameraModel
 from vgrd.model import TagSpec
 from vgrd.orphans import die_with
-from vgrd.vision import edges
-from vgrd.vision.board_fit import fit_charuco, fit_tag_board
-from vgrd.vision.boards import Charuco
-from vgrd.vision.codes import square_corners
-from vgrd.vision.homography import apply
-from vgrd.vision.planar import planar_poses
-from vgrd.vision.quality import disturbance
-from vgrd.vision.raster import tag_raster
-from vgrd.vision.refining import Method, refine
-from vgrd.vision.tags import TagDetector
-from vgrd.vision.warp import lens_vector
+from vgrd.vision.alignment import edges
+from vgrd.vision.alignment.quality import disturbance
+from vgrd.vision.alignment.refinement import Method, refine
+from vgrd.vision.boards.fit import fit_charuco, fit_tag_board
+from vgrd.vision.images.homography import apply
+from vgrd.vision.images.warp import lens_vector
+from vgrd.vision.print.boards import Charuco
+from vgrd.vision.print.codes import square_corners
+from vgrd.vision.print.raster import tag_raster
+from vgrd.vision.tags.planar_pose import planar_poses
+from vgrd.vision.tags.tag_finder import TagDetector
 
 MATRIX = np.array([[12766.0, 0, 2014.8], [0, 12766.0, 1511.8], [0, 0, 1]])
 CAMERA = pinhole(MATRIX, np.array([-0.08, 0.10, 2e-4, -1e-4]), (4024, 3036))
@@ -156,7 +156,10 @@ def test_without_a_camera_the_corners_of_a_distant_lens_are_as_good():
 def test_pictures_that_may_be_written_and_those_that_may_not_share_the_compiled_loops():
     from numba.core.registry import CPUDispatcher
 
-    from vgrd.vision import gathering, kernels, photometric, shares, tags
+    from vgrd.vision.alignment import edge_response as shares
+    from vgrd.vision.alignment import gathering, photometric
+    from vgrd.vision.alignment import normal_equations as kernels
+    from vgrd.vision.tags.tag_finder import tag_finder as tags
 
     tags.warm_up()
     modules = (edges, gathering, kernels, photometric, shares)
@@ -174,7 +177,7 @@ def test_pictures_that_may_be_written_and_those_that_may_not_share_the_compiled_
 
 def loops_compiled_after_warming_up() -> dict[str, int]:
     """How many compiled variants of each loop a detection adds; pictures are and are not writeable."""
-    modules = [import_module(f"vgrd.vision.{m.name}") for m in iter_modules(vgrd.vision.__path__)]
+    modules = [import_module(m.name) for m in walk_packages(vgrd.vision.__path__, "vgrd.vision.")]
     loops = {v for m in modules for v in vars(m).values() if isinstance(v, CPUDispatcher)}
     spec = TagSpec("36h11", 0, 8.0)
     matrix, size = np.array([[900.0, 0, 200], [0, 900.0, 200], [0, 0, 1]]), (400, 400)

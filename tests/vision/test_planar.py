@@ -4,8 +4,8 @@ import numpy as np
 
 from vgrd.geometry import Pose
 from vgrd.geometry.camera import CameraModel
-from vgrd.vision.codes import square_corners
-from vgrd.vision.planar import is_ambiguous, planar_poses
+from vgrd.vision.print.codes import square_corners
+from vgrd.vision.tags.planar_pose import is_ambiguous, planar_poses
 
 SIGMA_PX = 0.0015
 CORNERS = square_corners(10.0)

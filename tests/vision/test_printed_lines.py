@@ -4,11 +4,11 @@ import cv2
 import numpy as np
 import pytest
 
-from vgrd.vision.finding import find_tags
-from vgrd.vision.photometric import align
-from vgrd.vision.raster import tag_raster
-from vgrd.vision.refining import Method, refine
-from vgrd.vision.warp import NO_LENS
+from vgrd.vision.alignment.photometric import align
+from vgrd.vision.alignment.refinement import Method, refine
+from vgrd.vision.images.warp import NO_LENS
+from vgrd.vision.print.raster import tag_raster
+from vgrd.vision.tags.detection import find_tags
 
 SIDE, RIM, FINE = 400, 60, 4  # dots of the square and of the paper around it; samples per pixel
 

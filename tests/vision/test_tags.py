@@ -5,20 +5,20 @@ import cv2
 import numpy as np
 import pytest
 
-from fakes.layout import Layout
-from fakes.patterns import tag_cells, tag_pattern
-from fakes.pictures import Look, Placed, draw, pinhole
-from fakes.poses import frozen_snapshot, look_poses, retracted_pose, touch_pose
-from fakes.render import Renderer
-from fakes.world import WorldSnapshot
+from fakes.camera.patterns import tag_cells, tag_pattern
+from fakes.camera.pictures import Look, Placed, draw, pinhole
+from fakes.camera.render import Renderer
+from fakes.world.layout import Layout
+from fakes.world.poses import frozen_snapshot, look_poses, retracted_pose, touch_pose
+from fakes.world.world import WorldSnapshot
 from vgrd.devices import Region, full_scale
 from vgrd.errors import InputError
 from vgrd.geometry import Pose
 from vgrd.geometry.camera import CameraModel
 from vgrd.model import TagSpec
-from vgrd.vision.codes import square_corners
-from vgrd.vision.planar import planar_poses
-from vgrd.vision.tags import TagDetector
+from vgrd.vision.print.codes import square_corners
+from vgrd.vision.tags.planar_pose import planar_poses
+from vgrd.vision.tags.tag_finder import TagDetector
 
 LAYOUT = Layout()
 OPTICS = LAYOUT.optics

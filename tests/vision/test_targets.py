@@ -10,10 +10,10 @@ import pypdfium2
 import pytest
 
 from vgrd.errors import InputError
-from vgrd.vision.boards import Charuco, SingleTag, detect_board
-from vgrd.vision.finding import find_tags
-from vgrd.vision.targets import TagGrid, checked_tag, config_lines, target_sheet
-from vgrd.vision.targets_sheet import MM_PER_INCH, pdf, pixels, png, svg, write_sheet
+from vgrd.vision.print.boards import Charuco, SingleTag, detect_board
+from vgrd.vision.print.sheet import MM_PER_INCH, pdf, pixels, png, svg, write_sheet
+from vgrd.vision.print.targets import TagGrid, checked_tag, config_lines, target_sheet
+from vgrd.vision.tags.detection import find_tags
 
 DPI = 200
 PX_PER_MM = DPI / MM_PER_INCH

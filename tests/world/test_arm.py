@@ -1,8 +1,8 @@
 import numpy as np
 import pytest
 
-from fakes.arm import Arm, ErrorField
-from fakes.layout import Layout
+from fakes.world.arm import Arm, ErrorField
+from fakes.world.layout import Layout
 from vgrd.geometry import Pose
 
 LAYOUT = Layout()

@@ -3,8 +3,8 @@ import numpy as np
 import pytest
 
 from fakes.commands.layout import main, scripted
-from fakes.layout import Layout
-from fakes.poses import (
+from fakes.world.layout import Layout
+from fakes.world.poses import (
     WORK_ROTATION,
     fixed_point_poses,
     frozen_snapshot,
@@ -13,7 +13,7 @@ from fakes.poses import (
     retracted_pose,
     touch_pose,
 )
-from fakes.visibility import visible
+from fakes.world.visibility import visible
 from vgrd.geometry import log_rotation
 
 LAYOUT = Layout()

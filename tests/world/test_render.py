@@ -3,18 +3,18 @@ import tracemalloc
 import numpy as np
 import pytest
 
-from fakes.blur import Blur
-from fakes.layout import Layout
-from fakes.patterns import tag_pattern
-from fakes.poses import frozen_snapshot, retracted_pose, touch_pose
-from fakes.raster import coverage
-from fakes.render import Renderer
-from fakes.sensor import BLACK, Region
-from fakes.world import World, WorldSnapshot
+from fakes.camera.blur import Blur
+from fakes.camera.patterns import tag_pattern
+from fakes.camera.raster import coverage
+from fakes.camera.render import Renderer
+from fakes.camera.sensor import BLACK, Region
+from fakes.world.layout import Layout
+from fakes.world.poses import frozen_snapshot, retracted_pose, touch_pose
+from fakes.world.world import World, WorldSnapshot
 from vgrd.errors import HoleNotSeen
 from vgrd.geometry import Pose
 from vgrd.geometry.camera import CameraModel
-from vgrd.vision.holes import find_hole
+from vgrd.vision.holes.hole_finder import find_hole
 
 LAYOUT = Layout()
 

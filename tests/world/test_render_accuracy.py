@@ -6,14 +6,21 @@ import pytest
 from scipy.special import ndtr
 from scipy.stats import multivariate_normal
 
-from fakes.blur import Blur
-from fakes.patterns import Disc, Pattern, charuco_pattern, grid_pattern, tag_cells, tag_pattern
-from fakes.pictures import Band, Look, Placed, Spot, clean_levels, draw, pinhole, sense
-from fakes.raster import coverage
-from fakes.sensor import Region
+from fakes.camera.blur import Blur
+from fakes.camera.patterns import (
+    Disc,
+    Pattern,
+    charuco_pattern,
+    grid_pattern,
+    tag_cells,
+    tag_pattern,
+)
+from fakes.camera.pictures import Band, Look, Placed, Spot, clean_levels, draw, pinhole, sense
+from fakes.camera.raster import coverage
+from fakes.camera.sensor import Region
 from vgrd.geometry import Pose
 from vgrd.model import TagSpec
-from vgrd.vision.boards import Charuco
+from vgrd.vision.print.boards import Charuco
 
 MATRIX = np.array([[6000.0, 0, 320], [0, 6000.0, 240], [0, 0, 1]])
 CAMERA = pinhole(MATRIX, np.zeros(0), (640, 480))

@@ -1,9 +1,9 @@
 import numpy as np
 import pytest
 
-from fakes.layout import FIXED_POINT, Layout
-from fakes.poses import WORK_ROTATION, retracted_pose, touch_pose
-from fakes.world import Noise, World, WorldSnapshot
+from fakes.world.layout import FIXED_POINT, Layout
+from fakes.world.poses import WORK_ROTATION, retracted_pose, touch_pose
+from fakes.world.world import Noise, World, WorldSnapshot
 
 LAYOUT = Layout()
 

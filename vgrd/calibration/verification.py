@@ -5,7 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 from scipy.special import gammaincinv
 
-from vgrd.calibration.coordinates import expected_coordinate
+from vgrd.calibration.expected_coordinate import expected_coordinate
 from vgrd.errors import InputError, NotObservable
 from vgrd.geometry import Array
 from vgrd.model import Calibration, ExpectedCoordinate, Finding, Policy, Touch

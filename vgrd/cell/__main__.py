@@ -11,30 +11,30 @@ from pathlib import Path
 import structlog
 
 from vgrd import logs
-from vgrd.cell.activation import Activation
-from vgrd.cell.advisor import Advisor
-from vgrd.cell.answering import Limits
-from vgrd.cell.control_server import ControlServer
-from vgrd.cell.housekeeping import Housekeeping
-from vgrd.cell.latches import LatchBook
+from vgrd.cell.control.operations import Operations
+from vgrd.cell.control.server import ControlServer
 from vgrd.cell.measuring import Measuring
-from vgrd.cell.operations import Operations
-from vgrd.cell.recorder import Recorder
-from vgrd.cell.resolved import Resolved, load_resolved
-from vgrd.cell.serving import Serving
-from vgrd.cell.setup import CONTROL_SOCKET, cell_facts
-from vgrd.cell.teaching import Teaching
-from vgrd.cell.vouching import Hold
+from vgrd.cell.recording.housekeeping import Housekeeping
+from vgrd.cell.recording.recorder import Recorder
+from vgrd.cell.recording.teaching import Teaching
+from vgrd.cell.serving.activation import Activation
+from vgrd.cell.serving.answering import Limits
+from vgrd.cell.serving.latches import LatchBook
+from vgrd.cell.serving.service import Serving
+from vgrd.cell.serving.vouching import Hold
 from vgrd.clock import SystemClock
+from vgrd.config.resolved import Resolved, load_resolved
+from vgrd.config.setup import CONTROL_SOCKET, cell_facts
 from vgrd.errors import StoreError, VgrdError
 from vgrd.ipc.health import HealthReporter
 from vgrd.ipc.messages import decode_line, encode_line
 from vgrd.ipc.ring import RingWriter
 from vgrd.model import Policy
 from vgrd.registers import PACKED_BYTES, REGISTER_KIND, REGISTER_RING, parse_message
+from vgrd.solving.advisor import Advisor
 from vgrd.store.calibrations import CalibrationStore
 from vgrd.store.sessions import list_sessions, recover_session, session_directory
-from vgrd.vision.tags import TagDetector
+from vgrd.vision.tags.tag_finder import TagDetector
 
 HEALTH_S = 0.02
 

@@ -5,12 +5,11 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from vgrd.clock import Clock
-from vgrd.devices import CameraImage, FlangeReading, Region
+from vgrd.devices import CameraImage, FlangeReading, Region, wire
 from vgrd.errors import BadReading, RingUnavailable
 from vgrd.ipc.health import health_path
 from vgrd.ipc.messages import GATE_KIND, GATE_RING, HEALTH_KIND, GateReport, Health
 from vgrd.ipc.ring import Message, RingReader, RingWriter
-from vgrd.observing import wire
 
 HISTORY_S = 3.0  # two readings of the slowest robot before a picture, and its evaluation after
 

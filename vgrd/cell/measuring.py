@@ -13,11 +13,11 @@ import structlog
 from vgrd.cell.feeds import CameraFeed, HealthFeed, RobotFeed
 from vgrd.clock import Clock
 from vgrd.devices import CameraImage, FlangeReading, Pixels, Region
+from vgrd.devices.rate import catch_up_s, reading_period_s, silence_limit_s
+from vgrd.devices.stillness import RestLimits, is_covered, rest_pose, rest_pose_since
 from vgrd.errors import DeviceUnavailable, InputError, NotSteady, ObservationError, TooOld
 from vgrd.geometry import Pose
 from vgrd.model import CellFacts, Observation, TagObservation
-from vgrd.observing.rate import catch_up_s, reading_period_s, silence_limit_s
-from vgrd.observing.stillness import RestLimits, is_covered, rest_pose, rest_pose_since
 
 LOOP_S = 0.005
 BEAT_S = 0.1
@@ -34,7 +34,7 @@ log = structlog.get_logger()
 
 
 class Detector(Protocol):
-    """Finds the known tags in grey pixels; `vgrd.vision.tags.TagDetector` in the product."""
+    """Finds the known tags in grey pixels; `vgrd.vision.tags.tag_finder.TagDetector` in the product."""
 
     def detect(
         self,

@@ -6,7 +6,7 @@ from typing import Annotated
 import typer
 
 from vgrd.commands.asking import ConfigOption, SocketOption, ask
-from vgrd.printing import JsonOption, print_result, show_fields
+from vgrd.commands.printing import JsonOption, print_result, show_fields
 
 _TIMEOUT_S = 70.0
 
@@ -45,7 +45,7 @@ def advise(
             yaw_deg=None if yaw_deg is None else str(yaw_deg),
         )
     else:
-        from vgrd.cell.advisor import advise_folder, policy_called
+        from vgrd.solving.advisor import advise_folder, policy_called
 
         result = advise_folder(session, policy_called(policy or "fixed"), tilt_deg, yaw_deg)
     print_result(result, json_to, show_fields("advice"))

@@ -28,8 +28,8 @@ def client_of(config: Path | None, socket: Path | None) -> ControlClient:
         return ControlClient(socket)
     if config is None:
         raise InputError("which daemon? Give --config CELL.toml or --socket PATH")
-    from vgrd.cell.setup import CONTROL_SOCKET
-    from vgrd.config import load_config
+    from vgrd.config.cell_file import load_config
+    from vgrd.config.setup import CONTROL_SOCKET
 
     return ControlClient(Path(load_config(config).cell.runtime_dir) / CONTROL_SOCKET)
 

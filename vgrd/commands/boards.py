@@ -8,15 +8,15 @@ from pydantic import Field
 from vgrd.errors import ConfigError, InputError
 
 if TYPE_CHECKING:
-    from vgrd.vision.boards import Charuco
-    from vgrd.vision.intrinsics_pictures import Board
-    from vgrd.vision.targets import TagGrid
+    from vgrd.vision.intrinsics.pictures import Board
+    from vgrd.vision.print.boards import Charuco
+    from vgrd.vision.print.targets import TagGrid
 
 
 def charuco_board(squares: str, square_mm: float, marker_mm: float, dictionary: str) -> "Charuco":
     """The ChArUco board of --squares and so on; InputError when it cannot exist."""
-    from vgrd.vision.boards import BOARD_DICTIONARIES, Charuco
-    from vgrd.vision.codes import family_named
+    from vgrd.vision.print.boards import BOARD_DICTIONARIES, Charuco
+    from vgrd.vision.print.codes import family_named
 
     columns, rows = _columns_and_rows("--squares", squares)
     name = family_named(dictionary)
@@ -32,8 +32,8 @@ def tag_grid(
     dictionary: str, tags: str, size_mm: float, gap_mm: float, first_id: int
 ) -> "TagGrid":
     """The board of --tags and so on; InputError when it cannot exist."""
-    from vgrd.vision.codes import family_named
-    from vgrd.vision.targets import TagGrid
+    from vgrd.vision.print.codes import family_named
+    from vgrd.vision.print.targets import TagGrid
 
     columns, rows = _columns_and_rows("--tags", tags)
     return TagGrid(family_named(dictionary), columns, rows, size_mm, gap_mm, first_id)
@@ -44,7 +44,7 @@ def board_in_file(path: Path) -> "Board":
 
     Raises InputError for another kind of file, ConfigError with all faults of this one.
     """
-    from vgrd.datasets.document import (
+    from vgrd.solving.datasets.document import (
         TARGET_TABLES,
         Count,
         LengthMm,
@@ -53,9 +53,9 @@ def board_in_file(path: Path) -> "Board":
         hint,
         parse,
     )
-    from vgrd.datasets.loading import read_toml
-    from vgrd.vision.boards import SingleTag
-    from vgrd.vision.targets import TagGrid
+    from vgrd.solving.datasets.loading import read_toml
+    from vgrd.vision.print.boards import SingleTag
+    from vgrd.vision.print.targets import TagGrid
 
     class TagsTable(Table):
         """columns x rows tags."""

@@ -6,11 +6,11 @@ from typing import TYPE_CHECKING, Annotated
 import numpy as np
 import typer
 
+from vgrd.commands.printing import JsonOption, Result, console, print_result, table
 from vgrd.errors import InputError
-from vgrd.printing import JsonOption, Result, console, print_result, table
 
 if TYPE_CHECKING:
-    from vgrd.calibration.budget import Budget, Systematic
+    from vgrd.calibration.planning.error_budget import Budget, Systematic
     from vgrd.geometry import Array
     from vgrd.model import Recording
 
@@ -43,7 +43,7 @@ def budget(
     json_to: JsonOption = None,
 ) -> None:
     """Share the error of the expected coordinate out among the links of the chain."""
-    from vgrd.calibration.budget import Systematic
+    from vgrd.calibration.planning.error_budget import Systematic
     from vgrd.model import Policy
     from vgrd.store.sessions import load_recording
 
@@ -101,9 +101,9 @@ def _budget(
 ) -> "Budget":
     from dataclasses import replace
 
-    from vgrd.calibration.budget import error_budget
-    from vgrd.calibration.foreseen_rows import picture_of
-    from vgrd.calibration.joint import ArmModel, calibrate_joint
+    from vgrd.calibration.joint.estimate import ArmModel, calibrate_joint
+    from vgrd.calibration.planning.error_budget import error_budget
+    from vgrd.calibration.planning.predicted_rows import picture_of
     from vgrd.geometry import exp_rotation
     from vgrd.model import Policy
 
@@ -116,7 +116,7 @@ def _budget(
 
 
 def _draw(budget: "Budget", title: str, png: Path) -> None:
-    from vgrd.studies.budget_drawing import draw_budget
+    from vgrd.commands.budget_chart import draw_budget
 
     try:
         draw_budget(budget, title).savefig(png)

@@ -10,12 +10,12 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from vgrd.commands.asking import ConfigOption, SocketOption, ask, client_of
+from vgrd.commands.printing import JsonOption, print_result, show_fields
 from vgrd.commands.reloading import file_now, running_file
 from vgrd.errors import ConfigError, InputError
-from vgrd.printing import JsonOption, print_result, show_fields
 
 if TYPE_CHECKING:  # pydantic is slow to load, and most commands do without
-    from vgrd.config import CellSection
+    from vgrd.config.cell_file import CellSection
 
 _SOCKET_FOLDER_BYTES = 90
 # What earlier versions left open to all, and what tells that a folder is the daemon's.
@@ -31,9 +31,9 @@ def register(app: typer.Typer) -> None:
 
 def run(config: Annotated[Path, typer.Argument(help="The cell file.")]) -> None:
     """Run the daemon in the foreground until Ctrl-C or SIGTERM."""
-    from vgrd.cell.resolved import Resolved, forget_resolved, save_resolved
-    from vgrd.cell.setup import process_table
-    from vgrd.config import load_config
+    from vgrd.config.cell_file import load_config
+    from vgrd.config.resolved import Resolved, forget_resolved, save_resolved
+    from vgrd.config.setup import process_table
     from vgrd.gate.gate import lock
     from vgrd.gate.settings import WANTED_TABLE, save_table
 
@@ -79,7 +79,7 @@ def check(
     config: Annotated[Path, typer.Argument(help="The cell file.")], json_to: JsonOption = None
 ) -> None:
     """Check a cell file; every fault is reported at once."""
-    from vgrd.config import load_config
+    from vgrd.config.cell_file import load_config
 
     loaded = load_config(config)
     result = {

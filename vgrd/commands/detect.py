@@ -8,15 +8,15 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from vgrd.commands.boards import board_in_file
+from vgrd.commands.printing import JsonOption, Result, console, print_result, table
 from vgrd.errors import InputError
-from vgrd.printing import JsonOption, Result, console, print_result, table
 
 if TYPE_CHECKING:
     from vgrd.geometry.camera import CameraModel
-    from vgrd.vision.board_fit import MeasurableBoard
-    from vgrd.vision.inspecting import PictureReport
-    from vgrd.vision.photometric import PhotometricFit
-    from vgrd.vision.pictures import Picture
+    from vgrd.vision.alignment.photometric import PhotometricFit
+    from vgrd.vision.boards.fit import MeasurableBoard
+    from vgrd.vision.images.pictures import Picture
+    from vgrd.vision.inspection import PictureReport
 
 _DEFAULT_DICTIONARY = "36h11"
 _RESIDUAL_SIGMAS = 5.0  # that are shown in full colour
@@ -61,7 +61,7 @@ def detect(
 
     With --board and --camera the poses of whole boards, each measured as one target.
     """
-    from vgrd.vision.codes import family_named
+    from vgrd.vision.print.codes import family_named
 
     if size_mm is not None and not size_mm > 0:
         raise InputError(f"--size-mm {size_mm:g}: give the edge of the black square in mm")
@@ -97,8 +97,8 @@ def _one(
     boards: Mapping[str, "MeasurableBoard"],
     drawn: Path | None,
 ) -> dict[str, object]:
-    from vgrd.vision.inspecting import inspect_picture
-    from vgrd.vision.pictures import read_picture
+    from vgrd.vision.images.pictures import read_picture
+    from vgrd.vision.inspection import inspect_picture
 
     picture = read_picture(image)
     height, width = picture.pixels.shape
@@ -115,8 +115,8 @@ def _one(
 
 
 def _measurable(path: Path) -> "MeasurableBoard":
-    from vgrd.vision.boards import Charuco
-    from vgrd.vision.targets import TagGrid
+    from vgrd.vision.print.boards import Charuco
+    from vgrd.vision.print.targets import TagGrid
 
     board = board_in_file(path)
     if not isinstance(board, Charuco | TagGrid):
@@ -128,7 +128,7 @@ def _measurable(path: Path) -> "MeasurableBoard":
 
 
 def _camera_of(path: Path, size_px: tuple[int, int]) -> "CameraModel":
-    from vgrd.vision.camera_files import read_camera
+    from vgrd.vision.intrinsics.camera_files import read_camera
 
     return read_camera(path, size_px)
 
@@ -137,7 +137,7 @@ def _drawn_files(images: Sequence[Path], folder: Path | None) -> Sequence[Path |
     """Where each picture is drawn; pictures of one name from several folders are numbered."""
     if folder is None:
         return [None] * len(images)
-    from vgrd.vision.drawing import folder_for_pictures
+    from vgrd.vision.images.drawing import folder_for_pictures
 
     folder_for_pictures(folder)
     stems = Counter(image.stem for image in images)
@@ -148,7 +148,7 @@ def _drawn_files(images: Sequence[Path], folder: Path | None) -> Sequence[Path |
 
 
 def _draw(path: Path, picture: "Picture", report: "PictureReport") -> None:
-    from vgrd.vision.drawing import draw_tags, write_picture
+    from vgrd.vision.images.drawing import draw_tags, write_picture
 
     write_picture(path, draw_tags(picture.pixels, report.marks()))
     for number, tag in enumerate(report.tags):
@@ -162,7 +162,7 @@ def _draw(path: Path, picture: "Picture", report: "PictureReport") -> None:
 
 
 def _draw_residuals(path: Path, picture: "Picture", fit: "PhotometricFit | None") -> None:
-    from vgrd.vision.drawing import draw_residuals, write_picture
+    from vgrd.vision.images.drawing import draw_residuals, write_picture
 
     if fit is not None:
         region, residuals = fit.residual_map(picture.pixels.shape)

@@ -8,8 +8,7 @@ import numpy as np
 import typer
 
 from vgrd.commands.boards import board_in_file, charuco_board, tag_grid
-from vgrd.errors import InputError
-from vgrd.printing import (
+from vgrd.commands.printing import (
     JsonOption,
     Result,
     console,
@@ -19,11 +18,12 @@ from vgrd.printing import (
     show_fields,
     table,
 )
+from vgrd.errors import InputError
 
 if TYPE_CHECKING:
     from vgrd.geometry.camera import CameraModel
-    from vgrd.vision.intrinsics import IntrinsicsResult
-    from vgrd.vision.intrinsics_pictures import Board, BoardPictures
+    from vgrd.vision.intrinsics.estimate import IntrinsicsResult
+    from vgrd.vision.intrinsics.pictures import Board, BoardPictures
 
 _FEW_PICTURES, _TILTED_DEG, _LEAST_TILTED = 10, 15.0, 4
 _HELD_OUT_RATIO, _EMPTY_SHARE = 1.5, 0.2
@@ -66,9 +66,9 @@ def intrinsics(
     json_to: JsonOption = None,
 ) -> None:
     """Calibrate a camera from pictures of a board; writes OpenCV, ROS and cell file intrinsics."""
-    from vgrd.vision.intrinsics import calibrate_intrinsics
-    from vgrd.vision.intrinsics_effect import effect_on_coordinates
-    from vgrd.vision.intrinsics_pictures import read_board_pictures
+    from vgrd.vision.intrinsics.effect import effect_on_coordinates
+    from vgrd.vision.intrinsics.estimate import calibrate_intrinsics
+    from vgrd.vision.intrinsics.pictures import read_board_pictures
 
     chosen: Board
     if board == "charuco":
@@ -121,7 +121,7 @@ def camera(
     json_to: JsonOption = None,
 ) -> None:
     """Show the intrinsics in a camera file, and convert them."""
-    from vgrd.vision.camera_files import Kind, read_camera, write_camera
+    from vgrd.vision.intrinsics.camera_files import Kind, read_camera, write_camera
 
     found = read_camera(source)
     if out is not None:
@@ -131,7 +131,7 @@ def camera(
 
 
 def _require_views(pictures: "BoardPictures") -> None:
-    from vgrd.vision.intrinsics import MIN_VIEWS
+    from vgrd.vision.intrinsics.estimate import MIN_VIEWS
 
     if len(pictures.views) < MIN_VIEWS:
         why = "".join(f"\n  {name}: {reason}" for name, reason in pictures.unusable.items())
@@ -151,9 +151,9 @@ def _camera_json(found: "CameraModel") -> dict[str, object]:
 
 
 def _write(out: Path, result: "IntrinsicsResult") -> list[str]:
-    from vgrd.vision.camera_files import write_camera
-    from vgrd.vision.drawing import write_picture
-    from vgrd.vision.intrinsics_pictures import draw_coverage
+    from vgrd.vision.images.drawing import write_picture
+    from vgrd.vision.intrinsics.camera_files import write_camera
+    from vgrd.vision.intrinsics.pictures import draw_coverage
 
     try:
         out.mkdir(parents=True, exist_ok=True)
@@ -169,7 +169,7 @@ def _write(out: Path, result: "IntrinsicsResult") -> list[str]:
 
 def _findings(result: "IntrinsicsResult") -> list[dict[str, str]]:
     """What the operator could do better, most important first."""
-    from vgrd.vision.intrinsics_pictures import coverage
+    from vgrd.vision.intrinsics.pictures import coverage
 
     used = [report for report in result.reports if report.used]
     tilted = sum((report.tilt_deg or 0) > _TILTED_DEG for report in used)

@@ -5,7 +5,7 @@ from typing import Annotated
 import typer
 
 from vgrd.commands.asking import SAMPLE_TIMEOUT_S, ConfigOption, SocketOption, ask
-from vgrd.printing import JsonOption, print_result, show_fields
+from vgrd.commands.printing import JsonOption, print_result, show_fields
 
 _PLAIN = {
     "look": "Record a hand-eye sample: robot at rest, tag A in view.",

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from vgrd.commands.asking import ConfigOption, SocketOption, client_of
+from vgrd.commands.printing import JsonOption, print_result, show_fields
 from vgrd.errors import (
     ConfigError,
     ControlError,
@@ -16,10 +17,9 @@ from vgrd.errors import (
     NoCurrentCalibration,
     StoreError,
 )
-from vgrd.printing import JsonOption, print_result, show_fields
 
 if TYPE_CHECKING:  # these load numpy or pydantic, which most commands do without
-    from vgrd.cell.resolved import Resolved
+    from vgrd.config.resolved import Resolved
     from vgrd.ipc.control import ControlClient
     from vgrd.ipc.messages import GateReport
 
@@ -56,9 +56,9 @@ def reload(
 
     What it changes is started again, the port stays open, and the registers are invalid meanwhile.
     """
-    from vgrd.cell.resolved import Resolved, forget_resolved, save_resolved
-    from vgrd.cell.setup import process_table
-    from vgrd.config import load_config
+    from vgrd.config.cell_file import load_config
+    from vgrd.config.resolved import Resolved, forget_resolved, save_resolved
+    from vgrd.config.setup import process_table
     from vgrd.gate.settings import WANTED_TABLE, save_table
 
     runtime = _runtime_folder(cell_file, config, socket)
@@ -88,8 +88,8 @@ def changed_keys(running: "Resolved", wanted: "Resolved") -> list[str]:
 
 def file_now(running: "Resolved") -> str:
     """In words, whether the cell file still is what the daemon works with."""
-    from vgrd.cell.resolved import Resolved
-    from vgrd.config import load_config
+    from vgrd.config.cell_file import load_config
+    from vgrd.config.resolved import Resolved
 
     source = Path(running.source)
     try:
@@ -103,7 +103,7 @@ def file_now(running: "Resolved") -> str:
 
 def running_file(runtime: Path) -> "Resolved":
     """The resolved file that the daemon in this runtime folder works with; raises ConfigError."""
-    from vgrd.cell.resolved import load_resolved
+    from vgrd.config.resolved import load_resolved
     from vgrd.gate.settings import CELL_KIND, PROCESS_TABLE, load_settings
 
     table = load_settings(runtime / PROCESS_TABLE)
@@ -114,7 +114,7 @@ def running_file(runtime: Path) -> "Resolved":
 
 
 def _runtime_folder(cell_file: Path | None, config: Path | None, socket: Path | None) -> Path:
-    from vgrd.config import load_config
+    from vgrd.config.cell_file import load_config
 
     if socket is not None:
         return socket.parent
@@ -169,8 +169,8 @@ def _refuse_while_recording(client: "ControlClient") -> None:
 
 
 def _refuse_a_calibration_that_does_not_fit(resolved: "Resolved") -> None:
-    from vgrd.cell.activation import check_usable
-    from vgrd.cell.setup import cell_facts
+    from vgrd.cell.serving.activation import check_usable
+    from vgrd.config.setup import cell_facts
     from vgrd.errors import CalibrationMismatch
     from vgrd.store.calibrations import CalibrationStore
 

@@ -6,8 +6,7 @@ from typing import Annotated
 import typer
 
 from vgrd.commands.asking import SOLVE_TIMEOUT_S, ConfigOption, SocketOption, ask
-from vgrd.errors import CalibrationError, InputError
-from vgrd.printing import (
+from vgrd.commands.printing import (
     JsonOption,
     Result,
     console,
@@ -17,6 +16,7 @@ from vgrd.printing import (
     show_fields,
     table,
 )
+from vgrd.errors import CalibrationError, InputError
 
 
 def register(app: typer.Typer) -> None:
@@ -59,7 +59,7 @@ def solve(
         result = ask(config, socket, "solve", SOLVE_TIMEOUT_S)
         _print_calibration(result, json_to, "solved")
     elif source.is_dir():
-        from vgrd.cell.solver import solve_session
+        from vgrd.solving.session import solve_session
 
         with progress("looking for holes") as report:
             result = solve_session(source, tolerance_mm=tolerance_mm, report=report, draw=draw)
@@ -76,7 +76,7 @@ def _print_calibration(result: Result, json_to: str | None, title: str) -> None:
 
 
 def _solve_dataset(source: Path, method: str | None, json_to: str | None) -> None:
-    from vgrd.datasets import solve_dataset
+    from vgrd.solving.datasets import solve_dataset
 
     with progress("solving") as report:
         solution = solve_dataset(source, report, method=method)
@@ -102,7 +102,7 @@ def tcp(
     json_to: JsonOption = None,
 ) -> None:
     """Find the TCP from a file of touches: CAD points, one point, a plane or a ball."""
-    from vgrd.touch_files import solve_touches
+    from vgrd.solving.touch_files import solve_touches
 
     def show(result: Result) -> None:
         keys = ("name", "used", "residual_mm", "reason")

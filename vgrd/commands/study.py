@@ -1,67 +1,22 @@
-"""The command that repeats the paper's simulations and experiments."""
+"""The door to the studies, which live on the simulated cell, outside the daemon."""
 
-from pathlib import Path
-from typing import Annotated
+import runpy
+import sys
 
 import typer
 
-from vgrd.printing import JsonOption, Result, console, print_result, progress, table
+_MODULE = "fakes.studies"  # named, not imported: the daemon knows no fake
 
 
 def register(app: typer.Typer) -> None:
     """Add study."""
-    app.command()(study)
+    app.command(
+        add_help_option=False,
+        context_settings={"ignore_unknown_options": True, "allow_extra_args": True},
+    )(study)
 
 
-def study(
-    name: Annotated[
-        str,
-        typer.Argument(
-            help="fig4, fig5, experiment-a, table3, table4, tilt, certificate, coverage, blunders, "
-            "coached."
-        ),
-    ],
-    runs: Annotated[int | None, typer.Option(min=1, help="Trials of each case.")] = None,
-    full: Annotated[bool, typer.Option("--full", help="As many trials as it ever needs.")] = False,
-    seed: Annotated[int, typer.Option(min=0, help="Another seed, other trials.")] = 20,
-    workers: Annotated[int, typer.Option(min=1, help="Processes on this machine.")] = 1,
-    dask: Annotated[str | None, typer.Option(help="Address of a dask scheduler.")] = None,
-    out: Annotated[Path, typer.Option(help="Folder for NAME.csv and NAME.png.")] = Path(
-        "build/studies"
-    ),
-    plot: Annotated[bool, typer.Option("--plot/--no-plot", help="Draw NAME.png.")] = True,
-    json_to: JsonOption = None,
-) -> None:
-    """Repeat a simulation or experiment of the paper; exit code 1 when a figure misses its bar."""
-    from vgrd.studies.conducting import conduct
-
-    with progress(name) as report:
-        outcome = conduct(
-            name,
-            runs=runs,
-            full=full,
-            seed=seed,
-            workers=workers,
-            dask=dask,
-            out=out,
-            plot=plot,
-            report=report,
-        )
-    print_result(outcome.to_json(), json_to, _show_study)
-    if not outcome.ok:
-        raise typer.Exit(1)
-
-
-def _show_study(result: Result) -> None:
-    verdicts = {True: "ok", False: "MISSED", None: ""}
-    rows = [
-        (f["name"], _short(f["value"]), f["unit"], f["bar"], verdicts[f["ok"]], f["paper"])
-        for f in result["figures"]
-    ]
-    title = f"{result['title']} ({result['runs']} runs each)"
-    console.print(table(title, ("figure", "value", "unit", "bar", "", "paper"), rows))
-    console.print(f"wrote {', '.join(result['files'])}", highlight=False)
-
-
-def _short(value: float | None) -> str:
-    return "-" if value is None else f"{value:.4g}"
+def study(context: typer.Context) -> None:
+    """Repeat a simulation or experiment of the paper, or one of ours: vgrd study --help."""
+    sys.argv[1:] = context.args
+    runpy.run_module(_MODULE, run_name="__main__")

@@ -6,10 +6,10 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from vgrd.commands.boards import charuco_board, tag_grid
-from vgrd.printing import JsonOption, print_result, show_fields
+from vgrd.commands.printing import JsonOption, print_result, show_fields
 
 if TYPE_CHECKING:
-    from vgrd.vision.targets import Printable
+    from vgrd.vision.print.targets import Printable
 
 SizeOption = Annotated[float, typer.Option("--size-mm", help="Edge of the black square.")]
 OutOption = Annotated[Path, typer.Option("--out", help="File: .pdf, .svg or .png.")]
@@ -40,7 +40,7 @@ def tag(
     json_to: JsonOption = None,
 ) -> None:
     """Draw one tag."""
-    from vgrd.vision.targets import checked_tag
+    from vgrd.vision.print.targets import checked_tag
 
     _draw(checked_tag(dictionary, tag_id, size_mm), page, dpi, out, json_to)
 
@@ -79,8 +79,8 @@ def charuco(
 
 
 def _draw(target: "Printable", page: str, dpi: int, out: Path, json_to: str | None) -> None:
-    from vgrd.vision.targets import config_lines, target_sheet
-    from vgrd.vision.targets_sheet import write_sheet
+    from vgrd.vision.print.sheet import write_sheet
+    from vgrd.vision.print.targets import config_lines, target_sheet
 
     sheet = target_sheet(target, page)
     write_sheet(sheet, out, dpi)

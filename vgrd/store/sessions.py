@@ -260,7 +260,7 @@ def iterate_flanges(directory: Path) -> Iterator[FlangeReading]:
     """Yield the recorded flange readings as written; damaged chunks are left out.
 
     Of an arm at rest they are few, and as many as the robot gave around pictures and samples
-    (`vgrd.observing.thinning`): judge rest from those within `AROUND_S` of a picture.
+    (`vgrd.devices.thinning`): judge rest from those within `AROUND_S` of a picture.
     """
     for path, message in _messages(directory, Topic.FLANGE):
         yield decode(FlangeReading, parse(message.data, str(path))["reading"], str(path))

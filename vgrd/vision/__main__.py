@@ -1,5 +1,5 @@
 """python -m vgrd.vision: compile the hot loops now, at installation, instead of at the first start."""
 
-from vgrd.vision.tags import warm_up
+from vgrd.vision.tags.tag_finder import warm_up
 
 warm_up()

@@ -1,6 +1,5 @@
 """Checks of a recording by its own data: what is missing, what was meant otherwise, what moved."""
 
-from vgrd.calibration.checks.acceptance import accept
 from vgrd.calibration.checks.bad_touches import bad_touches
 from vgrd.calibration.checks.conventions import cannot_tell
 from vgrd.calibration.checks.examining import examine
@@ -8,7 +7,6 @@ from vgrd.calibration.checks.missing_motion import MissingMotion, missing_motion
 
 __all__ = [
     "MissingMotion",
-    "accept",
     "bad_touches",
     "cannot_tell",
     "examine",

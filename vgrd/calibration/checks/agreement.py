@@ -1,6 +1,6 @@
 """Do robot poses and pictures of a target belong to one hand-eye pose? Closed form, outliers tolerated.
 
-`camera_from_target_i = X^-1 M_i Y` as in `vgrd.calibration.hand_eye`; rotations by Park and Martin
+`camera_from_target_i = X^-1 M_i Y` as in `vgrd.calibration.hand_eye.pose_pairs`; rotations by Park and Martin
 1994, then translations with the unit of the robot's lengths as a further unknown. Where the wrist
 turned about one axis or none, the translations have a say in the rotation too.
 """

@@ -7,12 +7,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from vgrd.calibration.cad_fit import fit_cad
-from vgrd.calibration.motion import Axes, turned_axes
-from vgrd.calibration.robust import OUTLIER_SIGMA, fit_without_outliers
-from vgrd.calibration.teaching import arm_touches
-from vgrd.calibration.touches import TouchSet
-from vgrd.calibration.universal import UniversalProblem, calibrate_universal
+from vgrd.calibration.observability.leave_one_out import OUTLIER_SIGMA, fit_without_outliers
+from vgrd.calibration.observability.motion import Axes, turned_axes
+from vgrd.calibration.touches.cad_fit import fit_cad
+from vgrd.calibration.touches.recorded import arm_touches
+from vgrd.calibration.touches.touch_set import TouchSet
+from vgrd.calibration.universal.estimate import UniversalProblem, calibrate_universal
 from vgrd.geometry import Array
 from vgrd.model import Finding, Recording
 
@@ -34,7 +34,7 @@ def bad_touches(recording: Recording) -> tuple[Finding, ...]:
 
     By the universal method where the wrists varied, else by the rigid fit to CAD. Where it cannot be
     told which ones are bad, the worst of all. Fatal beyond 6 sigma. Raises what the method raises
-    for all touches (`vgrd.calibration.teaching.teach`).
+    for all touches (`vgrd.calibration.stepwise.touch_fit.teach`).
     """
     touches = recording.touches
     targets = recording.facts.object.targets

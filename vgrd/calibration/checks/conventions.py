@@ -17,9 +17,9 @@ from vgrd.calibration.checks.readings import (
     degrees_as_radians,
     other_readings,
 )
-from vgrd.calibration.hand_eye import PoseSample
-from vgrd.calibration.hand_eye_samples import hand_eye_samples
-from vgrd.geometry.formats import RotationFormat
+from vgrd.calibration.hand_eye.pose_pairs import PoseSample
+from vgrd.calibration.hand_eye.samples import hand_eye_samples
+from vgrd.geometry.rotation_formats import RotationFormat
 from vgrd.model import CellFacts, Finding, Mount, Recording
 
 _MIN_SAMPLES = 4

@@ -9,9 +9,9 @@ from vgrd.calibration.checks.misread_points import misread_points
 from vgrd.calibration.checks.missing_motion import missing_motions
 from vgrd.calibration.checks.repeats import moved_object, repeated_poses
 from vgrd.calibration.checks.size_and_time import tag_size, time_offset
-from vgrd.calibration.hand_eye_samples import hand_eye_samples
-from vgrd.calibration.motion import Axes, turned_axes
-from vgrd.geometry.formats import RotationFormat
+from vgrd.calibration.hand_eye.samples import hand_eye_samples
+from vgrd.calibration.observability.motion import Axes, turned_axes
+from vgrd.geometry.rotation_formats import RotationFormat
 from vgrd.model import Finding, Policy, Recording
 
 

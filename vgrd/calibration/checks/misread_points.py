@@ -6,9 +6,9 @@ from itertools import combinations
 import numpy as np
 
 from vgrd.calibration.checks.misreading import ConstantWrist, VariedWrists, misreading
-from vgrd.calibration.motion import Axes, turned_axes
-from vgrd.calibration.teaching import arm_touches
-from vgrd.calibration.universal_start import lowest_cost, reduced_cost
+from vgrd.calibration.observability.motion import Axes, turned_axes
+from vgrd.calibration.touches.recorded import arm_touches
+from vgrd.calibration.universal.start import lowest_cost, reduced_cost
 from vgrd.geometry import Array
 from vgrd.model import Finding, Recording
 

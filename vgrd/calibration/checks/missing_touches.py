@@ -4,13 +4,12 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from vgrd.calibration.cad_fit import fit_cad
 from vgrd.calibration.checks.proposals import MissingMotion, direction, tilted
-from vgrd.calibration.expected import SAME_ORIENTATION_RAD
-from vgrd.calibration.motion import Axes, turned_axes
-from vgrd.calibration.tcp import calibrate_fixed_point
-from vgrd.calibration.teaching import arm_touches
-from vgrd.calibration.universal import UniversalProblem, calibrate_universal
+from vgrd.calibration.observability.motion import SAME_ORIENTATION_RAD, Axes, turned_axes
+from vgrd.calibration.tcp.fixed_point import calibrate_fixed_point
+from vgrd.calibration.touches.cad_fit import fit_cad
+from vgrd.calibration.touches.recorded import arm_touches
+from vgrd.calibration.universal.estimate import UniversalProblem, calibrate_universal
 from vgrd.errors import CalibrationError, InputError, NotObservable, TooFewObservations
 from vgrd.geometry import Array, log_rotation
 from vgrd.model import Plan, Policy, Recording, Target, Touch

@@ -14,8 +14,8 @@ from scipy.spatial.transform import Rotation
 from vgrd.calibration.checks.agreement import Agreement, Poses, from_positions
 from vgrd.errors import InputError
 from vgrd.geometry import Array
-from vgrd.geometry.formats import RotationFormat as Format
-from vgrd.geometry.formats import rotation_from, rotation_to, value_count
+from vgrd.geometry.rotation_formats import RotationFormat as Format
+from vgrd.geometry.rotation_formats import rotation_from, rotation_to, value_count
 
 _DISTINCT = (
     Format.RPY_FIXED_XYZ,

@@ -1,0 +1,4 @@
+"""A process as systemd would confine it: filters, namespaces, a booted machine.
+
+Knows nothing of the cell.
+"""

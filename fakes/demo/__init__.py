@@ -1,0 +1,4 @@
+"""What the demo shows and reports.
+
+May import cell.
+"""

@@ -1,0 +1,215 @@
+"""The show of `python -m fakes demo`: teach, solve, activate, ask, break things; every figure is measured."""
+
+import json
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+from rich.console import Console
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
+
+from fakes.cell.daemon import Daemon
+from fakes.cell.operator import Operator, Step
+from fakes.controllers.robot_program import RobotProgram, Stopped
+from fakes.world.layout import Layout
+from fakes.world.poses import retracted_pose
+from fakes.world.world import World
+from vgrd.geometry import Array, Pose
+
+LOOKS, SPINS, FIXED_POINTS = 8, 10, 10
+TILTED_TOUCHES = 6
+ATTEMPTS, PAUSE_S = 30, 0.5
+# What a machine with ten times as much work as processors needs; none of these is a figure of the demo.
+SOLVE_S, FOLLOW_S, RECOVERY_S = 600.0, 60.0, 120.0
+
+
+@dataclass(slots=True)
+class Request:
+    """One robot request: where the table stood, what was served, and the true miss (3,) mm."""
+
+    target: str
+    angle_rad: float
+    served: Pose
+    miss: Array
+    age_s: float
+    latency_s: float
+    u95_mm: float
+    stamp_s: float
+
+
+@dataclass(slots=True)
+class Shown:
+    """Everything the demo measured."""
+
+    requests: list[Request] = field(default_factory=list)
+    repeats: int = 0
+    presses: int = 0
+    calibration: dict[str, object] = field(default_factory=dict)
+    faults: list[tuple[str, str, float, float]] = field(default_factory=list)
+
+
+class Show:
+    """Runs the acts one after the other against a daemon over its real interfaces."""
+
+    def __init__(
+        self, world: World, operator: Operator, daemon: Daemon, port: int, console: Console
+    ) -> None:
+        self.world = world
+        self.operator = operator
+        self.daemon = daemon
+        self.port = port
+        self.console = console
+        self.shown = Shown()
+
+    def teach(self, session: str) -> None:
+        """Record a session: looks, spins, touches with constant and tilted wrist, a fixed point."""
+        operator, names = self.operator, list(self.world.targets)
+        operator.press("record.start", plan="joint", session=session)
+        acts: Sequence[tuple[str, list[Step]]] = (
+            ("hand-eye looks", operator.looks(LOOKS)),
+            ("turning the table", operator.spins(SPINS)),
+            ("touches, constant wrist", operator.touches(names, tilted=False)),
+            ("touches, tilted wrist", operator.touches(names[:TILTED_TOUCHES], tilted=True)),
+            ("fixed point (for comparison)", operator.points(FIXED_POINTS)),
+        )
+        with self._progress() as progress:
+            for title, steps in acts:
+                for step in progress.track(steps, description=f"teaching: {title}"):
+                    step()
+        operator.press("record.stop")
+
+    def calibrate(self) -> None:
+        """Solve in the daemon's solver process, and activate what it found."""
+        with self._progress() as progress:
+            task = progress.add_task("solving", total=1)
+            self.shown.calibration = dict(self.daemon.control.call("solve", timeout_s=SOLVE_S))
+            progress.advance(task)
+        name = self.shown.calibration["calibration"]
+        if name is None:
+            raise Stopped(f"the calibration was refused: {self.shown.calibration['verdict']}")
+        self.operator.press("activate", calibration=name, by="demo")
+
+    def requests(self, count: int, seed: int) -> None:
+        """New table angles, one robot request each: ask, go there, let the world measure the miss."""
+        rng = np.random.default_rng((seed, 21))
+        angles = np.linspace(0, 2 * np.pi, count, endpoint=False) + rng.uniform(0, 0.2, count)
+        names = list(self.world.targets)
+        self.operator.press("record.start", plan="joint", session="requests")
+        with self._progress() as progress, self._program() as program:
+            for k in progress.track(rng.permutation(count), description="robot requests"):
+                self._request_patiently(program, names[int(k) % len(names)], float(angles[k]))
+        self.operator.press("record.stop")
+
+    def faults(self) -> None:
+        """Three live faults; each must stop the robot program."""
+        with self._program() as program:
+            self._retract()
+            self._fault("tag B covered", program, lambda: self.world.cover("b"), self.world.cover)
+            arm, tcp = self.world.arm, self.world.arm.wrist_from_tcp
+
+            def change_tcp() -> None:
+                arm.wrist_from_tcp = tcp.compose(Pose.from_rotvec((0, 0, 0), (0, 0, 5.0)))
+
+            def restore_tcp() -> None:
+                arm.wrist_from_tcp = tcp
+                time.sleep(0.3)
+                self.daemon.confirm()
+
+            self._fault("TCP changed on the pendant", program, change_tcp, restore_tcp)
+            self._fault(
+                "cell process killed", program, lambda: self.daemon.kill("cell"), lambda: None
+            )
+
+    def _request_patiently(self, program: RobotProgram, target: str, angle_rad: float) -> None:
+        """One request; where the program had to stop for what passes by itself, from the start again."""
+        for _ in range(ATTEMPTS - 1):
+            try:
+                return self._request(program, target, angle_rad)
+            except Stopped as stop:
+                if not stop.passes:
+                    raise
+                self.shown.repeats += 1
+                time.sleep(PAUSE_S)
+        return self._request(program, target, angle_rad)
+
+    def _request(self, program: RobotProgram, target: str, angle_rad: float) -> None:
+        arrival = self.world.move_flange(retracted_pose(), time.monotonic())
+        turned = self.world.turn_table(angle_rad, time.monotonic())
+        time.sleep(max(0.0, max(arrival, turned) - time.monotonic()) + 0.08)
+        asked = time.monotonic()
+        reply = program.ask(self.world.targets[target].id)
+        program.touch(reply)
+        self.shown.requests.append(
+            Request(
+                target,
+                angle_rad,
+                reply.base_from_wrist,
+                self.world.miss(target, time.monotonic()),
+                reply.age_s,
+                reply.latency_s,
+                reply.u95_mm,
+                asked,
+            )
+        )
+        program.lift()
+
+    def _fault(
+        self,
+        title: str,
+        program: RobotProgram,
+        strike: Callable[[], None],
+        mend: Callable[[], None],
+    ) -> None:
+        """Follow a target, strike, and time how long the program goes on; then mend and time the recovery."""
+        target = next(iter(self.world.targets.values()))
+        struck_s = 0.0
+        reason = "the program did not stop"
+        program.ask_until_good(target.id, RECOVERY_S)
+        try:
+            strike()
+            struck_s = time.monotonic()
+            program.follow(target.id, until_s=struck_s + FOLLOW_S)
+            stopped_s = float("inf")
+        except Stopped as stop:
+            stopped_s, reason = stop.at_s, stop.reason
+        mend()
+        mended_s = time.monotonic()
+        recovered_s = self._recovery(program, target.id) - mended_s
+        self.shown.faults.append((title, reason, 1e3 * (stopped_s - struck_s), recovered_s))
+
+    def _recovery(self, program: RobotProgram, point: int) -> float:
+        end_s = time.monotonic() + RECOVERY_S
+        while time.monotonic() < end_s:
+            try:
+                program.ask(point)
+            except Stopped:
+                time.sleep(0.05)
+            else:
+                return time.monotonic()
+        return float("inf")
+
+    def _retract(self) -> None:
+        self.operator.jog(retracted_pose())
+
+    def _program(self) -> RobotProgram:
+        return RobotProgram(self.world, "127.0.0.1", self.port)
+
+    def _progress(self) -> Progress:
+        columns = (
+            TextColumn("{task.description:42}"),
+            BarColumn(),
+            MofNCompleteColumn(),
+            TimeElapsedColumn(),
+        )
+        return Progress(*columns, console=self.console)
+
+
+def true_tip_error_mm(layout: Layout, calibration_json: Path) -> float | None:
+    """Distance of the calibrated TCP from the true one, None where the method knows no TCP."""
+    body = json.loads(calibration_json.read_text(encoding="utf-8"))["body"]
+    tcp = body["tcp_in_wrist"]
+    if tcp is None:
+        return None
+    return float(np.linalg.norm(np.array(tcp) - layout.tcp_in_wrist))

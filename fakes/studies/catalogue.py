@@ -1,0 +1,48 @@
+"""All studies by name."""
+
+from collections.abc import Mapping
+from difflib import get_close_matches
+from types import MappingProxyType
+
+from fakes.studies.paper import experiment_a, fig4, fig5, table3, table4, tilt
+from fakes.studies.robustness import (
+    blunders,
+    certificate,
+    coached,
+    conventions,
+    coverage,
+    degenerate,
+    degenerate_touches,
+)
+from fakes.studies.study import Study
+from vgrd.errors import InputError
+
+STUDIES: Mapping[str, Study] = MappingProxyType(
+    {
+        module.STUDY.name: module.STUDY
+        for module in (
+            fig4,
+            fig5,
+            experiment_a,
+            table3,
+            table4,
+            tilt,
+            certificate,
+            coverage,
+            blunders,
+            coached,
+            conventions,
+            degenerate,
+            degenerate_touches,
+        )
+    }
+)
+
+
+def study_called(name: str) -> Study:
+    """Study of that name; InputError with the known names, the likely one first."""
+    if name not in STUDIES:
+        likely = get_close_matches(name, STUDIES, n=1)
+        hint = f"; did you mean {likely[0]!r}?" if likely else "."
+        raise InputError(f"there is no study {name!r}{hint} There are: {', '.join(STUDIES)}")
+    return STUDIES[name]

@@ -1,0 +1,94 @@
+"""A study from its name to its files: NAME.csv with every trial and NAME.png in a folder."""
+
+import csv
+from dataclasses import dataclass
+from pathlib import Path
+
+from fakes.studies.catalogue import study_called
+from fakes.studies.runner import Report, run_trials
+from fakes.studies.study import REFUSED, Figure, Trials
+from vgrd.charts import require_matplotlib
+from vgrd.errors import InputError
+
+SEED = 20
+
+
+@dataclass(frozen=True, slots=True)
+class Outcome:
+    """What a study found, and the files it wrote."""
+
+    name: str
+    title: str
+    runs: int
+    seed: int
+    figures: tuple[Figure, ...]
+    files: tuple[Path, ...]
+
+    @property
+    def ok(self) -> bool:
+        """True when no bar was missed."""
+        return all(figure.ok is not False for figure in self.figures)
+
+    def to_json(self) -> dict[str, object]:
+        """The JSON file: every figure with its bar."""
+        return {
+            "study": self.name,
+            "title": self.title,
+            "runs": self.runs,
+            "seed": self.seed,
+            "ok": self.ok,
+            "figures": [figure.as_json() for figure in self.figures],
+            "files": [str(path) for path in self.files],
+        }
+
+
+def conduct(
+    name: str,
+    *,
+    runs: int | None = None,
+    full: bool = False,
+    seed: int = SEED,
+    workers: int = 1,
+    dask: str | None = None,
+    out: Path,
+    plot: bool = True,
+    report: Report | None = None,
+) -> Outcome:
+    """Run a study and write its files into `out`, which is made.
+
+    runs: of each case, None takes the study's own number (its full one with `full`). Raises
+    InputError for an unknown name, a folder that cannot be used, or a missing package.
+    """
+    study = study_called(name)
+    if plot:
+        require_matplotlib()
+    try:
+        out.mkdir(parents=True, exist_ok=True)
+    except OSError as err:
+        raise InputError(f"--out {out}: {err.strerror}; name a folder of yours") from err
+    count = runs or ((study.full_runs or study.runs) if full else study.runs)
+    trials = run_trials(study, count, seed, workers=workers, dask=dask, report=report)
+    files = [out / f"{name}.csv"]
+    _write_csv(files[0], trials)
+    if plot:
+        files.append(out / f"{name}.png")
+        study.draw(trials).savefig(files[1])
+    figures = (*study.figures(trials), _refused(trials))
+    return Outcome(name, study.title, count, seed, figures, tuple(files))
+
+
+def _refused(trials: Trials) -> Figure:
+    """Trials whose data a method refused are counted, never dropped in silence."""
+    refused = sum(row[REFUSED] for row in trials.rows)
+    return Figure("trials refused", float(refused))
+
+
+def _write_csv(path: Path, trials: Trials) -> None:
+    columns = dict.fromkeys(key for row in trials.rows for key in row)
+    try:
+        with path.open("w", newline="", encoding="utf-8") as file:
+            writer = csv.DictWriter(file, list(columns), lineterminator="\n")
+            writer.writeheader()
+            writer.writerows(trials.rows)
+    except OSError as err:
+        raise InputError(f"{path}: cannot be written: {err.strerror}") from err

@@ -1,0 +1,195 @@
+"""The paper's methods side by side, from one recording: what each would have answered."""
+
+from collections.abc import Callable, Mapping
+from functools import lru_cache, partial
+
+import numpy as np
+
+from vgrd.calibration.expected_coordinate import expected_coordinate
+from vgrd.calibration.hand_eye.pose_pairs import HandEyeProblem, HandEyeResult, calibrate_hand_eye
+from vgrd.calibration.hand_eye.samples import hand_eye_samples
+from vgrd.calibration.observability.motion import Axes, turned_axes
+from vgrd.calibration.solve import calibrate_system
+from vgrd.calibration.stepwise.equations import (
+    flange_for,
+    motion_about,
+    moved_flange,
+    point_in_base_live,
+    special_expected,
+)
+from vgrd.calibration.tcp.fixed_point import calibrate_fixed_point
+from vgrd.calibration.touches.cad_fit import CadFit, fit_cad
+from vgrd.calibration.touches.recorded import arm_touches
+from vgrd.calibration.turntable.rotation_center import find_rotation_center
+from vgrd.errors import CalibrationError, InputError
+from vgrd.geometry import Array, Pose
+from vgrd.model import Observation, Policy, Recording, TagObservation, Touch
+
+CONVENTIONAL = "conventional"
+SPECIAL = "special"
+SPECIAL_CAD = "special + CAD"
+SERVED = "served"
+
+Method = Callable[[str, Observation], Array]
+
+
+def expected_by_method(
+    recording: Recording, target: str, observation_now: Observation
+) -> dict[str, Array]:
+    """Flange (3,) in the base by every method that the recording allows, policy fixed, mm.
+
+    A method that cannot answer, for want of samples or of a tag in the picture, is left out.
+    """
+    answers = {}
+    for name, method in compare_methods(recording).items():
+        try:
+            answers[name] = method(target, observation_now)
+        except (CalibrationError, InputError):
+            continue
+    return answers
+
+
+@lru_cache(maxsize=4)
+def compare_methods(recording: Recording) -> Mapping[str, Method]:
+    """Every method that the recording allows, prepared: (target, picture) -> flange (3,), mm."""
+    preparations = {
+        CONVENTIONAL: _prepare_conventional,
+        SPECIAL: _prepare_special,
+        SPECIAL_CAD: _prepare_special_cad,
+        SERVED: _prepare_served,
+    }
+    methods: dict[str, Method] = {}
+    for name, prepare in preparations.items():
+        try:
+            methods[name] = prepare(recording)
+        except (CalibrationError, InputError):
+            continue
+    return methods
+
+
+def _prepare_conventional(recording: Recording) -> Method:
+    """Section III: fixed-point TCP, hand-eye, one touch of the target, Eq. 6 with the live tag A."""
+    tcp = calibrate_fixed_point(arm_touches(recording.points, recording)).tcp_in_wrist
+    return partial(_conventional, recording, _hand_eye(recording), tcp)
+
+
+def _conventional(
+    recording: Recording, hand_eye: HandEyeResult, tcp: Array, target: str, now: Observation
+) -> Array:
+    touch = _first_touch(recording, target)
+    wrist_from_tag_a = hand_eye.mount_from_target
+    A0, B0 = _both_tags(touch.observation)
+    tip_in_tag_a = wrist_from_tag_a.inverse() @ tcp
+    point_in_tag_b = (B0.inverse() @ A0) @ tip_in_tag_a
+    A1, B1 = _both_tags(now)
+    point = point_in_base_live(now.base_from_wrist, wrist_from_tag_a, A1, B1, point_in_tag_b)
+    R = touch.base_from_wrist.rotation
+    return flange_for(point, R, tcp + recording.facts.tool.work_from_touch_mm)
+
+
+def _prepare_special(recording: Recording) -> Method:
+    """Section V as published: Eq. 19 from one touch of the target."""
+    fit = _cad_fit(recording)
+    return partial(_special, recording, _rotation(recording), fit, _pivot_in_tag(recording), False)
+
+
+def _prepare_special_cad(recording: Recording) -> Method:
+    """Eq. 19 from the touches fitted to CAD."""
+    fit = _cad_fit(recording)
+    return partial(_special, recording, _rotation(recording), fit, _pivot_in_tag(recording), True)
+
+
+def _special(
+    recording: Recording,
+    hand_eye: HandEyeResult,
+    fit: CadFit,
+    pivot_in_tag_b: Array,
+    use_cad: bool,
+    target: str,
+    now: Observation,
+) -> Array:
+    touch = _first_touch(recording, target)
+    ref = touch.observation
+    flange = touch.base_from_wrist.translation
+    if use_cad:
+        flange = fit.flange(recording.facts.object.targets[target].point_in_object)
+    pivot_flange = fit.flange(np.asarray(recording.facts.object.center_in_object))
+    offset = touch.base_from_wrist.rotation @ recording.facts.tool.work_from_touch_mm
+    try:
+        A0, B0 = _both_tags(ref)
+        A1, B1 = _both_tags(now)
+        answer = special_expected(
+            base_from_wrist_ref=touch.base_from_wrist,
+            base_from_wrist_now=now.base_from_wrist,
+            tag_a_from_tag_b_ref=A0.inverse() @ B0,
+            tag_a_from_tag_b_now=A1.inverse() @ B1,
+            R_wrist_from_tag_a=hand_eye.mount_from_target.rotation,
+            pivot_in_tag_b=pivot_in_tag_b,
+            flange_ref=flange,
+            pivot_flange_ref=pivot_flange,
+        )
+    except InputError:
+        # Tag A is hidden or the wrist turned since: the camera stands still and serves as well.
+        Q = motion_about(_tag_b(now).camera_from_tag, _tag_b(ref).camera_from_tag, pivot_in_tag_b)
+        answer = moved_flange(hand_eye.mount_from_camera.rotation, Q, flange, pivot_flange)
+    return answer - offset
+
+
+def _prepare_served(recording: Recording) -> Method:
+    return partial(_served, recording)
+
+
+def _served(recording: Recording, target: str, now: Observation) -> Array:
+    calibration = _calibrated(recording)
+    expected = expected_coordinate(calibration, target, _tag_b(now), Policy.FIXED)
+    return expected.base_from_wrist.translation
+
+
+_calibrated = lru_cache(maxsize=4)(calibrate_system)
+
+
+@lru_cache(maxsize=4)
+def _hand_eye(recording: Recording, may_be_free: int = 0) -> HandEyeResult:
+    samples = hand_eye_samples(recording)
+    problem = HandEyeProblem(recording.facts.mount, samples, may_be_free=may_be_free)
+    return calibrate_hand_eye(problem)
+
+
+def _rotation(recording: Recording) -> HandEyeResult:
+    """All that Eq. 19 needs of the hand-eye is its rotation."""
+    return _hand_eye(recording, may_be_free=1)
+
+
+def _cad_fit(recording: Recording) -> CadFit:
+    arrays = arm_touches(recording.touches, recording)
+    if turned_axes(list(arrays.rotations))[0] is not Axes.NONE:
+        raise InputError("the special method needs one wrist orientation in all touches")
+    if recording.facts.object.center_in_object is None:
+        raise InputError("the special method needs the centre of rotation in CAD")
+    targets = recording.facts.object.targets
+    points = np.array([targets[touch.target].point_in_object for touch in recording.touches])
+    return fit_cad(points, arrays)
+
+
+def _pivot_in_tag(recording: Recording) -> Array:
+    tags = [seen.tag_b.camera_from_tag for seen in recording.spins if seen.tag_b is not None]
+    return find_rotation_center(tags).center_in_tag
+
+
+def _first_touch(recording: Recording, target: str) -> Touch:
+    for touch in recording.touches:
+        if touch.target == target:
+            return touch
+    raise InputError(f"target {target!r} was not touched")
+
+
+def _both_tags(seen: Observation | None) -> tuple[Pose, Pose]:
+    if seen is None or seen.tag_a is None:
+        raise InputError("tag A is not in the picture")
+    return seen.tag_a.camera_from_tag, _tag_b(seen).camera_from_tag
+
+
+def _tag_b(seen: Observation | None) -> TagObservation:
+    if seen is None or seen.tag_b is None:
+        raise InputError("tag B is not in the picture")
+    return seen.tag_b

@@ -1,0 +1,132 @@
+"""Experiment A (table 2): TCP by the conventional fixed point and by the universal method.
+
+The paper tells that each method was performed eight times, that the holes are 62.5 mm apart, and that
+without a special tool the fixed hole leaves less room to tilt than several holes do; it does not tell the tilts.
+Here a calibration has six touches, wrists turn by up to 10 degrees in one hole and by up to 15 over several, and
+turn about the tool by up to 90 degrees in both. A second case gives both methods the same tilt.
+"""
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.random import Generator, SeedSequence, default_rng
+from scipy.spatial.transform import Rotation
+
+from fakes.studies.paper.paper_data import NOISE_MM, truncated_noise
+from fakes.studies.study import Figure, Parameters, Study, Trials
+from vgrd.calibration.tcp.fixed_point import calibrate_fixed_point
+from vgrd.calibration.touches.touch_set import TouchSet
+from vgrd.calibration.universal.estimate import UniversalProblem, calibrate_universal
+from vgrd.charts import COLORS, PAPER, legend, panels, published
+from vgrd.geometry import Array, Pose, exp_rotation
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure as Drawing
+
+_REPEATS = 8
+_TOUCHES = 6
+_PITCH_MM = 62.5
+_TURN_DEG = 90.0
+_TCP = np.array([3.0, -2.0, 180.0])
+_DOWN = np.diag([1.0, -1.0, -1.0])
+_AXIS = np.array([0.0, 0.0, 1.0])
+_BASE_FROM_TRAY = Pose(exp_rotation((0.02, -0.03, 0.6)), np.array([420.0, -60.0, 40.0]))
+_PAPER = {"conventional": 2.308, "universal": 1.868}
+
+
+def _trial(seed: SeedSequence, parameters: Parameters) -> dict[str, float]:
+    """Mean TCP error, mm, of eight calibrations by each method, and who was better."""
+    rng = default_rng(seed)
+    pairs = [
+        (
+            _fixed_point(rng, parameters["one_hole_deg"]),
+            _universal(rng, parameters["many_holes_deg"]),
+        )
+        for _ in range(_REPEATS)
+    ]
+    conventional, universal = np.mean(pairs, axis=0)
+    return {"conventional_mm": float(conventional), "universal_mm": float(universal)}
+
+
+def _fixed_point(rng: Generator, tilt_deg: float) -> float:
+    at = _BASE_FROM_TRAY.translation
+    return _error(
+        calibrate_fixed_point(_touch(rng, tilt_deg, np.tile(at, (_TOUCHES, 1)))).tcp_in_wrist
+    )
+
+
+def _universal(rng: Generator, tilt_deg: float) -> float:
+    holes = np.array([(i % 3, i // 3, 0.0) for i in range(_TOUCHES)]) * _PITCH_MM
+    touches = _touch(rng, tilt_deg, _BASE_FROM_TRAY @ holes)
+    return _error(calibrate_universal(UniversalProblem(holes, touches)).tcp_in_wrist)
+
+
+def _touch(rng: Generator, tilt_deg: float, at: Array) -> TouchSet:
+    angles = rng.uniform(-1, 1, at.shape) * (tilt_deg, tilt_deg, _TURN_DEG)
+    R = _DOWN @ Rotation.from_euler("xyz", angles, degrees=True).as_matrix()
+    sigma = np.full(len(at), NOISE_MM)
+    t = at + truncated_noise(rng, at.shape) - R @ _TCP
+    return TouchSet(R, t, _AXIS, sigma, sigma)
+
+
+def _error(tcp: Array) -> float:
+    return float(np.linalg.norm(tcp - _TCP))
+
+
+def _figures(trials: Trials) -> list[Figure]:
+    room = {"tilts": "the hole limits"}
+    means = {name: trials.mean(f"{name}_mm", **room) for name in _PAPER}
+    wins = trials.values("universal_mm", **room) < trials.values("conventional_mm", **room)
+    same = [trials.mean(f"{name}_mm", tilts="the same") for name in _PAPER]
+    return [
+        *(Figure(f"mean error, {k}", means[k], "mm", paper=f"{v}") for k, v in _PAPER.items()),
+        Figure(
+            "universal / conventional",
+            means["universal"] / means["conventional"],
+            "",
+            None,
+            0.9,
+            "0.81",
+        ),
+        Figure("experiments won by the universal method", float(wins.mean()), "", at_least=0.75),
+        Figure("universal / conventional, same tilts", same[1] / same[0]),
+    ]
+
+
+def _draw(trials: Trials) -> "Drawing":
+    labels = [("", "TCP error, mean of 8 calibrations, mm"), ("", "")]
+    runs = len(trials.select(tilts="the same"))
+    drawing, all_axes = panels(f"TCP by two methods, {runs} experiments each (table 2)", *labels)
+    for axes, tilts in zip(all_axes, trials.distinct("tilts"), strict=True):
+        values = [trials.values(f"{name}_mm", tilts=tilts) for name in _PAPER]
+        boxes = axes.boxplot(
+            values, tick_labels=list(_PAPER), widths=0.5, patch_artist=True, showfliers=False
+        )
+        for middle in boxes["medians"]:
+            middle.set(color=PAPER)
+        for color, box in zip(COLORS, boxes["boxes"], strict=False):
+            box.set(facecolor=color, alpha=0.55)
+        case = trials.select(tilts=tilts)[0]
+        axes.set_title(
+            f"tilts up to {case['one_hole_deg']:g} and {case['many_holes_deg']:g} degrees",
+            fontsize=10,
+        )
+        for color, (name, value) in zip(COLORS, _PAPER.items(), strict=False):
+            published(axes, value, f"paper, {name}: {value} mm", color=color)
+        axes.set_ylim(bottom=0)
+    legend(all_axes[0], "center right")
+    return drawing
+
+
+STUDY = Study(
+    name="experiment-a",
+    title="Experiment A: TCP by the conventional fixed point and by the universal method",
+    cases=(
+        {"tilts": "the hole limits", "one_hole_deg": 10.0, "many_holes_deg": 15.0},
+        {"tilts": "the same", "one_hole_deg": 15.0, "many_holes_deg": 15.0},
+    ),
+    runs=300,
+    trial=_trial,
+    figures=_figures,
+    draw=_draw,
+)

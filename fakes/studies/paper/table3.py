@@ -1,0 +1,163 @@
+"""Table 3: miss of the expected coordinate after the turntable has turned, method by method.
+
+Experiment B on the simulated cell, the paper's touch noise. All methods above the line solve the same 6 touches with
+one wrist orientation, 8 looks and 10 turntable pictures (the conventional one 10 touches of a fixed point besides);
+the session without a hand-eye step and the one with 3 touches are recorded in the same cell.
+"""
+
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+from functools import partial
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.random import SeedSequence
+
+from fakes.studies.paper.baselines import (
+    CONVENTIONAL,
+    SERVED,
+    SPECIAL,
+    SPECIAL_CAD,
+    compare_methods,
+)
+from fakes.studies.sessions import SESSIONS, Session
+from fakes.studies.study import Figure, Parameters, Study, Trials
+from fakes.world.simulation import COARSE, FINE, WORK_ROTATION, Request, Simulation
+from vgrd.calibration.joint.estimate import JointResult, Sighting, calibrate_joint
+from vgrd.calibration.joint.expected import expected_by_joint
+from vgrd.charts import COLORS, legend, panels, published
+from vgrd.geometry import Array, Pose
+from vgrd.model import Plan, Policy, Recording
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure as Drawing
+
+JOINT = "joint"
+NO_HAND_EYE = "joint, no hand-eye step"
+HOLES = "joint, holes seen"
+HOLES_3 = "joint, holes seen, 3 touches"
+_METHODS = (CONVENTIONAL, SPECIAL, SPECIAL_CAD, SERVED, JOINT, NO_HAND_EYE, HOLES, HOLES_3)
+_PARTS = ("xy", "z", "3D")
+_VISION = {"coarse": COARSE, "fine": FINE}
+_REQUESTS = 3
+_PAPER = {CONVENTIONAL: 0.241, SPECIAL: 0.181}
+_BARS = (
+    (JOINT, SPECIAL, 0.52),
+    (JOINT, CONVENTIONAL, 0.30),
+    (JOINT, SPECIAL_CAD, 1.02),
+    (NO_HAND_EYE, SPECIAL, 0.58),
+    (NO_HAND_EYE, CONVENTIONAL, 0.33),
+    (HOLES, SPECIAL, 0.44),
+    (HOLES_3, SPECIAL, 0.62),
+    (SERVED, SPECIAL_CAD, None),
+    (SERVED, CONVENTIONAL, None),
+)
+_EVERYTHING = Session(Plan.JOINT, points=10, looks=8, spins=10)
+
+Answer = Callable[[Request], Pose]
+
+
+def _trial(seed: SeedSequence, parameters: Parameters) -> dict[str, float]:
+    """Mean miss of three requests, mm, by method: in xy, in z, and in all."""
+    cell = Simulation(seed, vision=_VISION[parameters["vision"]])
+    answers = _answers(cell)
+    requests = [cell.request() for _ in range(_REQUESTS)]
+    row: dict[str, float] = {}
+    for name in _METHODS:
+        misses = np.array([cell.miss(request, answers[name](request)) for request in requests])
+        row |= {f"{name}, {part}": size for part, size in _sizes(misses).items()}
+    return row
+
+
+def _answers(cell: Simulation) -> Mapping[str, Answer]:
+    recording = _EVERYTHING.record(cell)
+    one_wrist = replace(recording, points=())
+    holes = _sightings(cell)
+    three = replace(one_wrist, touches=recording.touches[::2])
+    untilted = {
+        name: partial(_by_method, method) for name, method in compare_methods(recording).items()
+    }
+    return untilted | {
+        JOINT: _joint(one_wrist),
+        HOLES: _joint(one_wrist, holes),
+        HOLES_3: _joint(three, holes),
+        NO_HAND_EYE: _joint(SESSIONS[NO_HAND_EYE].record(cell)),
+    }
+
+
+def _by_method(method: Callable[..., Array], request: Request) -> Pose:
+    return Pose(WORK_ROTATION, method(request.target, request.seen))
+
+
+def _joint(recording: Recording, sightings: tuple[Sighting, ...] = ()) -> Answer:
+    return partial(_by_joint, calibrate_joint(recording, sightings))
+
+
+def _by_joint(result: JointResult, request: Request) -> Pose:
+    expected = expected_by_joint(result, request.target, request.seen, Policy.FIXED, WORK_ROTATION)
+    return expected.base_from_wrist
+
+
+def _sightings(cell: Simulation) -> tuple[Sighting, ...]:
+    """All six holes, once while touching and in every turntable picture."""
+    seen = cell.holes([None, *range(_EVERYTHING.spins)])
+    return tuple(Sighting(hole.target, hole.pixel, hole.sigma_px, hole.spin) for hole in seen)
+
+
+def _sizes(misses: Array) -> dict[str, float]:
+    values = (
+        np.linalg.norm(misses[:, :2], axis=1),
+        np.abs(misses[:, 2]),
+        np.linalg.norm(misses, axis=1),
+    )
+    return {part: float(each.mean()) for part, each in zip(_PARTS, values, strict=True)}
+
+
+def _figures(trials: Trials) -> list[Figure]:
+    figures = []
+    for vision in _VISION:
+        for name in _METHODS:
+            for part in _PARTS:
+                paper = str(_PAPER.get(name, "")) if part == "xy" else ""
+                value = trials.mean(f"{name}, {part}", vision=vision)
+                figures.append(Figure(f"{vision}: {name}, {part}", value, "mm", paper=paper))
+        for name, other, bar in _BARS:
+            ratio = trials.mean(f"{name}, xy", vision=vision)
+            ratio /= trials.mean(f"{other}, xy", vision=vision)
+            figures.append(Figure(f"{vision}: {name} / {other}, xy", ratio, "", at_most=bar))
+    return figures
+
+
+def _draw(trials: Trials) -> "Drawing":
+    runs = len(trials.select(vision="fine"))
+    drawing, (axes,) = panels(
+        f"Miss of the expected coordinate, {runs} calibrations each (table 3)",
+        ("mean miss in xy, mm  (95 % lie below the end of the line)", ""),
+    )
+    places = np.arange(len(_METHODS))
+    for color, vision, shift in zip(COLORS, _VISION, (-0.19, 0.19), strict=False):
+        values = [trials.values(f"{name}, xy", vision=vision) for name in _METHODS]
+        means = np.array([each.mean() for each in values])
+        high = np.array([np.percentile(each, 95) for each in values])
+        axes.barh(places + shift, means, 0.36, color=color, label=f"{vision} vision")
+        axes.hlines(places + shift, means, high, color="#444444", linewidth=1)
+        for place, mean in zip(places + shift, means, strict=True):
+            axes.text(0.012, place, f"{mean:.3f}", va="center", color="white", fontsize=7.5)
+    for (name, value), color in zip(_PAPER.items(), COLORS[2:], strict=False):
+        published(axes, value, f"paper, {name}: {value} mm", vertical=True, color=color)
+    axes.set_yticks(places, _METHODS)
+    axes.invert_yaxis()
+    axes.grid(visible=False, axis="y")
+    legend(axes, "lower right")
+    return drawing
+
+
+STUDY = Study(
+    name="table3",
+    title="Table 3: miss of the expected coordinate by method",
+    cases=tuple({"vision": name} for name in _VISION),
+    runs=1000,
+    trial=_trial,
+    figures=_figures,
+    draw=_draw,
+)

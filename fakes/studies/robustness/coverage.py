@@ -1,0 +1,144 @@
+"""Coverage: how often the truth lies in the 95 % regions that a calibration states.
+
+Two estimates of the same session: `system` is what the daemon serves (independent errors of the arm, added to
+every sample), `joint` models what the arm does: a new draw at every stand and a smooth error field. The turntable
+is as far off its CAD as the joint estimate takes it to be.
+"""
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.random import SeedSequence
+from scipy.special import chdtri
+
+from fakes.studies.sessions import Session
+from fakes.studies.study import Figure, Parameters, Study, Trials
+from fakes.world.simulation import (
+    COARSE,
+    EXACT_ARM,
+    WORK_ROTATION,
+    ArmErrors,
+    Request,
+    Simulation,
+)
+from vgrd.calibration.expected_coordinate import expected_coordinate
+from vgrd.calibration.joint.estimate import ArmModel, Turntable, calibrate_joint
+from vgrd.calibration.joint.expected import expected_by_joint
+from vgrd.calibration.solve import calibrate_system
+from vgrd.charts import COLORS, PAPER, legend, panels
+from vgrd.errors import CalibrationError
+from vgrd.geometry import Array
+from vgrd.model import ExpectedCoordinate, Plan, Policy, Recording, TagObservation
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure as Drawing
+
+_SESSION = Session(Plan.JOINT, looks=8, spins=10, touches=10, tilted=4)
+_LEVEL = 0.95
+_ARMS = {"exact": EXACT_ARM, "field": ArmErrors(sigma_mm=0.03, field_mm=0.15)}
+_REGIONS = {"tcp": "TCP", "xy": "EC in xy", "z": "EC in z"}
+_BAR = (93.0, 97.0)
+
+
+def _trial(seed: SeedSequence, parameters: Parameters) -> dict[str, float]:
+    """Squared error over the 95 % quantile, by estimate and region: at most 1 is inside."""
+    arm = _ARMS[parameters["arm"]]
+    cell = Simulation(seed, vision=COARSE, arm=arm, center_sigma_mm=Turntable().center_sigma_mm)
+    recording = _SESSION.record(cell)
+    request = cell.request()
+    return _of_system(cell, recording, request) | _of_joint(cell, recording, request, arm)
+
+
+def _of_system(cell: Simulation, recording: Recording, request: Request) -> dict[str, float]:
+    calibration = calibrate_system(recording)
+    if calibration.tcp_in_wrist is None or calibration.tcp_covariance is None:
+        raise CalibrationError("the tilted touches left the TCP undetermined")
+    expected = expected_coordinate(
+        calibration, request.target, _tag_b(request), Policy.FIXED, WORK_ROTATION
+    )
+    tcp = _ratio(calibration.tcp_in_wrist - cell.tcp_in_wrist, calibration.tcp_covariance)
+    return {"system, tcp": tcp, **_of_answer("system", cell, request, expected)}
+
+
+def _of_joint(
+    cell: Simulation, recording: Recording, request: Request, arm: ArmErrors
+) -> dict[str, float]:
+    model = ArmModel(max(arm.sigma_mm, 1e-3), arm.field_mm, arm.length_mm, arm.rad_per_mm)
+    result = calibrate_joint(recording, arm=model)
+    expected = expected_by_joint(result, request.target, request.seen, Policy.FIXED, WORK_ROTATION)
+    part = result.layout.TCP
+    error = result.state.tcp_in_wrist - cell.tcp_in_wrist
+    tcp = _ratio(error, result.covariance[part, part])
+    return {"joint, tcp": tcp, **_of_answer("joint", cell, request, expected)}
+
+
+def _of_answer(
+    estimate: str, cell: Simulation, request: Request, expected: ExpectedCoordinate
+) -> dict[str, float]:
+    miss = cell.miss(request, expected.base_from_wrist)
+    C = expected.position_covariance
+    return {
+        f"{estimate}, xy": _ratio(miss[:2], C[:2, :2]),
+        f"{estimate}, z": _ratio(miss[2:], C[2:, 2:]),
+    }
+
+
+def _tag_b(request: Request) -> TagObservation:
+    tag = request.seen.tag_b
+    if tag is None:
+        raise CalibrationError("tag B is not in the picture")
+    return tag
+
+
+def _ratio(error: Array, covariance: Array) -> float:
+    square = float(error @ np.linalg.solve(covariance, error))
+    return square / float(chdtri(len(error), 1 - _LEVEL))
+
+
+def _figures(trials: Trials) -> list[Figure]:
+    return [
+        Figure(
+            f"{estimate}, arm {arm}: {words}",
+            100 * float(np.mean(trials.values(f"{estimate}, {region}", arm=arm) <= 1)),
+            "%",
+            *(_BAR if estimate == "joint" or arm == "exact" else ()),
+        )
+        for estimate in ("joint", "system")
+        for arm in _ARMS
+        for region, words in _REGIONS.items()
+    ]
+
+
+def _draw(trials: Trials) -> "Drawing":
+    runs = len(trials.select(arm="exact"))
+    drawing, all_axes = panels(
+        f"How often the truth lies in the stated region, {runs} calibrations each",
+        *[("stated, %", "observed, %")] * len(_REGIONS),
+    )
+    stated = np.linspace(0.02, 0.995, 120)
+    for axes, (region, words) in zip(all_axes, _REGIONS.items(), strict=True):
+        freedom = {"tcp": 3, "xy": 2, "z": 1}[region]
+        at = chdtri(freedom, 1 - stated) / chdtri(freedom, 1 - _LEVEL)
+        axes.plot((0, 100), (0, 100), color=PAPER, linewidth=1, label="as stated")
+        for color, (estimate, arm) in zip(
+            COLORS, [(e, a) for e in ("joint", "system") for a in _ARMS], strict=False
+        ):
+            values = trials.values(f"{estimate}, {region}", arm=arm)
+            observed = [100 * np.mean(values <= limit) for limit in at]
+            axes.plot(100 * stated, observed, color=color, label=f"{estimate}, arm {arm}")
+        axes.axvline(100 * _LEVEL, color=PAPER, ls=(0, (5, 3)), linewidth=1)
+        axes.set(title=words, xlim=(0, 100), ylim=(0, 100), aspect="equal")
+    legend(all_axes[0])
+    return drawing
+
+
+STUDY = Study(
+    name="coverage",
+    title="Coverage of the stated 95 % regions",
+    cases=tuple({"arm": name} for name in _ARMS),
+    runs=1000,
+    full_runs=4000,
+    trial=_trial,
+    figures=_figures,
+    draw=_draw,
+)

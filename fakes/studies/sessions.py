@@ -1,0 +1,61 @@
+"""Teaching sessions that the studies compare, recorded in the simulated cell, and what they cost."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from types import MappingProxyType
+
+import numpy as np
+
+from fakes.world.simulation import Simulation
+from vgrd.model import Plan, Recording
+
+TILT_RAD = np.radians(25)
+STEP_MINUTES: Mapping[str, float] = MappingProxyType(
+    {"TCP": 8 / 10, "hand-eye": 2 / 8, "turntable": 1.5 / 10, "touches": 5 / 6}
+)
+
+
+@dataclass(frozen=True, slots=True)
+class Session:
+    """How many samples of each kind are taught; tilted touches come after those at work orientation."""
+
+    plan: Plan
+    points: int = 0
+    looks: int = 0
+    spins: int = 0
+    touches: int = 6
+    tilted: int = 0
+
+    def record(self, cell: Simulation) -> Recording:
+        """Teach it."""
+        fixed = self.touches - self.tilted
+        wrists = [cell.wrist() for _ in range(fixed)]
+        wrists += [cell.wrist(TILT_RAD) for _ in range(self.tilted)]
+        return cell.record(
+            plan=self.plan,
+            wrists=wrists,
+            looks=self.looks,
+            spins=self.spins,
+            points=self.points,
+        )
+
+
+SESSIONS: Mapping[str, Session] = MappingProxyType(
+    {
+        "conventional": Session(Plan.CONVENTIONAL, points=10, looks=8),
+        "special": Session(Plan.SPECIAL, looks=8, spins=10),
+        "joint, fixed wrist": Session(Plan.JOINT, looks=8, spins=10),
+        "joint, no hand-eye step": Session(Plan.JOINT, spins=4, tilted=3),
+    }
+)
+
+
+def operator_minutes(recording: Recording) -> dict[str, float]:
+    """Minutes by step, at table 4's cost of one sample."""
+    counts = {
+        "TCP": len(recording.points),
+        "hand-eye": len(recording.looks),
+        "turntable": len(recording.spins),
+        "touches": len(recording.touches),
+    }
+    return {step: STEP_MINUTES[step] * count for step, count in counts.items()}

@@ -1,0 +1,139 @@
+"""The one layout of the fake cell: every true transform, in mm and rad.
+
+::
+
+        z (base)                      camera: on a post behind the turntable, looks at the robot,
+        |                     .--.    32 deg from the vertical, 600 mm from the middle of the work
+        |   arm              / c /
+     ___|___  _________     '--'
+    | robot |          |   /   optical axis
+    | foot  |        [flange]--.
+    |       |          |  [A]  '   tag A on a bracket at the flange, faces the camera
+    |_______|          | tool
+    ----+------     ___V_______________   turntable, axis 450 mm in front of the foot,
+        0          |  o  o  [B]  o  o  |  top 60 mm above the foot; tag B and six targets on it
+        +-----------------> x (base)      a spike beside the table: fixed point of the plain TCP
+
+The base frame is at the robot's foot, x to the turntable, z up. The CAD frame of the object lies
+on the top of the disc, origin on the turntable's axis. Tag frames are x right, y down, z into the
+paper. The flange's z points out of the flange, so down over the table. Nothing is quite straight:
+axis, bracket, tool and tag B are all a little off, as mounted things are.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from fakes.world.optics import Optics
+from vgrd.geometry import Array, Pose
+from vgrd.model import TagSpec, Target, frozen_array
+
+TARGET_RADIUS_MM = 60.0
+HOLE_DIAMETER_MM = 4.0
+DISC_RADIUS_MM = 75.0
+FLANGE_RADIUS_MM = 31.5
+TOOL_RADIUS_MM = 6.0
+FIXED_POINT = "spike"
+_CAMERA_TILT_RAD = np.radians(32)
+_CAMERA_DISTANCE_MM = 600.0
+_CAMERA_LOOKS_AT = np.array([478.0, 0.0, 112.0])
+_TAG_A_TILT_RAD = np.radians(34)
+
+
+def _frame(x_axis: Array, z_axis: Array) -> Array:
+    """Rotation (3, 3) with z column `z_axis` and x column `x_axis` made orthogonal to it."""
+    z = z_axis / np.linalg.norm(z_axis)
+    x = x_axis - (x_axis @ z) * z
+    x /= np.linalg.norm(x)
+    return np.column_stack([x, np.cross(z, x), z])
+
+
+def _base_from_camera() -> Pose:
+    view = np.array([-np.sin(_CAMERA_TILT_RAD), 0.0, -np.cos(_CAMERA_TILT_RAD)])
+    rotation = _frame(np.array([0.0, 1.0, 0.0]), view)
+    straight = Pose(rotation, _CAMERA_LOOKS_AT - _CAMERA_DISTANCE_MM * view)
+    return straight.compose(Pose.from_rotvec((0.006, -0.004, 0.011)))
+
+
+def _wrist_from_tag_a() -> Pose:
+    """On the flange's side that is turned to the camera, leaning outwards from its sight."""
+    lean = _CAMERA_TILT_RAD + _TAG_A_TILT_RAD
+    into_paper = np.array([-np.sin(lean), 0.0, np.cos(lean)])
+    rotation = _frame(np.array([0.0, -1.0, 0.0]), into_paper)
+    straight = Pose(rotation, np.array([58.3, -1.9, 47.4]))
+    return straight.compose(Pose.from_rotvec((0.02, -0.03, 0.015)))
+
+
+def _targets() -> dict[str, Target]:
+    angles = np.radians(np.arange(30, 390, 60))
+    return {
+        f"P{i}": Target(
+            i,
+            f"P{i}",
+            frozen_array((TARGET_RADIUS_MM * np.cos(a), TARGET_RADIUS_MM * np.sin(a), 0.0), 3),
+            hole_diameter_mm=HOLE_DIAMETER_MM,
+        )
+        for i, a in enumerate(angles, start=1)
+    }
+
+
+def _optics() -> Optics:
+    focal_px = 6486.0  # 12 mm lens on 1.85 um pixels: 0.0925 mm/px at 600 mm
+    matrix = frozen_array(((focal_px, 0, 2014.8), (0, focal_px, 1511.8), (0, 0, 1)), 3, 3)
+    distortion = frozen_array((-0.08, 0.10, 2e-4, -1e-4, 0.0), 5)
+    return Optics(matrix, distortion, (4024, 3036), focus_mm=575.0, aperture_mm=12 / 5.6)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Layout:
+    """Where everything truly is; frames as in the module's drawing.
+
+    base_from_table: the turntable at angle 0, z along its axis. tcp_in_wrist: (3,) the true tip of
+    the tool. wrist_from_pendant_tcp: what the operator left active on the pendant, not the true
+    TCP. fixed_point_in_base: (3,) the spike's tip. ink_mm: how far black edges of the tags spread.
+    workspace_mm: (2, 3) lower and upper corner of where the flange goes.
+    """
+
+    base_from_camera: Pose = field(default_factory=_base_from_camera)
+    optics: Optics = field(default_factory=_optics)
+    tag_a: TagSpec = field(default_factory=lambda: TagSpec("36h11", 0, 25.0))
+    tag_b: TagSpec = field(default_factory=lambda: TagSpec("36h11", 1, 25.0))
+    wrist_from_tag_a: Pose = field(default_factory=_wrist_from_tag_a)
+    object_from_tag_b: Pose = field(
+        default_factory=lambda: Pose(
+            _frame(np.array([0.03, 1.0, 0.0]), np.array([0.004, -0.003, -1.0])),
+            np.array([50.6, 0.7, 0.4]),
+        )
+    )
+    tcp_in_wrist: Array = field(default_factory=lambda: frozen_array((2.41, -1.68, 148.57), 3))
+    tool_axis_in_wrist: Array = field(default_factory=lambda: frozen_array((0, 0, 1), 3))
+    base_from_table: Pose = field(
+        default_factory=lambda: Pose.from_rotvec((0.002, -0.003, 0.0), (450.0, 0.0, 60.0))
+    )
+    targets: Mapping[str, Target] = field(default_factory=_targets)
+    fixed_point_in_base: Array = field(
+        default_factory=lambda: frozen_array((448.0, 118.0, 82.0), 3)
+    )
+    base_from_wrist_home: Pose = field(
+        default_factory=lambda: Pose(np.diag([1.0, -1.0, -1.0]), np.array([400.0, -120.0, 300.0]))
+    )
+    wrist_from_pendant_tcp: Pose = field(
+        default_factory=lambda: Pose.from_rotvec((0.0, 0.0, 0.35), (4.0, 1.5, 121.0))
+    )
+    workspace_mm: Array = field(
+        default_factory=lambda: frozen_array(((300, -200, 140), (600, 240, 420)), 2, 3)
+    )
+
+    ink_mm: float = 0.0
+
+    def base_from_object(self, angle_rad: float) -> Pose:
+        """Place the CAD frame in the base, turntable at `angle_rad`."""
+        return self.base_from_table.compose(Pose.from_rotvec((0.0, 0.0, angle_rad)))
+
+    def target_in_base(self, name: str, angle_rad: float) -> Array:
+        """Find a CAD target at a table angle, or the spike (`FIXED_POINT`): (3,) mm."""
+        if name == FIXED_POINT:
+            return self.fixed_point_in_base
+        point = self.targets[name].point_in_object
+        return self.base_from_object(angle_rad).apply(point)

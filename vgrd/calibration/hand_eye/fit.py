@@ -1,0 +1,261 @@
+"""Engine of both hand-eye problems: whitening with robot noise, robust weights, least squares."""
+
+from abc import ABC, abstractmethod
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import gammaincinv
+
+from vgrd.calibration.hand_eye.certificate import certified_start
+from vgrd.calibration.hand_eye.null_space import (
+    determined_steps,
+    open_translations,
+    without_part_along,
+)
+from vgrd.calibration.hand_eye.state import HandEye, move_of
+from vgrd.calibration.observability.motion import refuse_repeats
+from vgrd.errors import DidNotConverge, NotObservable, TooFewObservations
+from vgrd.geometry import Array, Pose
+from vgrd.geometry.covariance import covariance_from
+from vgrd.geometry.least_squares import Minimum, minimize, require_convergence
+from vgrd.model import Mount
+
+Mask = NDArray[np.bool_]
+
+_START_SIGMA_MM = 1.0  # of the start only, where their ratio says how to weigh: alike at 500 mm
+_START_SIGMA_RAD = 2e-3
+_ROUNDS = 20
+_SETTLED = 1e-3
+_NEARLY_SETTLED = 1e-2
+_TOLERANCE = 1e-6
+_CHI2_6_MEDIAN = 5.348
+_CHI2_6_95 = 12.592
+_CHI2_6_REJECT = 2 * float(gammaincinv(3, 1 - 1e-5))
+
+
+class Rows(ABC):
+    """What one sample contributes: residuals in units of its own measurement noise."""
+
+    @abstractmethod
+    def linearize(self, state: HandEye, predicted: Pose) -> tuple[Array, Array, Array]:
+        """Residuals (m,), derivative (m, 6) by a left perturbation of `predicted`, (m, extra)."""
+
+    @abstractmethod
+    def own(self, state: HandEye) -> Pose:
+        """camera_from_target that fits this sample best by itself."""
+
+    def rms_px(self, state: HandEye, predicted: Pose) -> float:
+        """Reprojection error at a predicted pose; NaN where the sample holds no pixels."""
+        del state, predicted
+        return float("nan")
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Sample:
+    """A flange pose, a first guess of the target's pose, and its rows."""
+
+    name: str
+    base_from_wrist: Pose
+    camera_from_target: Pose
+    rows: Rows
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Fit:
+    """covariance: of all unknowns, enlarged by noise_scale^2 where that is above 1.
+
+    free: (k, 6), as of `open_translations`: the state and the covariance have no part along it.
+    """
+
+    state: HandEye
+    covariance: Array
+    noise_scale: float
+    used: tuple[bool, ...]
+    reasons: tuple[str, ...]
+    free: Array
+
+
+def fit_hand_eye(
+    mount: Mount,
+    samples: Sequence[Sample],
+    *,
+    robot_sigma_mm: float,
+    robot_sigma_rad: float,
+    robust: bool,
+    start: HandEye | None = None,
+    may_be_free: int = 0,
+) -> Fit:
+    """Maximum likelihood; robust: samples that fit no common pose are left out with the reason.
+
+    `start` says what is refined beside the two poses; where it holds none, they start from the
+    certified optimum of a simpler cost. may_be_free: how many translations may stay open.
+    """
+    refuse_repeats([s.name for s in samples], [s.base_from_wrist for s in samples])
+    engine = _Engine(mount, samples, robot_sigma_mm, robot_sigma_rad)
+    start = start or HandEye()
+    free = engine.block(np.ones(len(samples), dtype=np.bool_), start.extra, may_be_free)
+    if start.is_blank:
+        best = certified_start(
+            engine.moves,
+            [s.camera_from_target for s in samples],
+            sigma_mm=_START_SIGMA_MM,
+            sigma_rad=_START_SIGMA_RAD,
+            free=free,
+        )
+        start = replace(start, X=best.X, Y=best.Y, is_blank=False, certificate=best.certificate)
+    unknowns = 12 + start.extra - start.points.size
+    if 6 * len(samples) < unknowns + 1:
+        raise TooFewObservations(
+            f"{len(samples)} samples cannot determine {unknowns} unknowns: "
+            "add samples or refine less"
+        )
+    everything = np.ones(len(samples), dtype=np.bool_)
+    if not robust:
+        return engine.finish(engine.settle(start, everything, robust=False), everything)
+    weighted = engine.settle(start, everything, robust=True)
+    misfits = engine.misfits(weighted.state)
+    limit = _CHI2_6_REJECT * engine.variance_of(misfits)
+    kept = misfits <= limit
+    engine.block(kept, start.extra, may_be_free)
+    return engine.finish(engine.settle(weighted.state, kept, robust=False), kept)
+
+
+class _Engine:
+    def __init__(
+        self, mount: Mount, samples: Sequence[Sample], sigma_mm: float, sigma_rad: float
+    ) -> None:
+        self.mount = mount
+        self.samples = samples
+        self.moves = [move_of(mount, s.base_from_wrist) for s in samples]
+        self.robot_sigmas = np.array([sigma_mm] * 3 + [sigma_rad] * 3)
+
+    def block(self, kept: Mask, extra: int, may_be_free: int) -> Array:
+        """Take no steps along what the samples kept leave open, which is returned."""
+        chosen = [i for i, is_kept in enumerate(kept) if is_kept]
+        wrists = [self.samples[i].base_from_wrist for i in chosen]
+        self.free = open_translations(wrists, [self.moves[i] for i in chosen], may_be_free)
+        self.basis = determined_steps(self.free, extra)
+        return self.free
+
+    def settle(self, state: HandEye, kept: Mask, *, robust: bool) -> Minimum[HandEye]:
+        """Minimise, renew whitening and weights, until neither changes."""
+        weights: Array = kept.astype(np.float64)
+        state = self._on_zero(state)
+        for _ in range(_ROUNDS):
+            whiteners, misfits = self._weigh(state)
+            if robust:
+                ratio = misfits / (self.variance_of(misfits) * _CHI2_6_95)
+                weights = 1 / (1 + ratio)
+            linearize = partial(self._linearize, whiteners=whiteners, weights=weights)
+            minimum = minimize(
+                linearize,
+                lambda at, step: at.retract(self.basis @ step),
+                state,
+                tolerance=_TOLERANCE,
+                max_steps=2 if robust else 50,
+            )
+            before, state = state, minimum.state
+            if _moved(before, state) < (_NEARLY_SETTLED if robust else _SETTLED):
+                break
+        else:
+            if not robust:
+                raise DidNotConverge(
+                    f"hand-eye: not settled after {_ROUNDS} rounds of weighing; the samples "
+                    "contradict each other or belong to different set-ups"
+                )
+        if not robust:
+            require_convergence(minimum.report, "hand-eye")
+        return minimum
+
+    def misfits(self, state: HandEye) -> Array:
+        """Squared Mahalanobis distance (n,), 6 degrees of freedom, of every sample's own pose."""
+        return self._weigh(state)[1]
+
+    def variance_of(self, misfits: Array) -> float:
+        """Noise variance over the promised one, from the median; at least 1."""
+        return max(1.0, float(np.median(misfits)) / _CHI2_6_MEDIAN)
+
+    def finish(self, minimum: Minimum[HandEye], kept: Mask) -> Fit:
+        state = self._on_zero(minimum.state)
+        misfits = self.misfits(state)
+        freedom = 6 * int(kept.sum()) - self.basis.shape[1] + state.points.size
+        variance = float(misfits[kept].sum()) / freedom if freedom > 0 else 1.0
+        try:
+            covariance = covariance_from(minimum.jacobian)
+        except NotObservable as fault:
+            raise NotObservable(
+                f"hand-eye: {fault}; look from more distances and tilts, or refine less",
+                rank=fault.rank,
+                unknowns=fault.unknowns,
+            ) from fault
+        return Fit(
+            state,
+            self.basis @ covariance @ self.basis.T * max(1.0, variance),
+            float(np.sqrt(variance)),
+            tuple(bool(k) for k in kept),
+            tuple("" if kept[i] else self._reason(i, state) for i in range(len(kept))),
+            self.free,
+        )
+
+    def _on_zero(self, state: HandEye) -> HandEye:
+        X, Y = without_part_along(state.X, state.Y, self.free)
+        return replace(state, X=X, Y=Y)
+
+    def _reason(self, i: int, state: HandEye) -> str:
+        predicted = state.X.inverse() @ self.moves[i] @ state.Y
+        mm, rad = predicted.distance(self.samples[i].rows.own(state))
+        return f"{mm:.1f} mm and {np.degrees(rad):.2f} deg off what the others say"
+
+    def _linearize(
+        self, state: HandEye, whiteners: Sequence[tuple[Array, Array]], weights: Array
+    ) -> tuple[Array, Array]:
+        camera_from_mount = state.X.inverse()
+        by_X = -camera_from_mount.adjoint()
+        residuals, jacobians = [], []
+        for sample, move, W, weight in zip(
+            self.samples, self.moves, whiteners, weights, strict=True
+        ):
+            if weight == 0:
+                continue
+            turn = camera_from_mount @ move
+            r, D, E = sample.rows.linearize(state, turn @ state.Y)
+            J = np.hstack([D @ by_X, D @ turn.adjoint(), E])
+            residuals.append(np.sqrt(weight) * _apply(W, r))
+            jacobians.append(np.sqrt(weight) * _apply(W, J))
+        r, J = state.anchors()
+        residuals.append(r)
+        jacobians.append(J)
+        return np.concatenate(residuals), np.vstack(jacobians) @ self.basis
+
+    def _weigh(self, state: HandEye) -> tuple[list[tuple[Array, Array]], Array]:
+        """Whiteners of all samples, and their squared misfits (n,).
+
+        A whitener is the low-rank form of (I + G S G^T)^-1/2, G S G^T being what robot noise adds.
+        """
+        camera_from_mount = state.X.inverse()
+        whiteners, misfits = [], np.empty(len(self.samples))
+        for i, (sample, move) in enumerate(zip(self.samples, self.moves, strict=True)):
+            turn = camera_from_mount @ move
+            r, D, _ = sample.rows.linearize(state, turn @ state.Y)
+            lever = turn if self.mount is Mount.EYE_TO_HAND else camera_from_mount
+            G = D @ lever.adjoint() * self.robot_sigmas
+            U, s, _ = np.linalg.svd(G, full_matrices=False)
+            kept = 1 / np.sqrt(1 + s * s)
+            whiteners.append((U, 1 - kept))
+            misfits[i] = np.sum((kept * (U.T @ r)) ** 2)
+        return whiteners, misfits
+
+
+def _apply(whitener: tuple[Array, Array], rows: Array) -> Array:
+    U, shrink = whitener
+    weighted = (U * shrink) @ (U.T @ rows)
+    return np.asarray(rows - weighted)
+
+
+def _moved(before: HandEye, after: HandEye) -> float:
+    """How far the estimate moved, in mm (1 mrad counts as 1 mm)."""
+    distances = np.array([before.X.distance(after.X), before.Y.distance(after.Y)])
+    return float((distances * [1, 1e3]).max())

@@ -1,0 +1,126 @@
+"""Translations that stay open where the wrist does not turn about two axes: 4-axis arms, portals.
+
+Camera and target can then be moved together, along the one axis (4-axis) or in every direction (no
+turn at all), and no picture changes.
+"""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from vgrd.calibration.hand_eye.certificate import translation_rows
+from vgrd.calibration.observability.motion import (
+    Axes,
+    hand_eye_observability,
+    missing_rotation,
+    require_hand_eye_motion,
+    turned_axes,
+)
+from vgrd.errors import NotObservable
+from vgrd.geometry import Array, Pose
+from vgrd.model import Finding, Mount
+
+_TRANSLATION_ONLY = 0.05
+_ROUNDING_RAD = 1e-3  # turns below it, rms, are taken for rounding of the poses
+
+
+def open_translations(wrists: Sequence[Pose], moves: Sequence[Pose], allowed: int) -> Array:
+    """Directions (k, 6) of (t_X, t_Y) that the motion leaves open, orthonormal rows, k <= allowed.
+
+    moves: M of `vgrd.calibration.hand_eye.pose_pairs`. Raises TooFewObservations, or NotObservable, which names
+    the missing motion, where more stays open or the camera's rotation does. A direction that small turns
+    about other axes tell badly is not open: its covariance is large.
+    """
+    if allowed == 0:
+        require_hand_eye_motion(wrists)
+        return np.zeros((0, 6))
+    seen = hand_eye_observability(wrists)
+    turning = seen.undetermined.reshape(-1, 2, 2, 3)[:, :, 1]
+    if np.any(np.linalg.norm(turning, axis=2) > _TRANSLATION_ONLY):
+        raise _open(seen.rank, f"leave the camera's rotation open: {_missing_shift(wrists)}")
+    _, s, Vt = np.linalg.svd(translation_rows(np.array([move.rotation.T for move in moves])))
+    free = Vt[s < _ROUNDING_RAD * np.sqrt(len(moves) / 2)]
+    if len(free) > allowed:
+        turns = [wrist.rotation for wrist in wrists]
+        raise _open(12 - len(free), f"leave where the camera is open: {missing_rotation(turns)}")
+    return _signed(free)
+
+
+def _open(rank: int, what: str) -> NotObservable:
+    message = f"hand-eye: the robot poses determine {rank} of 12 unknowns and {what}"
+    return NotObservable(message, rank=rank, unknowns=12)
+
+
+def _missing_shift(wrists: Sequence[Pose]) -> str:
+    axes, axis = turned_axes([wrist.rotation for wrist in wrists])
+    if axes is not Axes.ONE:
+        return "move the wrist by 100 mm or more along two directions that are not in line"
+    x, y, z = axis
+    return (
+        f"the wrist turned about the axis ({x:.2f}, {y:.2f}, {z:.2f}) of the base without "
+        "moving across it; move it by 100 mm or more across the axis, at two or more turns"
+    )
+
+
+def _signed(free: Array) -> Array:
+    """Each direction with the largest component of its target half positive."""
+    signs = [np.sign(row[3:][np.argmax(np.abs(row[3:]))]) for row in free]
+    return free * np.reshape(signs, (-1, 1))
+
+
+def without_part_along(X: Pose, Y: Pose, free: Array) -> tuple[Pose, Pose]:
+    """Both poses moved along what is free (k, 6) until the target's origin has no part of it."""
+    if not len(free):
+        return X, Y
+    amount = np.linalg.lstsq(free[:, 3:].T, Y.translation, rcond=None)[0]
+    shift = amount @ free
+    return (
+        Pose(X.rotation, X.translation - shift[:3]),
+        Pose(Y.rotation, Y.translation - shift[3:]),
+    )
+
+
+def determined_steps(free: Array, extra: int) -> Array:
+    """Orthonormal columns (12 + extra, 12 + extra - k): all steps of a fit but along `free` (k, 6)."""
+    blocked = np.zeros((len(free), 12 + extra))
+    blocked[:, [0, 1, 2, 6, 7, 8]] = free
+    if not len(free):
+        return np.eye(12 + extra)
+    return np.asarray(np.linalg.svd(blocked)[2][len(free) :].T)
+
+
+def undetermined_in_words(mount: Mount, free: Array) -> tuple[str, ...]:
+    """Each free direction (k, 6) as a translation in the base, where camera or target stands still."""
+    base = slice(0, 3) if mount is Mount.EYE_TO_HAND else slice(3, 6)
+    return tuple(f"translation along {_line(row[base])} of base" for row in free)
+
+
+def free_findings(mount: Mount, free: Array) -> tuple[Finding, ...]:
+    """What stays open and how to learn it, in words; empty where nothing does."""
+    if not len(free):
+        return ()
+    holder, other = ("wrist", "base") if mount is Mount.EYE_TO_HAND else ("base", "wrist")
+    if len(free) > 1:
+        message = (
+            "the wrist did not turn: where the camera is stays open in all directions, its "
+            f"rotation does not; the target's origin is taken at the origin of the {holder}; "
+            "turn the wrist, or measure where the target is"
+        )
+        return (Finding("position_free", message),)
+    message = (
+        f"the wrist turned about one axis only: the target's height along {_vector(free[0, 3:])} "
+        f"of the {holder} stays open and is taken as 0 mm; the camera's place along "
+        f"{_vector(free[0, :3])} of the {other} depends on it. Measure that height, touch "
+        "one point, or tilt the wrist; expected coordinates at this tilt do not need it"
+    )
+    return (Finding("height_free", message),)
+
+
+def _vector(half: Array) -> str:
+    x, y, z = np.round(half / np.linalg.norm(half), 2) + 0.0
+    return f"({x:.2f}, {y:.2f}, {z:.2f})"
+
+
+def _line(half: Array) -> str:
+    """A direction whose sign does not matter: the largest component positive."""
+    return _vector(half * np.sign(half[np.argmax(np.abs(half))]))

@@ -1,0 +1,191 @@
+"""Hand-eye calibration: values, and the problem of tag poses with covariances.
+
+One equation serves both mounts: `camera_from_target_i = X^-1 M_i Y` with
+eye-to-hand: X = base_from_camera, M = base_from_wrist, Y = wrist_from_target;
+eye-in-hand: X = wrist_from_camera, M = wrist_from_base, Y = base_from_target.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from vgrd.calibration.hand_eye.fit import Fit, Rows, Sample, fit_hand_eye
+from vgrd.calibration.hand_eye.state import HandEye, move_of
+from vgrd.geometry import Array, Pose
+from vgrd.geometry.camera import CameraModel
+from vgrd.geometry.covariance import whitener
+from vgrd.geometry.rotation_relaxation import Certificate
+from vgrd.model import Mount
+
+_ODD = 4.0
+_ODD_AT_LEAST = (0.1, 2e-3)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PoseSample:
+    """One look: a flange pose and the pose of the target in the picture.
+
+    covariance: (6, 6), left tangent of camera_from_target, mm and rad.
+    """
+
+    name: str
+    base_from_wrist: Pose
+    camera_from_target: Pose
+    covariance: Array
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class HandEyeProblem:
+    """Looks with pose covariances; robot_sigma_*: noise of one flange pose, per axis.
+
+    estimate_scale: the size of the target, which scales all its distances, is estimated too.
+    start: an earlier result to start from, instead of the certified one. may_be_free: how many
+    translations may stay open: 1 for a 4-axis robot, 3 for one that turns nothing.
+    """
+
+    mount: Mount
+    samples: Sequence[PoseSample]
+    robot_sigma_mm: float = 0.1
+    robot_sigma_rad: float = 2e-4
+    robust: bool = True
+    estimate_scale: bool = False
+    start: "HandEyeResult | None" = None
+    may_be_free: int = 0
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SampleResidual:
+    """How one sample fits: predicted minus measured pose of the target, reprojection rms.
+
+    `reason` says why an unused sample was left out, or what is odd about a used one. deg, mm: of
+    the target's pose in the camera; px: rms of the predicted pixels (NaN for pose samples).
+    """
+
+    name: str
+    used: bool
+    reason: str
+    deg: float
+    mm: float
+    px: float = np.nan
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class HandEyeResult:
+    """mount_from_camera: base_from_camera (eye-to-hand) or wrist_from_camera (eye-in-hand).
+
+    mount_from_target: wrist_from_target or base_from_target. covariance: (12, 12) of the left
+    tangents of the two, in this order. noise_scale: residuals over what the sigmas promise (the
+    covariance is enlarged by it where it is above 1). camera: as refined; target_scale: 1 unless
+    it was estimated. certificate: that the start was the best of all rotations; None where an
+    earlier result was the start. free: (k, 6), orthonormal directions of (t of mount_from_camera, t
+    of mount_from_target) that stay open: the target's origin is taken to have no part (0 mm) along
+    them, the camera lies accordingly, and the covariance says nothing about them. features: places
+    (3,) in the target, mm, of the points that pictures showed beside it.
+    """
+
+    mount: Mount
+    mount_from_camera: Pose
+    mount_from_target: Pose
+    covariance: Array
+    noise_scale: float
+    samples: tuple[SampleResidual, ...]
+    camera: CameraModel | None = None
+    intrinsics_sigma: Array = field(default_factory=lambda: np.zeros(6))
+    target_scale: float = 1.0
+    target_scale_sigma: float = 0.0
+    certificate: Certificate | None = None
+    free: Array = field(default_factory=lambda: np.zeros((0, 6)))
+    features: Mapping[str, Array] = field(default_factory=dict)
+
+    def predict(self, base_from_wrist: Pose) -> Pose:
+        """camera_from_target that this calibration expects at a flange pose."""
+        return (
+            self.mount_from_camera.inverse()
+            @ move_of(self.mount, base_from_wrist)
+            @ self.mount_from_target
+        )
+
+
+def calibrate_hand_eye(problem: HandEyeProblem) -> HandEyeResult:
+    """Maximum likelihood from looks with pose covariances and robot noise.
+
+    Raises TooFewObservations, NotObservable (names the missing motion), InputError (one pose
+    twice) or DidNotConverge.
+    """
+    samples = [
+        Sample(s.name, s.base_from_wrist, s.camera_from_target, _PoseRows(s))
+        for s in problem.samples
+    ]
+    fit = fit_hand_eye(
+        problem.mount,
+        samples,
+        robot_sigma_mm=problem.robot_sigma_mm,
+        robot_sigma_rad=problem.robot_sigma_rad,
+        robust=problem.robust,
+        start=_start(problem),
+        may_be_free=problem.may_be_free,
+    )
+    sigma = float(np.sqrt(fit.covariance[-1, -1])) if problem.estimate_scale else 0.0
+    return replace(
+        result_of(problem.mount, samples, fit),
+        target_scale=fit.state.scale,
+        target_scale_sigma=fit.state.scale * sigma,
+    )
+
+
+def _start(problem: HandEyeProblem) -> HandEye:
+    blank = HandEye(refines_scale=problem.estimate_scale)
+    if problem.start is None:
+        return blank
+    X, Y = problem.start.mount_from_camera, problem.start.mount_from_target
+    return replace(blank, X=X, Y=Y, is_blank=False)
+
+
+class _PoseRows(Rows):
+    """Residual log(predicted measured^-1), whitened by the measurement's covariance.
+
+    A target that is larger than assumed by the scale is measured nearer by the same factor.
+    """
+
+    def __init__(self, sample: PoseSample) -> None:
+        self._measured = sample.camera_from_target
+        self._inverse = self._measured.inverse()
+        self._W = whitener(sample.covariance)
+
+    def linearize(self, state: HandEye, predicted: Pose) -> tuple[Array, Array, Array]:
+        nearer = predicted.translation / state.scale
+        e = (Pose(predicted.rotation, nearer) @ self._inverse).log()
+        D = self._W @ np.linalg.inv(Pose.left_jacobian(e))
+        E = D[:, :3] @ -nearer[:, None] if state.refines_scale else np.zeros((6, 0))
+        return self._W @ e, D * ([1 / state.scale] * 3 + [1.0] * 3), E
+
+    def own(self, state: HandEye) -> Pose:
+        return Pose(self._measured.rotation, self._measured.translation * state.scale)
+
+
+def result_of(mount: Mount, samples: Sequence[Sample], fit: Fit) -> HandEyeResult:
+    """Dress a fit as a result, residuals of every sample included."""
+    predicted = [fit.state.predict(mount, sample.base_from_wrist) for sample in samples]
+    off = np.array(
+        [p.distance(s.rows.own(fit.state)) for p, s in zip(predicted, samples, strict=True)]
+    )
+    typical = np.median(off[list(fit.used)], axis=0)
+    residuals = []
+    for i, sample in enumerate(samples):
+        mm, deg = float(off[i, 0]), float(np.degrees(off[i, 1]))
+        reason = fit.reasons[i]
+        if fit.used[i] and (off[i] > _ODD * typical + _ODD_AT_LEAST).any():
+            reason = f"its own pose is {mm:.1f} mm and {deg:.2f} deg off: few or bunched points"
+        px = sample.rows.rms_px(fit.state, predicted[i])
+        residuals.append(SampleResidual(sample.name, fit.used[i], reason, deg, mm, px))
+    return HandEyeResult(
+        mount=mount,
+        mount_from_camera=fit.state.X,
+        mount_from_target=fit.state.Y,
+        covariance=fit.covariance[:12, :12],
+        noise_scale=fit.noise_scale,
+        samples=tuple(residuals),
+        certificate=fit.state.certificate,
+        free=fit.free,
+    )

@@ -1,0 +1,46 @@
+"""What a recording holds for the hand-eye: every flange pose from which tag A was seen."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from vgrd.calibration.hand_eye.pose_pairs import PoseSample
+from vgrd.geometry import Pose
+from vgrd.model import Recording
+
+_SAME_MM = 1e-6
+_SAME_RAD = 1e-9
+
+
+def sightings_of_tag_a(recording: Recording) -> list[PoseSample]:
+    """All pictures with tag A but those of spins, in order of recording; verifications are held out."""
+    named = [(f"look {i + 1}", seen) for i, seen in enumerate(recording.looks)]
+    for kind, touches in (("touch", recording.touches), ("point", recording.points)):
+        named += [
+            (f"{kind} {i + 1} ({touch.target})", touch.observation)
+            for i, touch in enumerate(touches)
+            if touch.observation is not None
+        ]
+    return [
+        PoseSample(name, seen.base_from_wrist, seen.tag_a.camera_from_tag, seen.tag_a.covariance)
+        for name, seen in named
+        if seen.tag_a is not None
+    ]
+
+
+def hand_eye_samples(recording: Recording) -> list[PoseSample]:
+    """The first of them from every distinct flange pose."""
+    samples = sightings_of_tag_a(recording)
+    first = first_of_same([sample.base_from_wrist for sample in samples])
+    return [sample for i, sample in enumerate(samples) if first[i] == i]
+
+
+def first_of_same(poses: Sequence[Pose]) -> list[int]:
+    """For every pose (n) the index of the first one that equals it."""
+    if not poses:
+        return []
+    t = np.array([pose.translation for pose in poses])
+    R = np.array([pose.rotation for pose in poses])
+    apart_mm = np.linalg.norm(t[:, None] - t, axis=2)
+    apart = np.abs(R[:, None] - R).max(axis=(2, 3))
+    return [int(i) for i in np.argmax((apart_mm < _SAME_MM) & (apart < _SAME_RAD), axis=1)]

@@ -1,0 +1,177 @@
+"""Least squares of the joint estimate: the noise of the arm, null directions, scores of samples.
+
+Corrections of the robot's poses are eliminated in closed form: with a prior S and derivative G they
+widen the noise to I + G S G^T. It is renewed, as the refined tag sizes are, until nothing moves.
+"""
+
+from dataclasses import dataclass
+from functools import partial
+
+import numpy as np
+from scipy.linalg import solve_triangular
+
+from vgrd.calibration.joint.problem import JointData
+from vgrd.calibration.joint.rows import arm_jacobian, linearize
+from vgrd.calibration.joint.state import JointState, Layout
+from vgrd.errors import DidNotConverge
+from vgrd.geometry import Array
+from vgrd.geometry.least_squares import Report, minimize, require_convergence
+
+_UNDETERMINED_MM = 500.0
+_UNDETERMINED_RAD = 1.0
+_ROUNDS = 8
+_SETTLED_MM = 2e-2
+_SETTLED_SIGMA = 1e-3
+_TOLERANCE = 1e-6
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Optimum:
+    """Evidence as seen with the refined numbers, the state, and the fit around it.
+
+    whitened (r,), jacobian (r, n): in sigmas, noise of the arm included by `arm_factor`, the lower
+    triangle of I + G S G^T of `arm_by`: G.
+    """
+
+    data: JointData
+    layout: Layout
+    state: JointState
+    whitened: Array
+    jacobian: Array
+    arm_by: Array
+    arm_factor: Array
+    report: Report
+
+
+def settle(raw: JointData, layout: Layout, state: JointState) -> Optimum:
+    """Most likely state near the one given, which keeps what nothing determines as it was.
+
+    Raises DidNotConverge.
+    """
+    for _ in range(_ROUNDS):
+        data = raw.refined(state.refined)
+        _, factor = arm_noise(state, data)
+        frozen = _frozen(state, data, layout, factor)
+        minimum = minimize(
+            partial(_held, data=data, layout=layout, factor=factor, frozen=frozen),
+            partial(_retract, layout=layout),
+            state,
+            tolerance=_TOLERANCE,
+        )
+        before, state = state, minimum.state
+        if _is_settled(before, state, data) and (
+            not len(frozen) or len(_frozen(state, data, layout, factor)) == len(frozen)
+        ):
+            break
+    else:
+        raise DidNotConverge(
+            f"joint estimate: not settled after {_ROUNDS} rounds of weighing; the samples contradict "
+            "each other or belong to different set-ups"
+        )
+    require_convergence(minimum.report, "joint estimate")
+    return fit_at(raw, layout, state, minimum.report)
+
+
+def fit_at(raw: JointData, layout: Layout, state: JointState, report: Report) -> Optimum:
+    """The fit as it looks at a state."""
+    data = raw.refined(state.refined)
+    G, factor = arm_noise(state, data)
+    r, J = _whitened(state, data, layout, factor)
+    return Optimum(data, layout, state, r, J, G, factor, report)
+
+
+def arm_noise(state: JointState, data: JointData) -> tuple[Array, Array]:
+    """G and the Cholesky factor of I + G S G^T; both empty for an exact arm."""
+    if data.arm.is_exact:
+        return np.zeros((0, 0)), np.zeros((0, 0))
+    G = arm_jacobian(state, data)
+    F = G @ data.arm.half(data.flange_at)
+    return G, np.asarray(np.linalg.cholesky(np.eye(len(G)) + F @ F.T), dtype=np.float64)
+
+
+def whiten_arm(factor: Array, rows: Array) -> Array:
+    """Rows (r,) or (r, n) with the noise of the arm taken into account."""
+    k = len(factor)
+    if not k:
+        return rows
+    first = solve_triangular(factor, rows[:k], lower=True, check_finite=False)
+    return np.concatenate([first, rows[k:]])
+
+
+def information_inverse(jacobian: Array, layout: Layout) -> tuple[Array, Array]:
+    """Covariance (n, n) from a whitened Jacobian (r, n), and what it leaves undetermined (n, z).
+
+    A direction is undetermined when the data leave it uncertain by more than 500 mm or 1 rad.
+    """
+    scales = units(layout)
+    s, Vt = _spectrum(jacobian, layout)
+    rank = len(s)
+    half = scales[:, None] * Vt[:rank].T / s
+    return half @ half.T, scales[:, None] * Vt[rank:].T
+
+
+def units(layout: Layout) -> Array:
+    """(n,): a step of every unknown beyond which it counts as undetermined."""
+    return np.where(layout.is_length(), _UNDETERMINED_MM, _UNDETERMINED_RAD)
+
+
+def unknown_in_words(layout: Layout, undetermined: Array) -> str:
+    """Which unknowns the directions (n, z) that the data leave undetermined touch."""
+    names = {
+        "base_from_camera": layout.CAMERA,
+        "wrist_from_tag_a": layout.TAG_A,
+        "the TCP": layout.TCP,
+        "base_from_object": layout.OBJECT,
+    }
+    size = np.linalg.norm(undetermined / units(layout)[:, None], axis=1)
+    return ", ".join(name for name, part in names.items() if (size[part] > 0.05).any())
+
+
+def _whitened(
+    state: JointState, data: JointData, layout: Layout, factor: Array
+) -> tuple[Array, Array]:
+    """Residuals (r,) and derivative (r, n) in sigmas, noise of the arm included."""
+    r, J = linearize(state, data, layout)
+    return whiten_arm(factor, r), whiten_arm(factor, J)
+
+
+def _spectrum(jacobian: Array, layout: Layout) -> tuple[Array, Array]:
+    """Singular values (k,) that count as determined, and all right vectors (n, n), in `units`."""
+    R = np.linalg.qr(jacobian * units(layout), mode="r")
+    _, s, Vt = np.linalg.svd(R, full_matrices=True)
+    return s[s > 1.0], Vt
+
+
+def _frozen(state: JointState, data: JointData, layout: Layout, factor: Array) -> Array:
+    """Directions (z, n) in `units` along which no step is taken: costs would lead nowhere there."""
+    s, Vt = _spectrum(_whitened(state, data, layout, factor)[1], layout)
+    return Vt[len(s) :]
+
+
+def _held(
+    state: JointState, data: JointData, layout: Layout, factor: Array, frozen: Array
+) -> tuple[Array, Array]:
+    """Whitened residuals and derivative across what is frozen, which rows of zero residual hold."""
+    r, J = _whitened(state, data, layout, factor)
+    if not len(frozen):
+        return r, J
+    J = J * units(layout)
+    J = np.vstack([J - J @ frozen.T @ frozen, frozen]) / units(layout)
+    return np.concatenate([r, np.zeros(len(frozen))]), J
+
+
+def _retract(state: JointState, step: Array, layout: Layout) -> JointState:
+    return state.retract(step, layout)
+
+
+def _is_settled(before: JointState, after: JointState, data: JointData) -> bool:
+    refined = np.abs(after.refined - before.refined).max(initial=0)
+    still = data.arm.is_exact or _moved_mm(before, after) < _SETTLED_MM
+    return bool(still and refined < _SETTLED_SIGMA)
+
+
+def _moved_mm(before: JointState, after: JointState) -> float:
+    """How far the levers of the arm moved (1 mrad counts as 1 mm)."""
+    mm, rad = before.base_from_camera.distance(after.base_from_camera)
+    tip = float(np.linalg.norm(before.tcp_in_wrist - after.tcp_in_wrist))
+    return max(mm, 1e3 * rad, tip)

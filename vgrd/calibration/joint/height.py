@@ -1,0 +1,29 @@
+"""Where the object is seen although touches leave it open, as one wrist without a TCP does."""
+
+import numpy as np
+
+from vgrd.calibration.joint.rows import by_left
+from vgrd.calibration.joint.state import JointState, Layout
+from vgrd.geometry import Array
+
+HEIGHT_SIGMA_MM = 3.0
+
+
+def near_tag_plane(
+    state: JointState, layout: Layout, covariance: Array, points_in_object: Array
+) -> JointState:
+    """The state moved, within its covariance (n, n), so that points (m, 3) lie in tag B's plane.
+
+    The plane counts as known to HEIGHT_SIGMA_MM: next to nothing beside touches that tell the height.
+    """
+    in_base = state.base_from_object @ points_in_object
+    in_camera = state.base_from_camera.inverse() @ in_base
+    tag_b_from_camera = state.camera_from_tag_b.inverse()
+    down = tag_b_from_camera.rotation[2]
+    H = np.zeros((len(in_base), layout.size))
+    H[:, Layout.OBJECT] = (down @ state.base_from_camera.rotation.T) @ by_left(in_base)
+    H[:, Layout.CAMERA] = -H[:, Layout.OBJECT]
+    H[:, Layout.TAG_B] = -down @ by_left(in_camera)
+    spread = H @ covariance @ H.T + HEIGHT_SIGMA_MM**2 * np.eye(len(H))
+    heights = (tag_b_from_camera @ in_camera)[:, 2]
+    return state.retract(-covariance @ H.T @ np.linalg.solve(spread, heights), layout)

@@ -1,0 +1,189 @@
+"""Bad samples of the joint estimate: found by robust weights, confirmed by leaving them out.
+
+Every kind of sample is searched by itself, worst kind first, so that an operator who touches less
+precisely than told does not lend tolerance to the pictures.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from functools import partial
+from types import MappingProxyType
+
+import numpy as np
+
+from vgrd.calibration.joint.fit import Optimum, settle, units
+from vgrd.calibration.joint.problem import SAMPLED, JointData, Link
+from vgrd.calibration.joint.state import JointState, layout_of
+from vgrd.calibration.observability.leave_one_out import OUTLIER_SIGMA, fit_without_outliers
+from vgrd.calibration.touches.touch_set import TouchSet, equivalent_sigmas
+from vgrd.geometry import Array
+
+_SWEEPS = 3
+_LEVERAGE_FLOOR = 1e-9
+_PICTURE_SIGMA = 4.5
+
+Weights = Mapping[Link, Array]
+
+
+@dataclass(frozen=True, slots=True)
+class JointSample:
+    """One sample of one kind: name as recorded ("touch 3 (P1)"), kind of what it measured.
+
+    score: sigmas it is off what all others say. reason: why it was left out, "" where it was used.
+    """
+
+    name: str
+    kind: str
+    used: bool
+    score: float
+    reason: str
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class KindFit:
+    """How the n samples of one kind fit: whitened (n, k), scores (n,), redundancy of the kind."""
+
+    whitened: Array
+    scores: Array
+    freedom: int
+
+
+def screen(data: JointData, optimum: Optimum) -> tuple[Optimum, tuple[JointSample, ...]]:
+    """The fit without what the other samples contradict, and a verdict on every sample.
+
+    optimum: of all of `data`, as gathered. At most a third of each kind is left out.
+    """
+    search = _Screening(data, optimum)
+    search.run()
+    return search.optimum, search.samples()
+
+
+def deletion(optimum: Optimum) -> dict[Link, KindFit]:
+    """Every sample against all others: squared deleted residuals, noise of the arm included."""
+    k, J = len(optimum.arm_factor), optimum.jacobian * units(optimum.layout)
+    U, s, _ = np.linalg.svd(J, full_matrices=False)
+    U = U[:, s > 1.0]
+    left = optimum.whitened - U @ (U.T @ optimum.whitened)
+    precision = np.eye(len(U))
+    if k:
+        inverse = np.linalg.inv(optimum.arm_factor)
+        precision[:k, :k] = inverse.T @ inverse
+        U = np.vstack([inverse.T @ U[:k], U[k:]])
+        left = np.concatenate([inverse.T @ left[:k], left[k:]])
+    out = {}
+    for link, width in SAMPLED.items():
+        rows = np.arange(len(U))[optimum.data.rows_of(link)].reshape(-1, width)
+        own = precision[rows[:, :, None], rows[:, None, :]]
+        seen = own - U[rows] @ U[rows].transpose(0, 2, 1)
+        out[link] = _kind_fit(own, seen, left[rows], _blind(optimum.data, link))
+    return out
+
+
+def _kind_fit(own: Array, seen: Array, left: Array, blind: Array) -> KindFit:
+    """own, seen (n, k, k): precision of the rows, and of it what the fit leaves; blind (n,) rows."""
+    C_inv = np.linalg.inv(np.linalg.cholesky(own))
+    whitened = np.einsum("nij,nj->ni", C_inv, left)
+    values, vectors = np.linalg.eigh(C_inv @ seen @ C_inv.transpose(0, 2, 1))
+    parts = np.einsum("nji,nj->ni", vectors, whitened)
+    measured = values > _LEVERAGE_FLOOR
+    squares = np.sum(parts**2 / np.where(measured, values, np.inf), axis=1)
+    scores = equivalent_sigmas(squares, measured.sum(axis=1) - blind)
+    return KindFit(whitened, scores, round(float(values.sum() - blind.sum())))
+
+
+def _blind(data: JointData, link: Link) -> Array:
+    """Rows of every sample that measure nothing."""
+    of: Mapping[Link, TouchSet] = {Link.TOUCHES: data.touches, Link.POINTS: data.points}
+    if link not in of:
+        return np.zeros(len(data.names[link]), dtype=np.intp)
+    lateral = np.isinf(of[link].lateral_sigma_mm)
+    return np.asarray(2 * lateral + np.isinf(of[link].axial_sigma_mm))
+
+
+class _Screening:
+    """Which samples are in use, and the fit of these."""
+
+    def __init__(self, data: JointData, optimum: Optimum) -> None:
+        self._data = data
+        self._all = optimum
+        self.optimum = optimum
+        self._weights = {link: np.ones(len(data.names[link])) for link in SAMPLED}
+        fits = deletion(optimum)
+        self._scores = {link: fit.scores.copy() for link, fit in fits.items()}
+        self._solved = {_key(self._weights): (optimum, fits)}
+
+    def run(self) -> None:
+        for _ in range(_SWEEPS):
+            before = dict(self._weights)
+            for link in sorted(SAMPLED, key=self._worst):
+                if -self._worst(link) > _limit(link):
+                    self._search(link)
+            if all(np.array_equal(before[link], self._weights[link]) for link in SAMPLED):
+                return
+
+    def samples(self) -> tuple[JointSample, ...]:
+        out = []
+        off = _off_mm(self._data, self.optimum.state)
+        for link in SAMPLED:
+            for i, name in enumerate(self._data.names[link]):
+                used, score = bool(self._weights[link][i]), float(self._scores[link][i])
+                mm = f"{off[link][i]:.2f} mm, " if link in off else ""
+                reason = "" if used else f"{mm}{score:.1f} sigma off what the others say"
+                out.append(JointSample(name, link.value, used, score, reason))
+        return tuple(out)
+
+    def _worst(self, link: Link) -> float:
+        return -float(self._scores[link].max(initial=0))
+
+    def _search(self, link: Link) -> None:
+        count = len(self._weights[link])
+        found = fit_without_outliers(partial(self._fit, link), count, _limit(link))
+        self._weights[link] = found.used.astype(np.float64)
+        self.optimum, fits = self._solve(self._weights)
+        for other in SAMPLED:
+            used = self._weights[other] > 0
+            self._scores[other][used] = fits[other].scores
+        self._scores[link] = found.scores.copy()
+
+    def _fit(self, link: Link, weights: Array) -> KindFit:
+        fit = self._solve({**self._weights, link: weights})[1][link]
+        whitened = _spread(fit.whitened, weights)
+        return KindFit(whitened, _spread(fit.scores, weights), fit.freedom)
+
+    def _solve(self, weights: Weights) -> tuple[Optimum, Mapping[Link, KindFit]]:
+        """Fit with these weights, and its samples against all others; solved once."""
+        key = _key(weights)
+        if key not in self._solved:
+            data, start = self._data.weighted(weights), self._all.state
+            start = replace(start, planar=start.planar[weights[Link.SPINS] > 0])
+            optimum = settle(data, layout_of(data), start)
+            self._solved[key] = optimum, deletion(optimum)
+        return self._solved[key]
+
+
+def _key(weights: Weights) -> bytes:
+    return np.concatenate([weights[link] for link in SAMPLED]).tobytes()
+
+
+def _limit(link: Link) -> float:
+    """Pictures are many, and their noise is known: a good one is never as far off as this."""
+    return OUTLIER_SIGMA if link in (Link.TOUCHES, Link.POINTS) else _PICTURE_SIGMA
+
+
+def _spread(values: Array, weights: Array) -> Array:
+    """Values of the samples in use in the places of all, 0 elsewhere."""
+    out = np.zeros((len(weights), *values.shape[1:]))
+    out[weights > 0] = values
+    return out
+
+
+def _off_mm(data: JointData, state: JointState) -> Mapping[Link, Array]:
+    """How far the tips were from what they touched."""
+    out = {}
+    for link, touches, at in (
+        (Link.TOUCHES, data.touches, state.base_from_object @ data.cad),
+        (Link.POINTS, data.points, state.fixed_point_in_base),
+    ):
+        tips = touches.rotations @ state.tcp_in_wrist + touches.translations
+        out[link] = np.linalg.norm(tips - at, axis=1)
+    return MappingProxyType(out)

@@ -1,0 +1,284 @@
+"""Residuals of the joint estimate, whitened by the sensors' noise, and their derivatives."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from vgrd.calibration.joint.camera_corrections import adjoints
+from vgrd.calibration.joint.problem import Indices, JointData, Link, Tags
+from vgrd.calibration.joint.state import JointState, Layout
+from vgrd.calibration.touches.touch_set import TouchSet
+from vgrd.geometry import Array, hat, log_rotation
+
+_EYE = np.eye(3)
+_BERNOULLI = (1 / 12, -1 / 720, 1 / 30240)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Moves:
+    """How the object moved, in the camera: (n, 3, 3), (n, 3), and what that depends on.
+
+    by_axis (n, 6, a), by_move (n, 6, k): left derivatives by the axis and by the planar motion.
+    """
+
+    rotations: Array
+    translations: Array
+    by_axis: Array
+    by_move: Array
+
+
+def linearize(state: JointState, data: JointData, layout: Layout) -> tuple[Array, Array]:
+    """Residuals (r,) and derivative (r, n), rows in the order of `data.counts`.
+
+    Pictures follow the refined numbers linearly from where `data` has them.
+    """
+    blocks = [
+        _hand_eye(state, data, layout),
+        _touches(state, data, layout),
+        _points(state, data, layout),
+        _reference(state, data, layout),
+    ]
+    if layout.spins:
+        blocks.append(_spins(state, data, layout))
+    if len(data.holes.cad):
+        blocks.append(_holes(state, data, layout))
+    if data.center is not None:
+        blocks.append(_center(state, data.center, data.turntable.center_sigma_mm, layout))
+    if data.axis is not None:
+        blocks.append(_axis(state, data.axis, data.turntable.axis_sigma_rad, layout))
+    r, J = np.concatenate([r for r, _ in blocks]), np.vstack([J for _, J in blocks])
+    if not layout.refined:
+        return r, J
+    r = r + J[:, layout.refined_columns] @ (state.refined - data.refined_at)
+    prior = np.eye(layout.size)[layout.refined_columns]
+    return np.concatenate([r, state.refined]), np.vstack([J, prior])
+
+
+def arm_jacobian(state: JointState, data: JointData) -> Array:
+    """Derivative (rows of the arm, 6 s) of the residuals by a deviation (mm, rad) at every stand.
+
+    The arm stands at its report shifted by the deviation and turned about the flange.
+    """
+    G = np.zeros((data.arm_rows, len(data.flange_at), 6))
+    X_inv = state.base_from_camera.inverse()
+    looks = data.looks
+    D = _tag_residuals(*predicted_tag_a(state, data), looks.tags)[1] @ X_inv.adjoint()
+    D[:, :, 3:] += D[:, :, :3] @ hat(looks.translations)
+    _put(G, data.rows_of(Link.HAND_EYE), D, looks.stands)
+    for link, touches, stands in (
+        (Link.TOUCHES, data.touches, data.touch_stands),
+        (Link.POINTS, data.points, data.point_stands),
+    ):
+        lever = -hat(touches.rotations @ state.tcp_in_wrist)
+        D = np.concatenate([np.broadcast_to(_EYE, lever.shape), lever], axis=2)
+        _put(G, data.rows_of(link), touches.base_whiteners() @ D, stands)
+    return G.reshape(data.arm_rows, -1)
+
+
+def _put(G: Array, rows: slice, blocks: Array, stands: Indices) -> None:
+    part = G[rows].reshape(*blocks.shape[:2], *G.shape[1:])
+    part[np.arange(len(blocks)), :, stands] = blocks
+
+
+def _tag_residuals(R: Array, t: Array, tags: Tags) -> tuple[Array, Array, Array]:
+    """Whitened log(predicted measured^-1) (n, 6), derivative (n, 6, 6) by a left perturbation.
+
+    And (n, 6, e) by the refined numbers, which move what was measured, its noise with it.
+    """
+    turn = R @ np.swapaxes(tags.rotations, 1, 2)
+    shift = t - np.einsum("nij,nj->ni", turn, tags.translations)
+    w = log_rotation(turn).reshape(-1, 3)
+    W = hat(w)
+    ad = np.zeros((len(w), 6, 6))
+    ad[:, :3, :3] = ad[:, 3:, 3:] = W
+    v = np.einsum("nij,nj->ni", _inverse_jacobian(W), shift)
+    ad[:, :3, 3:] = hat(v)
+    D = tags.whiteners @ _inverse_jacobian(ad)
+    E = np.zeros((len(w), 6, 0))
+    if tags.by_refined is not None:
+        E = -D @ tags.by_refined
+    return np.einsum("nij,nj->ni", tags.whiteners, np.concatenate([v, w], axis=1)), D, E
+
+
+def _inverse_jacobian(ad: Array) -> Array:
+    """Inverse left Jacobian as a series in the adjoint of the logarithm; turns below a radian."""
+    square = ad @ ad
+    out = np.eye(ad.shape[-1]) - ad / 2
+    power = square
+    for factor in _BERNOULLI:
+        out = out + factor * power
+        power = power @ square
+    return np.asarray(out)
+
+
+def predicted_tag_a(state: JointState, data: JointData) -> tuple[Array, Array]:
+    """Poses of tag A in the camera, (n, 3, 3) and (n, 3), at the flange poses it was seen from."""
+    X_inv = state.base_from_camera.inverse()
+    Y, looks = state.wrist_from_tag_a, data.looks
+    t = looks.rotations @ Y.translation + looks.translations
+    return X_inv.rotation @ looks.rotations @ Y.rotation, X_inv @ t
+
+
+def _rows(count: int, width: int, layout: Layout) -> Array:
+    return np.zeros((count, width, layout.size))
+
+
+def _flat(r: Array, J: Array) -> tuple[Array, Array]:
+    return r.ravel(), J.reshape(-1, J.shape[2])
+
+
+def _hand_eye(state: JointState, data: JointData, layout: Layout) -> tuple[Array, Array]:
+    X_inv, looks = state.base_from_camera.inverse(), data.looks
+    r, D, E = _tag_residuals(*predicted_tag_a(state, data), looks.tags)
+    D = D @ X_inv.adjoint()
+    J = _rows(len(r), 6, layout)
+    J[:, :, layout.refined_columns] = E
+    J[:, :, layout.CAMERA] = -D
+    J[:, :, layout.TAG_A] = D @ adjoints(looks.rotations, looks.translations)
+    return _flat(r, J)
+
+
+def _tips(state: JointState, touches: TouchSet) -> Array:
+    return np.asarray(touches.rotations @ state.tcp_in_wrist + touches.translations)
+
+
+def _touches(state: JointState, data: JointData, layout: Layout) -> tuple[Array, Array]:
+    touches = data.touches
+    W = touches.base_whiteners()
+    at = state.base_from_object @ data.cad
+    J = _rows(len(W), 3, layout)
+    J[:, :, layout.TCP] = W @ touches.rotations
+    J[:, :, layout.OBJECT] = -W @ by_left(at)
+    return _flat(np.einsum("nij,nj->ni", W, _tips(state, touches) - at), J)
+
+
+def _points(state: JointState, data: JointData, layout: Layout) -> tuple[Array, Array]:
+    points = data.points
+    W = points.base_whiteners()
+    J = _rows(len(W), 3, layout)
+    if len(W):
+        J[:, :, layout.TCP] = W @ points.rotations
+        J[:, :, layout.point_columns] = -W
+    off = _tips(state, points) - state.fixed_point_in_base
+    return _flat(np.einsum("nij,nj->ni", W, off), J)
+
+
+def by_left(points: Array) -> Array:
+    """Derivative (n, 3, 6) of points (n, 3) by a left perturbation of the pose they came by."""
+    lever = -hat(points)
+    return np.concatenate([np.broadcast_to(_EYE, lever.shape), lever], axis=2)
+
+
+def _reference(state: JointState, data: JointData, layout: Layout) -> tuple[Array, Array]:
+    seen, n = state.camera_from_tag_b, len(data.reference)
+    R = np.broadcast_to(seen.rotation, (n, 3, 3))
+    r, D, E = _tag_residuals(R, np.broadcast_to(seen.translation, (n, 3)), data.reference)
+    J = _rows(n, 6, layout)
+    J[:, :, layout.refined_columns] = E
+    J[:, :, layout.TAG_B] = D
+    return _flat(r, J)
+
+
+def moves(state: JointState, planar: Array, layout: Layout) -> Moves:
+    """How the object moved since it was touched; planar: (n, 3) x, y, angle."""
+    G = state.camera_from_axis
+    c, s = np.cos(planar[:, 2]), np.sin(planar[:, 2])
+    P = np.zeros((len(c), 3, 3))
+    P[:, 0, 0], P[:, 0, 1], P[:, 1, 0], P[:, 1, 1], P[:, 2, 2] = c, -s, s, c, 1.0
+    shift = np.column_stack([planar[:, :2], np.zeros(len(c))])
+    R = G.rotation @ P @ G.rotation.T
+    t = shift @ G.rotation.T + G.translation - R @ G.translation
+    own = G.adjoint()
+    by_axis = (np.eye(6) - adjoints(R, t)) @ own[:, list(layout.axis)]
+    by_move = np.broadcast_to(own[:, list(layout.moves)], (len(c), 6, len(layout.moves)))
+    return Moves(R, t, by_axis, by_move)
+
+
+def moved_tag(
+    state: JointState, tags: Tags, moved: Moves, layout: Layout
+) -> tuple[Array, Array, Array]:
+    """Residuals (n, 6) of tag B on the moved object, derivatives by the unknowns and the moves.
+
+    (n, 6, unknowns) without, and (n, 6, k) of each one's own motion.
+    """
+    F = state.camera_from_tag_b
+    t = moved.rotations @ F.translation + moved.translations
+    r, D, E = _tag_residuals(moved.rotations @ F.rotation, t, tags)
+    J = _rows(len(r), 6, layout)
+    if tags.by_refined is not None:
+        J[:, :, layout.refined_columns] = E
+    J[:, :, layout.TAG_B] = D @ adjoints(moved.rotations, moved.translations)
+    J[:, :, layout.axis_columns] = D @ moved.by_axis
+    return r, J, D @ moved.by_move
+
+
+def _spins(state: JointState, data: JointData, layout: Layout) -> tuple[Array, Array]:
+    moved = moves(state, state.planar, layout)
+    r, J, by_move = moved_tag(state, data.spins, moved, layout)
+    _put_moves(J, by_move, np.arange(len(r)), layout)
+    return _flat(r, J)
+
+
+def _put_moves(J: Array, blocks: Array, spins: Indices, layout: Layout) -> None:
+    columns = layout.spin_columns()[spins]
+    for i, (block, own) in enumerate(zip(blocks, columns, strict=True)):
+        J[i][:, own] = block
+
+
+def _holes(state: JointState, data: JointData, layout: Layout) -> tuple[Array, Array]:
+    holes = data.holes
+    spun = holes.spin >= 0
+    in_base = state.base_from_object @ holes.cad
+    camera_from_base = state.base_from_camera.inverse()
+    at = camera_from_base @ in_base
+    by_base = np.broadcast_to(camera_from_base.rotation, (len(at), 3, 3)).copy()
+    own = np.zeros((len(at), 3, layout.size))
+    if spun.any():
+        moved, k = moves(state, state.planar, layout), holes.spin[spun]
+        at[spun] = np.einsum("nij,nj->ni", moved.rotations[k], at[spun]) + moved.translations[k]
+        by_base[spun] = moved.rotations[k] @ by_base[spun]
+        lever, part = by_left(at[spun]), np.zeros((len(k), 3, layout.size))
+        part[:, :, layout.axis_columns] = lever @ moved.by_axis[k]
+        _put_moves(part, lever @ moved.by_move[k], k, layout)
+        own[spun] = part
+    pixels, D = holes.camera.linearize(at)
+    D = D / holes.sigma_px[:, None, None]
+    J = D @ own
+    J[:, :, layout.OBJECT] = D @ by_base @ by_left(in_base)
+    J[:, :, layout.CAMERA] = -J[:, :, layout.OBJECT]
+    by_camera = holes.camera.intrinsics_jacobian(at) @ data.optics.intrinsics()
+    J[:, :, layout.refined_columns] = by_camera / holes.sigma_px[:, None, None]
+    return _flat((pixels - holes.pixels) / holes.sigma_px[:, None], J)
+
+
+def _center(
+    state: JointState, center: Array, sigma_mm: float, layout: Layout
+) -> tuple[Array, Array]:
+    """The centre across the axis is where CAD says; along it nothing is said."""
+    G, camera_from_base = state.camera_from_axis, state.base_from_camera.inverse()
+    in_base = state.base_from_object @ center
+    off = G.inverse() @ (camera_from_base @ in_base) / -sigma_mm
+    J = np.zeros((3, layout.size))
+    by_body = np.hstack([_EYE / sigma_mm, hat(off)])
+    J[:, layout.axis_columns] = by_body[:, list(layout.axis)]
+    turn = G.rotation.T @ camera_from_base.rotation / sigma_mm
+    J[:, layout.CAMERA] = turn @ by_left(in_base[None])[0]
+    J[:, layout.OBJECT] = -J[:, layout.CAMERA]
+    return off[:2], J[:2]
+
+
+def _axis(
+    state: JointState, axis_in_object: Array, sigma_rad: float, layout: Layout
+) -> tuple[Array, Array]:
+    """The axis of turning points where CAD says, either way."""
+    G = state.camera_from_axis.rotation
+    in_base = state.base_from_object.rotation @ axis_in_object
+    turn = G.T @ state.base_from_camera.rotation.T
+    seen = turn @ in_base
+    sign = np.sign(seen[2]) / sigma_rad
+    J = np.zeros((3, layout.size))
+    by_body = np.hstack([np.zeros((3, 3)), hat(seen)])
+    J[:, layout.axis_columns] = by_body[:, list(layout.axis)]
+    J[:, layout.OBJECT.start + 3 : layout.OBJECT.stop] = -turn @ hat(in_base)
+    J[:, layout.CAMERA.start + 3 : layout.CAMERA.stop] = turn @ hat(in_base)
+    return sign * seen[:2], sign * J[:2]

@@ -1,0 +1,188 @@
+"""A recording as evidence for the joint estimate, whatever order its samples came in."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from vgrd.calibration.joint.camera_corrections import Optics, Refinement
+from vgrd.calibration.joint.problem import (
+    Holes,
+    JointData,
+    Link,
+    Looks,
+    Sighting,
+    Tags,
+    Turntable,
+    target_of,
+)
+from vgrd.calibration.touches.touch_set import TouchSet, touch_set
+from vgrd.errors import InputError, TooFewObservations
+from vgrd.geometry import Array, Pose
+from vgrd.geometry.covariance import whitener
+from vgrd.model import Motion, Mount, Observation, Recording, TagObservation, Touch
+from vgrd.model.estimate import ArmModel
+
+_STILL = -1
+
+Named = tuple[str, Observation | None]
+
+
+def gather(
+    recording: Recording,
+    sightings: Sequence[Sighting] = (),
+    arm: ArmModel | None = None,
+    turntable: Turntable | None = None,
+    refine: Refinement | None = None,
+) -> JointData:
+    """Bring all samples into arrays; verifications stay out.
+
+    Samples are sorted by what they are, so that a recording in another order gives the same to the
+    last bit. Raises InputError (eye-in-hand, unknown target) or TooFewObservations with what is
+    missing.
+    """
+    facts = recording.facts
+    if facts.mount is not Mount.EYE_TO_HAND:
+        raise InputError("the joint estimate needs a camera that stands still (eye-to-hand)")
+    if not recording.touches:
+        raise TooFewObservations("nothing was touched: touch at least 3 targets of the object")
+    motion = facts.object.motion
+    kept = [s for s in sightings if s.spin is None or motion is not Motion.FREE]
+    touches, points = _touched("touch", recording.touches), _touched("point", recording.points)
+    looks, spins = _pictures("look", recording.looks), _pictures("spin", recording.spins)
+    seen = [*((name, touch.observation) for name, touch in (*touches, *points)), *looks, *spins]
+    of_a = [i for i, (_, s) in enumerate(seen) if s is not None and s.tag_a is not None]
+    reference = [(name, t.observation) for name, t in touches if _tag_b(t.observation)]
+    turned = [] if motion is Motion.FREE else [one for one in spins if one[1].tag_b is not None]
+    holes = sorted(zip(_hole_names(kept), kept, strict=True), key=lambda one: _hole_key(one[1]))
+    m, k = len(touches), len(points)
+    poses = [touch.base_from_wrist for _, touch in (*touches, *points)]
+    poses += [picture.base_from_wrist for _, picture in (*looks, *spins)]
+    return JointData(
+        motion=motion,
+        looks=_looks(seen, of_a),
+        touches=_touch_set(recording, [touch for _, touch in touches]),
+        cad=np.array([target_of(recording.facts, t.target).point_in_object for _, t in touches]),
+        touch_stands=np.arange(m),
+        points=_touch_set(recording, [touch for _, touch in points]),
+        point_stands=np.arange(m, m + k),
+        reference=_tags([_tag_b(picture) for _, picture in reference]),
+        spins=_tags([picture.tag_b for _, picture in turned]),
+        holes=_holes(recording, [hole for _, hole in holes], [name for name, _ in turned]),
+        center=_center(recording) if turned else None,
+        turntable=turntable or Turntable(),
+        flange_at=np.array([pose.translation for pose in poses]),
+        arm=arm or ArmModel.of(facts.robot_sigma_mm),
+        names={
+            Link.HAND_EYE: tuple(seen[i][0] for i in of_a),
+            Link.TOUCHES: tuple(name for name, _ in touches),
+            Link.POINTS: tuple(name for name, _ in points),
+            Link.REFERENCE: tuple(name for name, _ in reference),
+            Link.SPINS: tuple(name for name, _ in turned),
+            Link.HOLES: tuple(name for name, _ in holes),
+        },
+        optics=Optics.of(facts, refine),
+    )
+
+
+def _touched(kind: str, touches: Sequence[Touch]) -> list[tuple[str, Touch]]:
+    named = [(f"{kind} {i + 1} ({touch.target})", touch) for i, touch in enumerate(touches)]
+    return sorted(named, key=lambda one: _touch_key(one[1]))
+
+
+def _pictures(kind: str, seen: Sequence[Observation]) -> list[tuple[str, Observation]]:
+    named = [(f"{kind} {i + 1}", picture) for i, picture in enumerate(seen)]
+    return sorted(named, key=lambda one: _picture_key(one[1]))
+
+
+def _touch_key(touch: Touch) -> tuple[str, tuple[float, ...]]:
+    sigmas = (touch.lateral_sigma_mm, touch.axial_sigma_mm)
+    return touch.target, (
+        *_numbers(touch.base_from_wrist),
+        *sigmas,
+        *_picture_key(touch.observation),
+    )
+
+
+def _picture_key(seen: Observation | None) -> tuple[float, ...]:
+    if seen is None:
+        return ()
+    tags = [tag for tag in (seen.tag_b, seen.tag_a) if tag is not None]
+    of_tags = [number for tag in tags for number in _numbers(tag.camera_from_tag)]
+    return (*_numbers(seen.base_from_wrist), *of_tags)
+
+
+def _hole_key(hole: Sighting) -> tuple[str, tuple[float, ...]]:
+    return hole.target, (*map(float, hole.pixel), hole.sigma_px)
+
+
+def _numbers(pose: Pose) -> tuple[float, ...]:
+    return tuple(np.concatenate([pose.translation, pose.rotation.ravel()]).tolist())
+
+
+def _hole_names(sightings: Sequence[Sighting]) -> list[str]:
+    return [
+        f"hole {hole.target}" + ("" if hole.spin is None else f" in spin {hole.spin + 1}")
+        for hole in sightings
+    ]
+
+
+def _tag_b(seen: Observation | None) -> TagObservation | None:
+    return None if seen is None else seen.tag_b
+
+
+def _center(recording: Recording) -> Array | None:
+    spec = recording.facts.object
+    return spec.center_in_object if spec.motion is Motion.TURNTABLE else None
+
+
+def _looks(seen: Sequence[Named], chosen: Sequence[int]) -> Looks:
+    """Every picture of tag A; one taken while touching belongs to the stand of the touch."""
+    if not chosen:
+        raise TooFewObservations(
+            "tag A was never seen, so the camera is not tied to the robot: bring it into view"
+        )
+    kept = [picture for _, picture in (seen[i] for i in chosen) if picture is not None]
+    return Looks(
+        _tags([picture.tag_a for picture in kept]),
+        np.array([picture.base_from_wrist.rotation for picture in kept]),
+        np.array([picture.base_from_wrist.translation for picture in kept]),
+        np.array(chosen, dtype=np.intp),
+    )
+
+
+def _tags(observations: Sequence[TagObservation | None]) -> Tags:
+    seen = [tag for tag in observations if tag is not None]
+    covariances = np.array([tag.covariance for tag in seen]).reshape(-1, 6, 6)
+    return Tags(
+        np.array([tag.camera_from_tag.rotation for tag in seen]).reshape(-1, 3, 3),
+        np.array([tag.camera_from_tag.translation for tag in seen]).reshape(-1, 3),
+        whitener(covariances),
+    )
+
+
+def _touch_set(recording: Recording, touches: Sequence[Touch]) -> TouchSet:
+    return touch_set(
+        [touch.base_from_wrist for touch in touches],
+        recording.facts.tool.axis_in_wrist,
+        [touch.lateral_sigma_mm for touch in touches],
+        [touch.axial_sigma_mm for touch in touches],
+    )
+
+
+def _holes(recording: Recording, sightings: Sequence[Sighting], turned: Sequence[str]) -> Holes:
+    """Holes; turned: names of the spins, in the order of the evidence."""
+    facts = recording.facts
+    cad, spins = [], []
+    for sighting in sightings:
+        cad.append(target_of(recording.facts, sighting.target).point_in_object)
+        name = "" if sighting.spin is None else f"spin {sighting.spin + 1}"
+        if name and name not in turned:
+            raise InputError(f"hole {sighting.target!r}: tag B is not in {name}")
+        spins.append(turned.index(name) if name else _STILL)
+    return Holes(
+        np.array(cad).reshape(-1, 3),
+        np.array(spins, dtype=np.intp),
+        np.array([sighting.pixel for sighting in sightings]).reshape(-1, 2),
+        np.array([sighting.sigma_px for sighting in sightings], dtype=np.float64),
+        Optics.of(facts, None).camera,
+    )

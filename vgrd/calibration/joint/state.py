@@ -1,0 +1,283 @@
+"""The unknowns of the joint estimate, and a first guess of them from closed forms.
+
+What the camera sees of the object is kept in the camera's frame, so that pictures and touches meet
+in few equations: the tag while touching, and its motion N = G P G^-1 in every spin, with
+G = camera_from_axis (its z is the axis of turning) and P planar (x, y, angle); x and y stay 0 on a
+turntable.
+"""
+
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vgrd.calibration.hand_eye.park_martin import quick_start
+from vgrd.calibration.joint.problem import JointData, Looks, Tags
+from vgrd.calibration.observability.motion import Axes, turned_axes
+from vgrd.calibration.turntable.rotation_center import RotationCenter, find_rotation_center
+from vgrd.calibration.universal.estimate import UniversalProblem, calibrate_universal
+from vgrd.errors import CalibrationError, NotObservable, TooFewObservations
+from vgrd.geometry import Array, Pose, nearest_rotation
+from vgrd.model import Motion
+
+_UNIVERSAL_TOUCHES = 4
+_LINEAR_RCOND = 1e-6
+
+Columns = NDArray[np.intp]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Layout:
+    """Where the unknowns stand in a step.
+
+    axis: which of the 6 body-frame moves of G are free; refined: how many tag sizes and intrinsics.
+    """
+
+    axis: tuple[int, ...]
+    moves: tuple[int, ...]
+    spins: int
+    has_point: bool
+    refined: int = 0
+
+    CAMERA = slice(0, 6)
+    TAG_A = slice(6, 12)
+    TCP = slice(12, 15)
+    OBJECT = slice(15, 21)
+    TAG_B = slice(21, 27)
+
+    @property
+    def axis_columns(self) -> slice:
+        """Columns of the axis and centre of turning."""
+        return slice(27, 27 + len(self.axis))
+
+    def spin_columns(self) -> Columns:
+        """Columns (n, k) of the planar motion of every spin."""
+        k = len(self.moves)
+        first = 27 + len(self.axis)
+        return np.arange(first, first + k * self.spins).reshape(self.spins, k)
+
+    @property
+    def point_columns(self) -> slice:
+        """Columns of the fixed point."""
+        first = 27 + len(self.axis) + len(self.moves) * self.spins
+        return slice(first, first + 3 * self.has_point)
+
+    @property
+    def refined_columns(self) -> slice:
+        """Columns of the refined tag sizes and intrinsics."""
+        first = int(self.point_columns.stop)
+        return slice(first, first + self.refined)
+
+    @property
+    def size(self) -> int:
+        """Number of unknowns."""
+        return int(self.refined_columns.stop)
+
+    def is_length(self) -> NDArray[np.bool_]:
+        """(n,): True for mm and what is refined (in sigmas known beforehand), False for rad."""
+        pose = [True] * 3 + [False] * 3
+        fixed = pose * 2 + [True] * 3 + pose * 2
+        axis = [i < 3 for i in self.axis]
+        moves = [i < 3 for i in self.moves] * self.spins
+        return np.array(fixed + axis + moves + [True] * (3 * self.has_point + self.refined))
+
+
+def layout_of(data: JointData) -> Layout:
+    """Unknowns that this evidence speaks of."""
+    spins = len(data.spins)
+    point, refined = len(data.points) > 0, data.optics.count
+    if not spins:
+        return Layout((), (), 0, point, refined)
+    if data.motion is Motion.TURNTABLE:
+        return Layout((3, 4, 0, 1), (5,), spins, point, refined)
+    return Layout((3, 4), (5, 0, 1), spins, point, refined)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class JointState:
+    """Values of all unknowns; planar: (n, 3) x, y in mm and angle in rad of every spin.
+
+    refined: (e,) tag sizes and intrinsics, in sigmas from what was assumed.
+    """
+
+    base_from_camera: Pose
+    wrist_from_tag_a: Pose
+    tcp_in_wrist: Array
+    base_from_object: Pose
+    camera_from_tag_b: Pose
+    camera_from_axis: Pose
+    planar: Array
+    fixed_point_in_base: Array
+    refined: Array = field(default_factory=lambda: np.zeros(0))
+
+    @property
+    def object_from_tag_b(self) -> Pose:
+        """Tag B on the object."""
+        seen = self.base_from_camera @ self.camera_from_tag_b
+        return self.base_from_object.inverse() @ seen
+
+    def retract(self, step: Array, layout: Layout) -> "JointState":
+        """Left perturbations of poses, body-frame moves of the axis, planar moves of the spins."""
+        at_axis = np.zeros(6)
+        at_axis[list(layout.axis)] = step[layout.axis_columns]
+        return replace(
+            self,
+            base_from_camera=Pose.exp(step[layout.CAMERA]) @ self.base_from_camera,
+            wrist_from_tag_a=Pose.exp(step[layout.TAG_A]) @ self.wrist_from_tag_a,
+            tcp_in_wrist=self.tcp_in_wrist + step[layout.TCP],
+            base_from_object=Pose.exp(step[layout.OBJECT]) @ self.base_from_object,
+            camera_from_tag_b=Pose.exp(step[layout.TAG_B]) @ self.camera_from_tag_b,
+            camera_from_axis=self.camera_from_axis @ Pose.exp(at_axis),
+            planar=_moved(self.planar, step[layout.spin_columns()], layout),
+            fixed_point_in_base=self.fixed_point_in_base + step[layout.point_columns]
+            if layout.has_point
+            else self.fixed_point_in_base,
+            refined=self.refined + step[layout.refined_columns],
+        )
+
+
+def _moved(planar: Array, step: Array, layout: Layout) -> Array:
+    if not layout.spins:
+        return planar
+    turn = step[:, 0]
+    c, s = np.cos(turn), np.sin(turn)
+    x, y = planar[:, 0], planar[:, 1]
+    out = np.column_stack([c * x - s * y, s * x + c * y, planar[:, 2] + turn])
+    if len(layout.moves) > 1:
+        out[:, :2] += step[:, 1:]
+    return out
+
+
+def guess(data: JointData) -> JointState:
+    """First values from closed forms.
+
+    Raises TooFewObservations where not even a guess is possible.
+    """
+    camera_from_tag_b = _guess_reference(data.reference)
+    base_from_camera, wrist_from_tag_a = _guess_hand_eye(data.looks)
+    base_from_object, tcp, is_tied = _guess_object(data)
+    center = _guess_center(data)
+    if center is not None and data.center is not None and not is_tied:
+        seen = base_from_camera @ center.center_in_camera
+        axis = base_from_camera.rotation @ center.axis_in_camera
+        off = seen - base_from_object @ data.center
+        off = off - axis * float(axis @ off)
+        R = data.touches.rotations[0]
+        base_from_object = Pose(base_from_object.rotation, base_from_object.translation + off)
+        tcp = tcp + R.T @ off
+    camera_from_object = base_from_camera.inverse() @ base_from_object
+    camera_from_axis = _guess_axis(data, center, camera_from_object)
+    planar = [
+        planar_part(camera_from_axis, seen @ camera_from_tag_b.inverse(), data.motion)
+        for seen in data.spins.poses()
+    ]
+    points = data.points
+    spike = (points.rotations @ tcp + points.translations).mean(axis=0) if len(points) else tcp
+    return JointState(
+        base_from_camera,
+        wrist_from_tag_a,
+        tcp,
+        base_from_object,
+        camera_from_tag_b,
+        camera_from_axis,
+        np.array(planar).reshape(-1, 3),
+        spike,
+        np.zeros(data.optics.count),
+    )
+
+
+def planar_part(camera_from_axis: Pose, motion: Pose, kind: Motion) -> Array:
+    """(x, y, angle) of a motion in the camera, seen from the axis."""
+    P = camera_from_axis.inverse() @ motion @ camera_from_axis
+    angle = np.arctan2(P.rotation[1, 0], P.rotation[0, 0])
+    x, y = P.translation[:2] * (kind is Motion.PLANAR)
+    return np.array([x, y, angle])
+
+
+def _guess_reference(tags: Tags) -> Pose:
+    if not len(tags):
+        raise TooFewObservations(
+            "tag B was not seen in any touch, so there is no reference picture: "
+            "touch with tag B in view"
+        )
+    R = nearest_rotation(tags.rotations.sum(axis=0), tolerance=np.inf)
+    return Pose(R, np.median(tags.translations, axis=0))
+
+
+def _guess_hand_eye(looks: Looks) -> tuple[Pose, Pose]:
+    rounded = np.round(np.column_stack([looks.translations, 1e3 * looks.rotations[:, 0]]), 1)
+    once = np.unique(rounded, axis=0, return_index=True)[1]
+    if len(once) < 3:
+        raise TooFewObservations(
+            f"tag A was seen from {len(once)} robot poses, at least 3 are needed: record looks, "
+            "or touch with tag A in view"
+        )
+    looks = looks.some(once)
+    moves, tags = looks.poses(), looks.tags.poses()
+    if turned_axes(list(looks.rotations))[0] is Axes.MANY:
+        return quick_start(moves, tags)
+    X, tag_in_wrist = linear_start(looks.rotations, looks.translations, looks.tags.translations)
+    turned = sum(
+        R.T @ X.rotation @ tag.rotation for R, tag in zip(looks.rotations, tags, strict=True)
+    )
+    return X, Pose(nearest_rotation(turned, tolerance=np.inf), tag_in_wrist)
+
+
+def _guess_object(data: JointData) -> tuple[Pose, Array, bool]:
+    """base_from_object, TCP, and whether touches alone tell the TCP."""
+    touches, points = data.touches, data.points
+    axes = turned_axes(list(touches.rotations))[0]
+    if axes is Axes.MANY and len(touches) >= _UNIVERSAL_TOUCHES:
+        try:
+            result = calibrate_universal(UniversalProblem(data.cad, touches))
+        except CalibrationError:
+            pass
+        else:
+            return result.object_from_base.inverse(), result.tcp_in_wrist, True
+    pose, tcp = linear_start(touches.rotations, touches.translations, data.cad)
+    if axes is Axes.NONE and len(points) and turned_axes(list(points.rotations))[0] is Axes.MANY:
+        at_points = linear_start(points.rotations, points.translations, 0 * points.translations)[1]
+        shift = touches.rotations[0] @ (at_points - tcp)
+        return Pose(pose.rotation, pose.translation + shift), at_points, True
+    return pose, tcp, axes is not Axes.NONE
+
+
+def _guess_center(data: JointData) -> RotationCenter | None:
+    try:
+        return find_rotation_center(data.spins.poses())
+    except (NotObservable, TooFewObservations):
+        return None
+
+
+def _guess_axis(data: JointData, center: RotationCenter | None, camera_from_object: Pose) -> Pose:
+    """Frame with z along the axis, CAD's z up; origin: the centre in CAD, brought onto the axis seen."""
+    at = camera_from_object @ (np.zeros(3) if data.center is None else data.center)
+    z = camera_from_object.rotation[:, 2]
+    if center is not None:
+        z = center.axis_in_camera * np.copysign(1.0, center.axis_in_camera @ z)
+        at = center.at_height(at)[1]
+    x = np.cross(z, np.eye(3)[int(np.argmin(np.abs(z)))])
+    x = x / np.linalg.norm(x)
+    return Pose(np.column_stack([x, np.cross(z, x), z]), at)
+
+
+def linear_start(rotations: Array, translations: Array, points: Array) -> tuple[Pose, Array]:
+    """(H, y) with `rotations @ y + translations ~ H points`, for any set of wrist orientations.
+
+    Linear in y, the matrix of H and its translation; of what is not determined the shortest is
+    taken. rotations (n, 3, 3), translations and points (n, 3), mm.
+    """
+    n = len(rotations)
+    middle, at = points.mean(axis=0), translations.mean(axis=0)
+    reach = max(float(np.std(points)), 1.0)
+    A = np.zeros((n, 3, 15))
+    A[:, :, :3], A[:, :, 12:] = rotations, -np.eye(3)
+    for row in range(3):
+        A[:, row, 3 + 3 * row : 6 + 3 * row] = -(points - middle) / reach
+    right = -(translations - at).ravel()
+    x = np.linalg.lstsq(A.reshape(-1, 15), right, rcond=_LINEAR_RCOND)[0]
+    R = nearest_rotation(x[3:12].reshape(3, 3), tolerance=np.inf)
+    B = np.concatenate([rotations, np.broadcast_to(-np.eye(3), (n, 3, 3))], axis=2)
+    right = ((points - middle) @ R.T - (translations - at)).ravel()
+    x = np.linalg.lstsq(B.reshape(-1, 6), right, rcond=_LINEAR_RCOND)[0]
+    return Pose(R, x[3:] + at - R @ middle), np.asarray(x[:3])

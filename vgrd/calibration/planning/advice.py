@@ -1,0 +1,170 @@
+"""What to tell an operator about a session while it is being recorded."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from vgrd.calibration.checks import examine, missing_motions
+from vgrd.calibration.joint.calibration import WRONG_SIGMA
+from vgrd.calibration.joint.estimate import JointResult, calibrate_joint
+from vgrd.calibration.planning.next_sample import Advice, next_best, without_pose
+from vgrd.calibration.planning.pose_trust import reason_against
+from vgrd.calibration.planning.predicted_error import Foresight, Job, Undetermined
+from vgrd.calibration.planning.reach import Reach, camera_sees_tag_a, usual_wrist
+from vgrd.calibration.turntable.usable_spins import without_useless_spins
+from vgrd.errors import DidNotConverge, VgrdError
+from vgrd.geometry import Array
+from vgrd.model import Finding, Policy, Recording
+
+_ANGLES_RAD = (0.0, 2.0)
+_SPINS_UNUSABLE = "spins_unusable"  # of `without_useless_spins`: spins are only few yet
+_TOO_LITTLE = (
+    "the samples so far allow no estimate: look with tag A in view and the wrist turned about two axes, "
+    "touch more targets, some with the wrist tilted, and spin the object at least three times; "
+    "where all this was done, some touch may name a wrong target"
+)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SessionAdvice:
+    """What the samples so far are worth, and which one to take next.
+
+    predicted_mm: 95 % error of the expected coordinate by target under the policy, empty as long as
+    it cannot be told; trouble: why not, with the remedy, else "". best: the most useful sample
+    within reach, None where nothing can be predicted or a finding has to be mended first; no_pose:
+    why it is words without a pose, else "". undetermined: what the samples leave open.
+    """
+
+    policy: Policy
+    findings: tuple[Finding, ...] = ()
+    predicted_mm: Mapping[str, float] = field(default_factory=dict)
+    trouble: str = ""
+    best: Advice | None = None
+    no_pose: str = ""
+    undetermined: tuple[Undetermined, ...] = ()
+
+    def to_json(self) -> dict[str, object]:
+        """Everything in words and numbers: poses as flange x, y, z in mm and a rotation vector."""
+        return {
+            "policy": self.policy.value,
+            "findings": [
+                {"code": one.code, "message": one.message, "fatal": one.fatal}
+                for one in self.findings
+            ],
+            "predicted_u95_mm": dict(self.predicted_mm),
+            "trouble": self.trouble,
+            "unknown_but_irrelevant": [u.what for u in self.undetermined if not u.matters],
+            "next": None if self.best is None else _next(self.best, self.no_pose),
+        }
+
+
+def advise_session(
+    recording: Recording,
+    policy: Policy = Policy.FIXED,
+    reach: Reach | None = None,
+    works: Sequence[Array] = (),
+) -> SessionAdvice:
+    """Judge what was recorded so far; a half-recorded session is told about, never an error.
+
+    reach: None takes `Reach.of(recording)`. works: orientations (3, 3) for policy requested; none
+    take orientations all over the reach.
+    """
+    findings: tuple[Finding, ...] = ()
+    try:
+        usable, doubts = without_useless_spins(recording)
+        findings = (*doubts, *examine(recording, policy))
+        told = _Told(policy, findings, _missing(recording, policy))
+        if told.wrong():
+            return told.remedy(told.wrong()[0])
+        reach = reach or Reach.of(recording)
+        return _advice(calibrate_joint(usable), told, reach, works)
+    except (DidNotConverge, np.linalg.LinAlgError):
+        return SessionAdvice(policy, findings, trouble=_TOO_LITTLE)
+    except VgrdError as err:
+        return SessionAdvice(policy, findings, trouble=str(err))
+
+
+@dataclass(frozen=True, slots=True)
+class _Told:
+    """Findings before the estimate; missing: codes of what is only not recorded yet."""
+
+    policy: Policy
+    findings: tuple[Finding, ...]
+    missing: frozenset[str]
+
+    def wrong(self) -> list[Finding]:
+        """What is wrong with the samples, not only missing."""
+        return [one for one in self.findings if one.fatal and one.code not in self.missing]
+
+    def doubted(self, outliers: tuple[Finding, ...]) -> str:
+        """Why no pose may rest on the samples, or ""."""
+        minded = [one for one in self.findings if one.fatal or one.code not in self.missing]
+        return next((f"{one.code}: {one.message}" for one in (*minded, *outliers)), "")
+
+    def remedy(self, wrong: Finding) -> SessionAdvice:
+        """Nothing but what to mend first."""
+        trouble = f"before any other sample: {wrong.message}"
+        return SessionAdvice(self.policy, self.findings, trouble=trouble)
+
+
+def _missing(recording: Recording, policy: Policy) -> frozenset[str]:
+    """Codes of findings that tell what to record still, not what is wrong."""
+    return frozenset({_SPINS_UNUSABLE, *(one.code for one in missing_motions(recording, policy))})
+
+
+def _advice(
+    result: JointResult, told: _Told, reach: Reach, works: Sequence[Array]
+) -> SessionAdvice:
+    outliers = _outliers(result)
+    if not result.noise_scale <= WRONG_SIGMA:  # not a number is wrong too
+        noisy = _contradiction(result.noise_scale)
+        return replace(told, findings=(*told.findings, noisy, *outliers)).remedy(noisy)
+    policy = told.policy
+    if policy is Policy.REQUESTED and not works:
+        axis = np.asarray(result.recording.facts.tool.axis_in_wrist)
+        works = reach.orientations(usual_wrist(result.recording), axis, (1.0,))[::2]
+    job = Job(policy, works, _ANGLES_RAD)
+    foresight = Foresight(result, job)
+    left = foresight.undetermined()
+    minded = [one.what for one in left if one.matters]
+    trouble = f"the answers still depend on {', '.join(minded)}" if minded else ""
+    predicted = {} if minded else foresight.target_errors_mm(foresight.covariance, job)
+    best = next_best(result, job, reach, tag_a_in_view=camera_sees_tag_a(result))[0]
+    no_pose = ""
+    if best.base_from_wrist is not None:
+        no_pose = told.doubted(outliers) or reason_against(result, best.candidate, reach)
+    best = without_pose(result, best) if no_pose else best
+    findings = (*told.findings, *outliers)
+    return SessionAdvice(policy, findings, predicted, trouble, best, no_pose, left)
+
+
+def _contradiction(noise_scale: float) -> Finding:
+    return Finding(
+        "noisy",
+        f"the samples contradict each other, {noise_scale:.0f} times as much as robot, camera and "
+        "touch promise: check which target every touch names, that neither object nor tool moved, "
+        "tag sizes and CAD points",
+        fatal=True,
+    )
+
+
+def _outliers(result: JointResult) -> tuple[Finding, ...]:
+    """Samples that the others contradict."""
+    return tuple(
+        Finding("sample_outlier", f"{one.name}: {one.reason}; undo it and take it again")
+        for one in result.samples
+        if not one.used
+    )
+
+
+def _next(best: Advice, no_pose: str) -> dict[str, object]:
+    pose = best.base_from_wrist
+    return {
+        "words": best.sentence,
+        "no_pose": no_pose,
+        "flange_mm": None if pose is None else [float(x) for x in pose.translation],
+        "rotvec_deg": None if pose is None else [float(x) for x in np.degrees(pose.rotvec())],
+        "u95_before_mm": best.before_mm,
+        "u95_after_mm": best.after_mm,
+    }

@@ -1,0 +1,275 @@
+"""Error budget: which link of the chain the expected coordinate's variance comes from.
+
+The answer's error is linear in every noise there is: of the samples, of the arm at every stand and at
+the answer, of the picture now. Its covariance is therefore the sum over independent sources, each what
+would be left if all the others were nought.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from enum import StrEnum
+
+import numpy as np
+from scipy.linalg import solve_triangular
+
+from vgrd.calibration.joint.basis import basis_of
+from vgrd.calibration.joint.camera_corrections import TAG_A, TAG_B, Optics, Refinement
+from vgrd.calibration.joint.estimate import JointResult
+from vgrd.calibration.joint.expected import Prediction, predict, work_orientation
+from vgrd.calibration.joint.fit import whiten_arm
+from vgrd.calibration.joint.problem import Link, Tags
+from vgrd.calibration.planning.predicted_error import Foresight, Job
+from vgrd.errors import InputError
+from vgrd.geometry import Array
+from vgrd.geometry.covariance import radius95
+from vgrd.model import CellFacts, Policy, TagObservation
+
+_NOTHING = np.zeros((3, 3))
+
+
+class Source(StrEnum):
+    """Links of the chain.
+
+    REPEATABILITY, FIELD, QUANTISATION: the arm, taught and at the answer. HAND_EYE: tag A in all
+    pictures. TCP: touches of a fixed point; where none were taught, the TCP's error is among the
+    TOUCHES. TAG_B: in the pictures while touching, in spins, and now. PRINT, INTRINSICS, TIME: what
+    all pictures share, or what moved since. EXCESS: residuals beyond all stated sigmas.
+    UNDETERMINED: what the samples leave open.
+    """
+
+    REPEATABILITY = "robot repeatability"
+    FIELD = "robot error field"
+    QUANTISATION = "pose quantisation"
+    HAND_EYE = "hand-eye (tag A)"
+    TCP = "TCP (fixed point)"
+    TOUCHES = "touches"
+    TAG_B = "tag noise (tag B)"
+    HOLES = "holes"
+    TURNTABLE = "turntable in CAD"
+    PRINT = "print tolerance"
+    INTRINSICS = "intrinsics"
+    TIME = "time"
+    EXCESS = "beyond the stated noise"
+    UNDETERMINED = "left undetermined"
+
+
+_SAMPLES: Mapping[Link, Source] = {
+    Link.HAND_EYE: Source.HAND_EYE,
+    Link.TOUCHES: Source.TOUCHES,
+    Link.POINTS: Source.TCP,
+    Link.REFERENCE: Source.TAG_B,
+    Link.SPINS: Source.TAG_B,
+    Link.HOLES: Source.HOLES,
+    Link.TURNTABLE: Source.TURNTABLE,
+}
+
+
+@dataclass(frozen=True, slots=True)
+class Systematic:
+    """Errors that all pictures share, and those of time.
+
+    optics: sigmas of print and intrinsics; what `JointResult` refined counts as it was refined.
+    drift_mm: sigma per axis of what moved since the calibration, or while the answer was used.
+    """
+
+    optics: Refinement = field(default_factory=Refinement)
+    drift_mm: float = 0.0
+
+    @classmethod
+    def of(
+        cls,
+        facts: CellFacts,
+        *,
+        print_share: float = 5e-4,
+        focal_share: float = 3e-4,
+        center_px: float = 0.5,
+        drift_mm: float = 0.02,
+    ) -> "Systematic":
+        """Of a cell, by shares of the tags' sizes and of the focal length."""
+        optics = Refinement(
+            tag_a_mm=print_share * (facts.tag_a or facts.tag_b).size_mm,
+            tag_b_mm=print_share * facts.tag_b.size_mm,
+            focal_px=focal_share * float(facts.camera_matrix[0, 0]),
+            center_px=center_px,
+        )
+        return cls(optics, drift_mm)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Budget:
+    """Shares (t, l) of the links in the variance of every target, rows summing to 1.
+
+    u95_mm: (t,) 95 % radii, systematic errors included. irrelevant: directions that the samples
+    leave open and that no answer depends on, in words.
+    """
+
+    targets: tuple[str, ...]
+    links: tuple[Source, ...]
+    shares: Array
+    u95_mm: Array
+    irrelevant: tuple[str, ...] = ()
+
+    def rows(self) -> list[dict[str, str | float]]:
+        """The table: one dictionary per target with its name, u95_mm and every share."""
+        shares = [
+            {str(link): float(value) for link, value in zip(self.links, row, strict=True)}
+            for row in self.shares
+        ]
+        return [
+            {"target": name, "u95_mm": float(radius), **row}
+            for name, radius, row in zip(self.targets, self.u95_mm, shares, strict=True)
+        ]
+
+
+def error_budget(
+    result: JointResult,
+    now: TagObservation,
+    policy: Policy = Policy.FIXED,
+    base_from_work: Array | None = None,
+    systematic: Systematic | None = None,
+    targets: Sequence[str] | None = None,
+) -> Budget:
+    """Where the variance of every target's expected coordinate comes from, for a picture.
+
+    Shares are of the trace of the position's covariance. Raises what `expected_by_joint` raises.
+    """
+    names = tuple(targets or sorted(result.recording.facts.object.targets))
+    if not names:
+        raise InputError("an error budget needs at least one target")
+    chain = _Chain(result, now, systematic or Systematic())
+    basis = basis_of(result)
+    works = [work_orientation(result.recording, n, policy, base_from_work) for n in names]
+    per_target = [
+        chain.parts(predict(basis, name, now, policy, work))
+        for name, work in zip(names, works, strict=True)
+    ]
+    links = tuple(link for link in Source if link in per_target[0])
+    traces = np.array([[np.trace(parts[link]) for link in links] for parts in per_target])
+    radii = np.array([radius95(np.sum(list(parts.values()), axis=0)) for parts in per_target])
+    asked = () if base_from_work is None else (base_from_work,)
+    job = Job(policy, asked, angles_rad=(0.0,), targets=names)
+    left = Foresight(result, job).undetermined()
+    irrelevant = tuple(one.what for one in left if not one.matters)
+    return Budget(names, links, traces / traces.sum(axis=1, keepdims=True), radii, irrelevant)
+
+
+class _Chain:
+    """Covariances (3, 3) of the links for one picture, target by target."""
+
+    def __init__(self, result: JointResult, now: TagObservation, systematic: Systematic) -> None:
+        self._result, self._now, self._systematic = result, now, systematic
+
+    def parts(self, made: Prediction) -> dict[Source, Array]:
+        """Covariance (3, 3) that every link causes."""
+        result, scale = self._result, self._result.variance_scale
+        gain = self._gain(made)
+        unknown = made.by_unknowns @ result.undetermined
+        parts = self._of_samples(gain)
+        seen = made.by_picture @ self._now.covariance @ made.by_picture.T
+        parts[Source.TAG_B] = parts.get(Source.TAG_B, _NOTHING) + seen
+        excess = (1 - 1 / scale) * result.covariance
+        parts[Source.EXCESS] = made.by_unknowns @ excess @ made.by_unknowns.T
+        parts[Source.UNDETERMINED] = unknown @ unknown.T
+        parts.update(self._of_arm(made, gain))
+        for source, part in self._of_pictures(made, gain).items():
+            parts[source] = parts.get(source, _NOTHING) + part
+        return parts
+
+    def _of_samples(self, gain: Array) -> dict[Source, Array]:
+        data = self._result.data
+        parts: dict[Source, Array] = {}
+        for link, source in _SAMPLES.items():
+            if data.counts[link]:
+                K = gain[:, data.rows_of(link)]
+                parts[source] = parts.get(source, _NOTHING) + K @ K.T
+        first = data.rows_of(Link.REFINED).start
+        for i, name in enumerate(data.optics.sigmas):
+            source = _source(name)
+            K = gain[:, first + i : first + i + 1]
+            parts[source] = parts.get(source, _NOTHING) + K @ K.T
+        return parts
+
+    def _gain(self, made: Prediction) -> Array:
+        """How the answer moves, (3, r), with the noise of every row in sigmas of its sensor.
+
+        By the unknowns, and where the arm has a field by the correction that the residuals suggest.
+        """
+        result = self._result
+        covariance = result.covariance / result.variance_scale
+        gain = np.asarray(-made.by_unknowns @ covariance @ result.jacobian.T)
+        k = len(result.arm_factor)
+        if not k:
+            return gain
+        gain[:, :k] -= made.by_arm @ self._correction(made)
+        first = solve_triangular(result.arm_factor, gain[:, :k].T, lower=True, trans="T")
+        return np.hstack([first.T, gain[:, k:]])
+
+    def _correction(self, made: Prediction) -> Array:
+        """How the predicted deviation (6,) at the answer moves with whitened residuals (6, k)."""
+        result, arm = self._result, self._result.data.arm
+        near = arm.field(made.base_from_wrist.translation[None], result.data.flange_at)
+        shared = np.kron(near, np.diag(arm.scales() ** 2)) @ result.arm_by.T
+        return np.asarray(whiten_arm(result.arm_factor, shared.T).T)
+
+    def _of_arm(self, made: Prediction, gain: Array) -> dict[Source, Array]:
+        """A new draw at every stand and at the answer, rounding, and the smooth field."""
+        result, arm = self._result, self._result.data.arm
+        k = len(result.arm_factor)
+        if not k:
+            return {}
+        stands = result.data.flange_at
+        by = np.concatenate(
+            [
+                (-gain[:, :k] @ result.arm_by).reshape(3, len(stands), 6).transpose(1, 0, 2),
+                -made.by_arm[None],
+            ]
+        )
+        at = np.vstack([stands, made.base_from_wrist.translation])
+        squares = arm.scales() ** 2
+        drawn = np.einsum("sik,k,sjk->ij", by, arm.sigma_mm**2 * squares, by)
+        rounded = np.einsum("sik,k,sjk->ij", by[:-1], arm.rounding() ** 2, by[:-1])
+        shared = np.einsum("sik,st,k,tjk->ij", by, arm.field(at, at), squares, by, optimize=True)
+        parts = {Source.REPEATABILITY: drawn, Source.FIELD: shared, Source.QUANTISATION: rounded}
+        return {source: part for source, part in parts.items() if np.trace(part) > 0}
+
+    def _of_pictures(self, made: Prediction, gain: Array) -> dict[Source, Array]:
+        """What all pictures share, as far as it was not refined, and time."""
+        data, given = self._result.data, self._systematic
+        optics = Optics.of(self._result.recording.facts, given.optics)
+        parts: dict[Source, Array] = {}
+        if optics.count:
+            J = self._by_pictures(made, gain, optics)
+            for i, name in enumerate(optics.sigmas):
+                if name not in data.optics.sigmas:
+                    source, K = _source(name), J[:, i : i + 1]
+                    parts[source] = parts.get(source, _NOTHING) + K @ K.T
+        if given.drift_mm > 0:
+            parts[Source.TIME] = given.drift_mm**2 * np.eye(3)
+        return parts
+
+    def _by_pictures(self, made: Prediction, gain: Array, optics: Optics) -> Array:
+        """How the answer moves, (3, e), when all tags are seen with sizes or intrinsics off."""
+        data, held = self._result.data, np.zeros(optics.count)
+        now = Tags(
+            self._now.camera_from_tag.rotation[None],
+            self._now.camera_from_tag.translation[None],
+            np.eye(6)[None],
+        )
+        total = made.by_picture @ _seen(now, optics, TAG_B, held)[0]
+        for link, tags, which in (
+            (Link.HAND_EYE, data.looks.tags, TAG_A),
+            (Link.REFERENCE, data.reference, TAG_B),
+            (Link.SPINS, data.spins, TAG_B),
+        ):
+            rows = (tags.whiteners @ _seen(tags, optics, which, held)).reshape(-1, optics.count)
+            total = total - gain[:, data.rows_of(link)] @ rows
+        return np.asarray(total)
+
+
+def _seen(tags: Tags, optics: Optics, which: str, held: Array) -> Array:
+    """Tangents (n, 6, e) by which tags are seen elsewhere, per sigma of what is off."""
+    return optics.seen(tags.rotations, tags.translations, which, held).by_refined
+
+
+def _source(refined: str) -> Source:
+    return Source.PRINT if refined in (TAG_A, TAG_B) else Source.INTRINSICS

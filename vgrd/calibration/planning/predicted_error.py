@@ -1,0 +1,169 @@
+"""Foresight: what samples not taken yet would add, and what that does to the job's error.
+
+Every sample is predicted at the present estimate; only covariances are needed, no measurements.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from itertools import product
+
+import numpy as np
+from scipy.special import gammaincinv
+
+from vgrd.calibration.joint.basis import basis_of
+from vgrd.calibration.joint.estimate import JointResult
+from vgrd.calibration.joint.expected import predict, work_orientation
+from vgrd.calibration.joint.fit import information_inverse
+from vgrd.calibration.joint.problem import Link
+from vgrd.calibration.joint.state import Layout
+from vgrd.calibration.planning.predicted_rows import ForeseenRows, picture_of
+from vgrd.calibration.planning.reach import Candidate, Looking
+from vgrd.geometry import Array, Pose
+from vgrd.model import Policy
+
+QUARTERS = (0.0, 0.5 * np.pi, np.pi, 1.5 * np.pi)
+IRRELEVANT_MM = 0.25
+_SHAPES = np.linspace(0.5, 1.5, 501)
+_QUANTILES = gammaincinv(_SHAPES, 0.95)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Job:
+    """What will be asked for; everything in it counts alike.
+
+    works: orientations (3, 3) of the wrist at work, none for the one of the touches; angles_rad:
+    turns of the object; targets: names, None for all of CAD.
+    """
+
+    policy: Policy = Policy.FIXED
+    works: Sequence[Array] = ()
+    angles_rad: Sequence[float] = QUARTERS
+    targets: Sequence[str] | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Undetermined:
+    """A direction that the samples leave open; matters: whether the job's answers depend on it."""
+
+    what: str
+    matters: bool
+
+
+class Foresight:
+    """Predicts rows of candidates at the present estimate, and the job's error from them."""
+
+    def __init__(
+        self,
+        result: JointResult,
+        job: Job,
+        tag_a_in_view: Callable[[Pose], bool] | None = None,
+    ) -> None:
+        self._result = result
+        self._foreseen = ForeseenRows(result, tag_a_in_view or (lambda _: True))
+        N = result.undetermined
+        self.covariance = result.covariance + N @ N.T
+        self._by, self._rest = self._ask(job)
+
+    def error_mm(self, covariance: Array) -> float:
+        """Mean 95 % radius over everything that the job asks for."""
+        B = self._by
+        return float(_radii95(B @ covariance @ B.transpose(0, 2, 1) + self._rest).mean())
+
+    def target_errors_mm(self, covariance: Array, job: Job) -> dict[str, float]:
+        """The same by target."""
+        B = self._by
+        radii = _radii95(B @ covariance @ B.transpose(0, 2, 1) + self._rest)
+        names = _targets(self._result, job)
+        by_target = radii.reshape(len(job.angles_rad), len(names), -1).mean(axis=(0, 2))
+        return dict(zip(names, map(float, by_target), strict=True))
+
+    def errors_after(self, covariance: Array, rows: Array) -> Array:
+        """`error_mm` (c,) after each of c candidates, rows (c, r, n), alone."""
+        j, n = len(self._by), self._by.shape[2]
+        A = rows @ covariance
+        S = np.eye(rows.shape[1]) + A @ rows.transpose(0, 2, 1)
+        G = self._by.reshape(-1, n) @ A.transpose(0, 2, 1)
+        half = np.linalg.solve(np.linalg.cholesky(S), G.transpose(0, 2, 1))
+        half = half.transpose(0, 2, 1).reshape(len(rows), j, 3, -1)
+        now = self._by @ covariance @ self._by.transpose(0, 2, 1) + self._rest
+        after = now - half @ half.transpose(0, 1, 3, 2)
+        radii = _radii95(after.reshape(-1, 3, 3)).reshape(len(rows), j)
+        return np.asarray(radii.mean(axis=1))
+
+    @staticmethod
+    def with_rows(covariance: Array, rows: Array) -> Array:
+        """Covariance after rows (r, n) of unit noise were measured."""
+        gain = covariance @ rows.T
+        S = np.eye(len(rows)) + rows @ gain
+        return np.asarray(covariance - gain @ np.linalg.solve(S, gain.T))
+
+    def without(self, *, looks: bool, spins: bool) -> Array:
+        """Covariance without any touch, nor what was seen in one; with or without looks and spins."""
+        data, layout = self._result.data, self._result.layout
+        rows = []
+        if looks:
+            kept = np.flatnonzero(~np.isin(data.looks.stands, data.touch_stands))
+            alone = [Looking(pose) for pose in data.looks.some(kept).poses()]
+            rows.append(self.rows(alone).reshape(-1, layout.size))
+        links = [Link.HOLES, Link.TURNTABLE, Link.REFINED] + [Link.SPINS] * spins
+        rows += [self._result.jacobian[data.rows_of(link)] for link in links]
+        P, N = information_inverse(np.vstack(rows), layout)
+        return P + N @ N.T
+
+    def rows(self, candidates: Sequence[Candidate]) -> Array:
+        """Rows (c, r, n) of unit noise that each candidate would add, empty ones 0."""
+        return self._foreseen.of(candidates)
+
+    def undetermined(self) -> tuple[Undetermined, ...]:
+        """What the samples leave open, in words, and whether the job minds."""
+        result = self._result
+        N = result.undetermined
+        if not N.size:
+            return ()
+        by_job = (self._by @ N).reshape(-1, N.shape[1])
+        _, s, Vt = np.linalg.svd(by_job / np.sqrt(len(self._by)), full_matrices=True)
+        minded = int(np.sum(s > IRRELEVANT_MM))
+        out = []
+        for part, matters in ((Vt[:minded], True), (Vt[minded:], False)):
+            directions = N @ part.T
+            apart = np.linalg.svd(directions[Layout.TCP], full_matrices=True)[2]
+            out += [Undetermined(_in_words(result, d), matters) for d in (directions @ apart.T).T]
+        return tuple(out)
+
+    def _ask(self, job: Job) -> tuple[Array, Array]:
+        """Derivatives (j, 3, n) by the unknowns and the rest of the covariance (j, 3, 3)."""
+        result, basis = self._result, basis_of(self._result)
+        by, rests = [], []
+        works: Sequence[Array | None] = job.works or (None,)
+        for angle in job.angles_rad:
+            tag = picture_of(result, angle)
+            for name, work in product(_targets(result, job), works):
+                R_work = work_orientation(result.recording, name, job.policy, work)
+                made = predict(basis, name, tag, job.policy, R_work, refuse=False)
+                rest = made.by_picture @ tag.covariance @ made.by_picture.T
+                rest = rest + made.by_arm @ made.arm_covariance @ made.by_arm.T
+                by.append(made.by_unknowns)
+                rests.append(rest)
+        return np.array(by), np.array(rests)
+
+
+def _targets(result: JointResult, job: Job) -> Sequence[str]:
+    return job.targets or sorted(result.recording.facts.object.targets)
+
+
+def _in_words(result: JointResult, direction: Array) -> str:
+    """An undetermined direction (n,): the TCP's share of it, or the unknowns concerned."""
+    tcp = direction[Layout.TCP]
+    size = float(np.linalg.norm(tcp))
+    if size < 1.0:
+        return replace(result, undetermined=direction[:, None]).unknown_in_words() or "an unknown"
+    x, y, z = np.round(tcp / size * np.sign(tcp[int(np.argmax(np.abs(tcp)))]), 2) + 0.0
+    return f"the TCP along ({x:.2f}, {y:.2f}, {z:.2f}) of the flange"
+
+
+def _radii95(covariances: Array) -> Array:
+    """`radius95` of many (j, 3, 3), its quantile from a table, which differs by less than 1e-6."""
+    total = np.trace(covariances, axis1=1, axis2=2)
+    squares = np.einsum("jab,jba->j", covariances, covariances)
+    shapes = total**2 / squares / 2
+    return np.asarray(np.sqrt(squares / total * 2 * np.interp(shapes, _SHAPES, _QUANTILES)))

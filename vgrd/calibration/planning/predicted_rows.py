@@ -1,0 +1,214 @@
+"""Rows that samples not taken yet would add to the joint estimate, predicted where it stands."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from vgrd.calibration.joint.camera_corrections import TAG_A, TAG_B, adjoints
+from vgrd.calibration.joint.estimate import JointResult
+from vgrd.calibration.joint.problem import JointData, Link, Looks, Tags, target_of
+from vgrd.calibration.joint.rows import arm_jacobian, linearize, moves
+from vgrd.calibration.joint.state import Layout
+from vgrd.calibration.planning.reach import Candidate, Spinning, Touching, flange_of
+from vgrd.calibration.touches.touch_set import TouchSet, touch_set
+from vgrd.geometry import Array, Pose
+from vgrd.geometry.covariance import whitener
+from vgrd.model import TagObservation, TagSpec, frozen_array
+
+_NONE = np.zeros(0, dtype=np.intp)
+_TAG, _TOUCH = 6, 3
+_WIDTH = _TAG + _TOUCH + _TAG
+_AT_ONCE = 32
+
+
+class ForeseenRows:
+    """Predicts the rows of candidates; tag_a_in_view: whether the camera sees a camera_from_tag_a."""
+
+    def __init__(self, result: JointResult, tag_a_in_view: Callable[[Pose], bool]) -> None:
+        self._result = result
+        self._in_view = tag_a_in_view
+        self._body_a = _body_covariance(result.data.looks.tags)
+        self._body_b = _body_covariance(result.data.reference)
+
+    def of(self, candidates: Sequence[Candidate]) -> Array:
+        """Rows (c, 15, n) of unit noise that each candidate would add, empty ones 0."""
+        out = np.zeros((len(candidates), _WIDTH, self._result.layout.size))
+        stands = []
+        for i, candidate in enumerate(candidates):
+            if isinstance(candidate, Spinning):
+                J = self._spin_rows(candidate.angle_rad)
+                out[i, : len(J)] = J
+            else:
+                stands.append(i)
+        for k in range(0, len(stands), _AT_ONCE):
+            some = stands[k : k + _AT_ONCE]
+            out[some] = self._stand_rows([candidates[i] for i in some])
+        return out
+
+    def _stand_rows(self, candidates: Sequence[Candidate]) -> Array:
+        """Rows (c, 15, n) of touches and looks: 6 of tag A, 3 of the touch, 6 of tag B."""
+        result, c = self._result, len(candidates)
+        poses = [flange_of(result, candidate) or Pose.identity() for candidate in candidates]
+        touching = [i for i, one in enumerate(candidates) if isinstance(one, Touching)]
+        data, looking = self._seen(poses)
+        data = self._touched(data, candidates, poses, touching)
+        still = replace(result.layout, spins=0)
+        J = self._embedded(linearize(result.state, data, still)[1], still)
+        out = np.zeros((c, _WIDTH, J.shape[1]))
+        for link, seen, width, first in (
+            (Link.HAND_EYE, looking, 6, 0),
+            (Link.TOUCHES, touching, 3, 6),
+            (Link.REFERENCE, touching, 6, 9),
+        ):
+            part = J[data.rows_of(link)].reshape(len(seen), width, J.shape[1])
+            out[seen, first : first + width] = part
+        return self._with_arm(out, data, looking, touching)
+
+    def _with_arm(
+        self, rows: Array, data: JointData, looking: list[int], touching: list[int]
+    ) -> Array:
+        """The same with the noise of the arm; every stand's error is taken as its own."""
+        arm = data.arm
+        if arm.is_exact or not data.arm_rows:
+            return rows
+        G = arm_jacobian(self._result.state, data).reshape(data.arm_rows, -1, 6)
+        own = np.zeros((len(rows), 9, 6))
+        for link, seen, width, first in (
+            (Link.HAND_EYE, looking, 6, 0),
+            (Link.TOUCHES, touching, 3, 6),
+        ):
+            part = G[data.rows_of(link)].reshape(len(seen), width, len(rows), 6)
+            own[seen, first : first + width] = part[np.arange(len(seen)), :, seen]
+        own = own * np.sqrt(arm.variances())
+        L = np.linalg.cholesky(np.eye(9) + own @ own.transpose(0, 2, 1))
+        return np.concatenate([np.linalg.solve(L, rows[:, :9]), rows[:, 9:]], axis=1)
+
+    def _touched(
+        self,
+        data: JointData,
+        candidates: Sequence[Candidate],
+        poses: Sequence[Pose],
+        touching: Sequence[int],
+    ) -> JointData:
+        """Touches of the candidates given added, each with a picture of tag B."""
+        if not touching:
+            return data
+        result, m = self._result, len(touching)
+        known, axis = result.data.touches, result.recording.facts.tool.axis_in_wrist
+        lateral, axial = np.median(known.lateral_sigma_mm), np.median(known.axial_sigma_mm)
+        names = [one.target for one in candidates if isinstance(one, Touching)]
+        cad = [target_of(result.recording.facts, name).point_in_object for name in names]
+        return replace(
+            data,
+            touches=touch_set(
+                [poses[i] for i in touching], axis, [float(lateral)] * m, [float(axial)] * m
+            ),
+            cad=np.array(cad),
+            touch_stands=np.array(touching, dtype=np.intp),
+            reference=self._tags([result.state.camera_from_tag_b] * m, TAG_B),
+        )
+
+    def _seen(self, poses: Sequence[Pose]) -> tuple[JointData, list[int]]:
+        """Looks from the flange poses where tag A is in view, and which these are."""
+        state = self._result.state
+        camera_from_base = state.base_from_camera.inverse()
+        tags = [camera_from_base @ pose @ state.wrist_from_tag_a for pose in poses]
+        seen = [i for i, tag in enumerate(tags) if self._in_view(tag)]
+        at = np.array([pose.translation for pose in poses])
+        R = np.array([pose.rotation for pose in poses])
+        looks = Looks(
+            self._tags([tags[i] for i in seen], TAG_A),
+            R[seen],
+            at[seen],
+            np.array(seen, dtype=np.intp),
+        )
+        return replace(_blank(self._result.data), looks=looks, flange_at=at), seen
+
+    def _spin_rows(self, angle_rad: float) -> Array:
+        """A spin more; its own angle, which nobody knows, is eliminated."""
+        result, layout = self._result, self._result.layout
+        if not layout.axis:
+            return np.zeros((0, layout.size))
+        alone = replace(layout, spins=1)
+        planar = np.array([[0.0, 0.0, angle_rad]])
+        state = replace(result.state, planar=planar)
+        tag = self._tags([moved_tag_b(result, angle_rad)], TAG_B)
+        data = replace(_blank(result.data), spins=tag)
+        J = linearize(state, data, alone)[1][data.rows_of(Link.SPINS)]
+        own = alone.spin_columns()[0]
+        Q = np.linalg.qr(J[:, own])[0]
+        return self._embedded(J - Q @ (Q.T @ J), alone)
+
+    def _embedded(self, J: Array, layout: Layout) -> Array:
+        """Rows of another layout in the columns of all unknowns; spins of their own left out."""
+        whole = self._result.layout
+        out = np.zeros((len(J), whole.size))
+        common = whole.axis_columns.stop
+        out[:, :common] = J[:, :common]
+        out[:, whole.refined_columns] = J[:, layout.refined_columns]
+        return out
+
+    def _tags(self, poses: Sequence[Pose], which: str) -> Tags:
+        """TAG_A or TAG_B seen at these poses with the usual noise."""
+        result, body = self._result, self._body_a if which == TAG_A else self._body_b
+        optics, values = result.data.optics, result.state.refined
+        R = np.array([pose.rotation for pose in poses]).reshape(-1, 3, 3)
+        t = np.array([pose.translation for pose in poses]).reshape(-1, 3)
+        A = adjoints(R, t)
+        by = None
+        if optics.count:
+            by = optics.seen(R, t, which, values).by_refined
+        return Tags(R, t, whitener(A @ body @ A.transpose(0, 2, 1)), by)
+
+
+def picture_of(result: JointResult, angle_rad: float) -> TagObservation:
+    """Tag B as the camera will see it once the object has turned by an angle."""
+    spec, pose = result.recording.facts.tag_b, moved_tag_b(result, angle_rad)
+    return _sighting(pose, _body_covariance(result.data.reference), spec)
+
+
+def moved_tag_b(result: JointResult, angle_rad: float) -> Pose:
+    """camera_from_tag_b after the object has turned by an angle about its axis."""
+    state = result.state
+    at = moves(state, np.array([[0.0, 0.0, angle_rad]]), result.layout)
+    return Pose(at.rotations[0], at.translations[0]) @ state.camera_from_tag_b
+
+
+def _body_covariance(tags: Tags) -> Array:
+    """Mean covariance (6, 6) of a tag's pose, in the tag's own frame."""
+    out = []
+    for pose, W in zip(tags.poses(), tags.whiteners, strict=True):
+        half = pose.inverse().adjoint() @ np.linalg.inv(W)
+        out.append(half @ half.T)
+    return np.asarray(np.mean(out, axis=0))
+
+
+def _sighting(pose: Pose, body: Array, spec: TagSpec) -> TagObservation:
+    A = pose.adjoint()
+    covariance = frozen_array(A @ body @ A.T, 6, 6)
+    return TagObservation(spec, pose, covariance, frozen_array(np.zeros((4, 2)), 4, 2), 0.0)
+
+
+def _blank(data: JointData) -> JointData:
+    """The same cell with nothing recorded."""
+    nothing = np.zeros((0, 3))
+    by = np.zeros((0, 6, data.optics.count)) if data.optics.count else None
+    tags = Tags(np.zeros((0, 3, 3)), nothing, np.zeros((0, 6, 6)), by)
+    axis = data.touches.axis_in_wrist
+    touches = TouchSet(np.zeros((0, 3, 3)), nothing, axis, np.zeros(0), np.zeros(0))
+    holes = replace(data.holes, cad=nothing, spin=_NONE, pixels=np.zeros((0, 2)))
+    return replace(
+        data,
+        looks=Looks(tags, np.zeros((0, 3, 3)), nothing, _NONE),
+        touches=touches,
+        cad=nothing,
+        touch_stands=_NONE,
+        points=touches,
+        point_stands=_NONE,
+        reference=tags,
+        spins=tags,
+        holes=replace(holes, sigma_px=np.zeros(0)),
+        center=None,
+        turntable=replace(data.turntable, axis_in_object=None),
+    )

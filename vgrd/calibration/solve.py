@@ -1,0 +1,57 @@
+"""One recording -> one calibration: hand-eye, TCP and object, reference picture, pivot, verdict."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+from vgrd.calibration.checks import cannot_tell, examine
+from vgrd.calibration.joint.calibration import calibrate_jointly
+from vgrd.calibration.joint.problem import Sighting
+from vgrd.calibration.stepwise.calibration import calibrate_in_steps
+from vgrd.calibration.verification import verify
+from vgrd.errors import DidNotConverge, InputError
+from vgrd.model import (
+    Calibration,
+    Mount,
+    Plan,
+    Policy,
+    Recording,
+    Verdict,
+)
+
+
+def calibrate_system(
+    recording: Recording,
+    tolerance_mm: float | None = None,
+    policy: Policy = Policy.FIXED,
+    sightings: Sequence[Sighting] = (),
+) -> Calibration:
+    """Solve everything that the recording tells; id is "" and the time 0, for the caller to set.
+
+    Plan joint: everything in one estimate, holes that the camera saw (`sightings`) included, see
+    `calibrate_jointly`. The other plans are the paper's methods, step by step: universal where the
+    wrists varied, else special from CAD-fitted flange positions; the holes then tell the rotation
+    centre, see `find_hole_center`. Doubts are findings of the verdict.
+    Raises TooFewObservations, NotObservable (what is missing, in words), InputError or
+    DidNotConverge.
+    """
+    facts = recording.facts
+    if facts.mount is not Mount.EYE_TO_HAND:
+        raise InputError(
+            "serving needs a camera that stands still (eye-to-hand); an eye-in-hand camera can "
+            "be calibrated as a dataset: vgrd solve DATASET"
+        )
+    found = examine(recording, policy)
+    try:
+        if recording.plan is not Plan.JOINT:
+            calibration = calibrate_in_steps(recording, sightings)
+        else:
+            calibration = calibrate_jointly(recording, tolerance_mm, policy, sightings)
+    except DidNotConverge as err:
+        why = "; ".join(one.message for one in found if one.fatal)
+        raise DidNotConverge(f"{why} ({err})" if why else str(err)) from err
+    verified, misses = verify(calibration, recording.verifications)
+    return replace(
+        calibration,
+        residuals={**calibration.residuals, **misses},
+        verdict=Verdict((*found, *cannot_tell(facts), *calibration.verdict.findings, *verified)),
+    )

@@ -1,0 +1,193 @@
+"""One recording -> one calibration by the paper's plans: hand-eye, touches, reference picture, pivot."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from vgrd.calibration.hand_eye.null_space import free_findings
+from vgrd.calibration.hand_eye.pose_pairs import HandEyeProblem, HandEyeResult, calibrate_hand_eye
+from vgrd.calibration.hand_eye.samples import hand_eye_samples
+from vgrd.calibration.joint.problem import Sighting
+from vgrd.calibration.stepwise.hole_center import HoleCenter, combine, find_hole_center
+from vgrd.calibration.stepwise.touch_fit import Taught, teach
+from vgrd.calibration.stepwise.verdict import DISAGREE_MM, Evidence, judge
+from vgrd.calibration.touches.reference import find_reference
+from vgrd.calibration.turntable.rotation_center import RotationCenter, find_rotation_center
+from vgrd.errors import DidNotConverge, NotObservable, TooFewObservations
+from vgrd.geometry import Array
+from vgrd.model import Calibration, Finding, Observation, Recording, Verdict, frozen_array
+
+_REACH_MM = 500.0
+
+_UNKNOWN_MM = 1000.0
+_APART_SIGMA, _APART_MM = 5.0, 0.1
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Pivot:
+    """Rotation centre as the calibration stores it; in_base as `Calibration.pivot_in_base`."""
+
+    in_tag_b: Array
+    in_base: Array
+    covariance: Array
+
+
+def calibrate_in_steps(recording: Recording, sightings: Sequence[Sighting]) -> Calibration:
+    """Universal where the wrists varied, else special; id is "" and the time 0, for the caller to set.
+
+    The holes that the camera saw (`sightings`) tell the rotation centre, see `find_hole_center`.
+    Raises TooFewObservations, NotObservable, InputError or DidNotConverge.
+    """
+    taught = teach(recording)
+    center, doubts = _center(recording)
+    holes = _hole_center(recording, sightings, doubts)
+    needs_rotation_only = (
+        taught.method == "special"
+        and taught.pivot_in_base is not None
+        and (center is not None or holes is not None)
+    )
+    hand_eye = calibrate_hand_eye(
+        _hand_eye_problem(recording, may_be_free=int(needs_rotation_only))
+    )
+    doubts += free_findings(recording.facts.mount, hand_eye.free)
+    reference = find_reference(recording.touches)
+    pivot = _pivot(taught, center, holes, hand_eye, doubts)
+    calibration = Calibration(
+        id="",
+        session=recording.session,
+        created_unix_s=0.0,
+        method=taught.method,
+        facts=recording.facts,
+        base_from_camera=hand_eye.mount_from_camera,
+        hand_eye_covariance=frozen_array(_camera_covariance(hand_eye), 6, 6),
+        wrist_from_tag_a=hand_eye.mount_from_target,
+        tcp_in_wrist=taught.tcp_in_wrist,
+        tcp_covariance=taught.tcp_covariance,
+        camera_from_tag_b_ref=reference.camera_from_tag_b,
+        pivot_in_tag_b=None if pivot is None else pivot.in_tag_b,
+        pivot_in_base=None if pivot is None else pivot.in_base,
+        taught=taught.points(with_pivot=pivot is not None),
+        residuals={},
+        verdict=Verdict(),
+        pivot_covariance=None if pivot is None else pivot.covariance,
+        reference_covariance=reference.covariance,
+    )
+    evidence = Evidence(recording, taught, hand_eye, reference, center, pivot is not None)
+    findings, residuals = judge(evidence)
+    if holes is not None:
+        residuals["holes_used"] = float(holes.used)
+    verdict = Verdict((*doubts, *findings))
+    return replace(calibration, residuals=residuals, verdict=verdict)
+
+
+def _camera_covariance(hand_eye: HandEyeResult) -> Array:
+    """(6, 6) of base_from_camera, with a metre where its place stays open."""
+    open_mm = (
+        np.sqrt(2) * _UNKNOWN_MM * np.hstack([hand_eye.free[:, :3], 0 * hand_eye.free[:, 3:]])
+    )
+    return np.asarray(hand_eye.covariance[:6, :6] + open_mm.T @ open_mm)
+
+
+def _hand_eye_problem(recording: Recording, may_be_free: int) -> HandEyeProblem:
+    samples = hand_eye_samples(recording)
+    if len(samples) < 3:
+        raise TooFewObservations(
+            f"hand-eye: tag A was seen from {len(samples)} robot poses, at least 3 are needed: "
+            "record looks with tag A in view and the wrist turned about two axes"
+        )
+    sigma = max(recording.facts.robot_sigma_mm, 1e-3)
+    return HandEyeProblem(
+        mount=recording.facts.mount,
+        samples=samples,
+        robot_sigma_mm=sigma,
+        robot_sigma_rad=sigma / _REACH_MM,
+        may_be_free=may_be_free,
+    )
+
+
+def _center(recording: Recording) -> tuple[RotationCenter | None, list[Finding]]:
+    """Rotation centre from the spins, or the reason why there is none."""
+    tags = [seen.tag_b for seen in _with_tag_b(recording.spins) if seen.tag_b is not None]
+    if not recording.spins:
+        return None, []
+    try:
+        center = find_rotation_center(
+            [tag.camera_from_tag for tag in tags], [tag.covariance for tag in tags]
+        )
+    except (NotObservable, TooFewObservations) as fault:
+        return None, [Finding("spins_unusable", f"no rotation centre: {fault}")]
+    return center, []
+
+
+def _with_tag_b(observations: Sequence[Observation]) -> list[Observation]:
+    return [seen for seen in observations if seen.tag_b is not None]
+
+
+def _hole_center(
+    recording: Recording,
+    sightings: Sequence[Sighting],
+    doubts: list[Finding],
+) -> HoleCenter | None:
+    """CAD's centre in tag B by the holes that were seen, or a doubt that says why not."""
+    if not sightings or recording.facts.object.center_in_object is None:
+        return None
+    try:
+        return find_hole_center(recording, sightings, find_reference(recording.touches))
+    except (NotObservable, TooFewObservations, DidNotConverge) as fault:
+        doubts.append(Finding("holes_unusable", f"no rotation centre by holes: {fault}"))
+        return None
+
+
+def _pivot(
+    taught: Taught,
+    center: RotationCenter | None,
+    holes: HoleCenter | None,
+    hand_eye: HandEyeResult,
+    doubts: list[Finding],
+) -> _Pivot | None:
+    """Bring the centre in tag B and the centre in CAD together, at the same height if possible."""
+    if center is None and holes is None:
+        return None
+    if taught.pivot_in_base is None:
+        doubts.append(
+            Finding(
+                "no_cad_center",
+                "the turntable's centre is not known in CAD: set [object] center_mm; until then "
+                "the hand-eye translation is used",
+            )
+        )
+        return None
+    if holes is not None:
+        in_tag, covariance = _by_holes(holes, center, doubts)
+    elif center is not None:
+        in_tag, covariance = center.center_in_tag, center.covariance[:3, :3]
+        if taught.tcp_in_wrist is not None:
+            wanted = hand_eye.mount_from_camera.inverse() @ taught.pivot_in_base
+            in_tag, _ = center.at_height(wanted)
+    return _Pivot(
+        frozen_array(in_tag, 3),
+        frozen_array(taught.pivot_in_base, 3),
+        frozen_array(covariance, 3, 3),
+    )
+
+
+def _by_holes(
+    holes: HoleCenter, center: RotationCenter | None, doubts: list[Finding]
+) -> tuple[Array, Array]:
+    """The centre (3,) in tag B and its covariance, together with the axis where they agree."""
+    if center is None:
+        return holes.center_in_tag, holes.covariance
+    both = combine(holes, center)
+    if both.apart_sigmas <= _APART_SIGMA or both.apart_mm <= _APART_MM:
+        return both.center_in_tag, both.covariance
+    doubts.append(
+        Finding(
+            "pivot_disagrees",
+            f"holes and turning see the rotation centre {both.apart_mm:.2f} mm "
+            f"({both.apart_sigmas:.0f} sigma) apart, that of the holes is used: check [object] "
+            "center_mm and the CAD points, and that tag B did not shift on the object",
+            fatal=both.apart_mm > DISAGREE_MM,
+        )
+    )
+    return holes.center_in_tag, holes.covariance

@@ -1,0 +1,215 @@
+"""The centre of turning by holes that the camera saw: where CAD's centre is in tag B, turned or not.
+
+Eq. 19 holds for any point of the object whose place is known twice, in tag B and as a position of the
+flange. The touches give CAD's centre as the latter; the CAD points of holes give the same point in the
+tag, while the turning of tag B gives its axis, on which CAD's centre is supposed to be.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vgrd.calibration.joint.estimate import enlargement
+from vgrd.calibration.joint.problem import Sighting, Turntable
+from vgrd.calibration.touches.cad_fit import kabsch
+from vgrd.calibration.touches.reference import Reference
+from vgrd.calibration.touches.touch_set import equivalent_sigmas
+from vgrd.calibration.turntable.rotation_center import RotationCenter
+from vgrd.errors import DidNotConverge, NotObservable, TooFewObservations
+from vgrd.geometry import Array, Pose, exp_rotation, hat
+from vgrd.geometry.camera import CameraModel
+from vgrd.geometry.covariance import covariance_from, whitener
+from vgrd.geometry.least_squares import minimize, require_convergence
+from vgrd.model import Recording
+
+_FEWEST_HOLES = 3
+_ROUNDS = 2  # what the tag's error does is known at the place only
+_LINE = 0.02
+_OUTLIER_SIGMA = 5.0
+_MOST_LEFT_OUT = 1 / 3
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class HoleCenter:
+    """CAD's centre in tag B, (3,) mm, with its covariance (3, 3); used: sightings of holes."""
+
+    center_in_tag: Array
+    covariance: Array
+    used: int
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class CombinedCenter:
+    """Centre as `HoleCenter`; apart: how far holes and turning are apart across the axis, mm and sigmas."""
+
+    center_in_tag: Array
+    covariance: Array
+    apart_mm: float
+    apart_sigmas: float
+
+
+def find_hole_center(
+    recording: Recording, sightings: Sequence[Sighting], reference: Reference
+) -> HoleCenter:
+    """CAD's centre in tag B from holes in pictures of the tag, contradicting sightings left out.
+
+    reference: where the object stood as it was touched. The errors of a picture's tag are common to
+    its holes. Raises TooFewObservations below three holes, NotObservable for holes on a line or
+    without a centre in CAD, DidNotConverge where holes and CAD contradict each other.
+    """
+    center = recording.facts.object.center_in_object
+    if center is None:
+        raise NotObservable(
+            "the centre of turning is not in CAD: set [object] center_mm", rank=0, unknowns=3
+        )
+    seen = _seen(recording, sightings, reference, np.asarray(center))
+    count = len(seen.pixels)
+    fewest = count - int(_MOST_LEFT_OUT * count)
+    while True:
+        pose, covariance, scores = _fit(seen)
+        worst = int(np.argmax(scores))
+        if scores[worst] <= _OUTLIER_SIGMA:
+            return HoleCenter(pose.translation, covariance, len(scores))
+        if len(scores) <= fewest:
+            raise DidNotConverge("the holes in the pictures contradict each other and CAD")
+        seen = seen.without(worst)
+
+
+def combine(holes: HoleCenter, turned: RotationCenter) -> CombinedCenter:
+    """The centre by holes with the axis by turning, across it, each as good as its covariance says.
+
+    CAD's centre is taken to be off the axis by `Turntable.center_sigma_mm`. Along the axis the
+    centre stays that of the holes.
+    """
+    across = np.linalg.svd(turned.axis_in_tag[None])[2][1:]
+    apart = across @ (turned.center_in_tag - holes.center_in_tag)
+    S = across @ (holes.covariance + turned.covariance[:3, :3]) @ across.T
+    S = S + Turntable().center_sigma_mm ** 2 * np.eye(2)
+    gain = holes.covariance @ across.T @ np.linalg.inv(S)
+    squares = np.array([apart @ np.linalg.solve(S, apart)])
+    return CombinedCenter(
+        holes.center_in_tag + gain @ apart,
+        holes.covariance - gain @ across @ holes.covariance,
+        float(np.linalg.norm(apart)),
+        float(equivalent_sigmas(squares, np.array([2]))[0]),
+    )
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Seen:
+    """m sightings in pictures (m,): offsets (m, 3) of their holes from CAD's centre, pixels (m, 2).
+
+    rotations (m, 3, 3), translations (m, 3): of the tag in the camera, for each sighting;
+    covariances: of the tag's pose in each picture, as touched first.
+    """
+
+    camera: CameraModel
+    offsets: Array
+    pixels: Array
+    sigmas_px: Array
+    pictures: NDArray[np.intp]
+    rotations: Array
+    translations: Array
+    covariances: Sequence[Array]
+
+    def without(self, i: int) -> "_Seen":
+        """All but one."""
+        return replace(
+            self,
+            offsets=np.delete(self.offsets, i, axis=0),
+            pixels=np.delete(self.pixels, i, axis=0),
+            sigmas_px=np.delete(self.sigmas_px, i),
+            pictures=np.delete(self.pictures, i),
+            rotations=np.delete(self.rotations, i, axis=0),
+            translations=np.delete(self.translations, i, axis=0),
+        )
+
+    def places(self, in_tag: Array) -> Array:
+        """Points of the tag (m, 3), each in the camera of its picture."""
+        return np.asarray(np.einsum("mij,mj->mi", self.rotations, in_tag) + self.translations)
+
+    def covariance(self, places: Array) -> Array:
+        """Of all pixels (2 m, 2 m): their own errors, and those of the tag in each picture."""
+        J = self.camera.linearize(places)[1]
+        by_tag = J @ np.concatenate([np.broadcast_to(np.eye(3), (len(J), 3, 3)), -hat(places)], 2)
+        total = np.diag(np.repeat(self.sigmas_px**2, 2))
+        for k, tag in enumerate(self.covariances):
+            rows = np.repeat(self.pictures == k, 2)
+            shift = by_tag.reshape(-1, 6)[rows]
+            total[np.ix_(rows, rows)] += shift @ tag @ shift.T
+        return total
+
+
+def _seen(
+    recording: Recording, sightings: Sequence[Sighting], reference: Reference, center: Array
+) -> _Seen:
+    facts = recording.facts
+    poses, covariances = [reference.camera_from_tag_b], [reference.covariance]
+    number: dict[int | None, int] = {None: 0}
+    for k, spin in enumerate(recording.spins):
+        if spin.tag_b is not None:
+            number[k] = len(poses)
+            poses.append(spin.tag_b.camera_from_tag)
+            covariances.append(spin.tag_b.covariance)
+    kept = [one for one in sightings if one.spin in number]
+    pictures = np.array([number[one.spin] for one in kept], dtype=np.intp)
+    targets = facts.object.targets
+    return _Seen(
+        CameraModel(facts.camera_matrix, facts.distortion, facts.image_size_px),
+        np.array([targets[one.target].point_in_object - center for one in kept]).reshape(-1, 3),
+        np.array([one.pixel for one in kept]).reshape(-1, 2),
+        np.array([one.sigma_px for one in kept]),
+        pictures,
+        np.array([pose.rotation for pose in poses])[pictures],
+        np.array([pose.translation for pose in poses])[pictures],
+        covariances,
+    )
+
+
+def _fit(seen: _Seen) -> tuple[Pose, Array, Array]:
+    """Object about CAD's centre in the tag; covariance (3, 3) of its place; scores (m,) in sigmas."""
+
+    def linearize(at: Pose) -> tuple[Array, Array]:
+        arms = seen.offsets @ at.rotation.T
+        pixels, J = seen.camera.linearize(seen.places(arms + at.translation))
+        by_place = J @ seen.rotations
+        by_all = np.concatenate([by_place, -by_place @ hat(arms)], axis=2)
+        return W @ (pixels - seen.pixels).ravel(), W @ by_all.reshape(-1, 6)
+
+    def moved(at: Pose, step: Array) -> Pose:
+        return Pose(exp_rotation(step[3:]) @ at.rotation, at.translation + step[:3])
+
+    at = _start(seen)
+    for _ in range(_ROUNDS):
+        C = seen.covariance(seen.places(at @ seen.offsets))
+        W = whitener(C)
+        minimum = minimize(linearize, moved, at)
+        require_convergence(minimum.report, "centre by holes")
+        at = minimum.state
+    off = np.linalg.solve(W, minimum.residuals).reshape(-1, 2)
+    own = np.array([C[2 * i : 2 * i + 2, 2 * i : 2 * i + 2] for i in range(len(off))])
+    squares = np.einsum("mi,mi->m", off, np.linalg.solve(own, off[..., None])[..., 0])
+    scale = enlargement(2 * minimum.report.cost, minimum.residuals.size - 6)
+    covariance = covariance_from(minimum.jacobian)[:3, :3] * scale
+    return at, covariance, equivalent_sigmas(squares, np.full(len(off), 2))
+
+
+def _start(seen: _Seen) -> Pose:
+    """The holes taken to be in the plane of the tag."""
+    count = len(np.unique(seen.offsets.round(6), axis=0))
+    if count < _FEWEST_HOLES:
+        raise TooFewObservations(
+            f"a centre by holes needs {_FEWEST_HOLES} holes in the pictures, there are {count}"
+        )
+    spread = np.linalg.svd(seen.offsets - seen.offsets.mean(axis=0), compute_uv=False)
+    if spread[1] < _LINE * spread[0]:
+        raise NotObservable(
+            "the holes that were seen are on one line: measure one beside it", rank=5, unknowns=6
+        )
+    rays = np.column_stack([seen.camera.normalize(seen.pixels), np.ones(len(seen.pixels))])
+    directions = np.einsum("mji,mj->mi", seen.rotations, rays)
+    origins = -np.einsum("mji,mj->mi", seen.rotations, seen.translations)
+    flat = origins - directions * (origins[:, 2] / directions[:, 2])[:, None]
+    return kabsch(seen.offsets, flat)

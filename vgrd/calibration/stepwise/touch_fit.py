@@ -1,0 +1,151 @@
+"""What the touches teach: flange positions of all targets, the TCP where the wrists varied."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from vgrd.calibration.observability.motion import (
+    SAME_ORIENTATION_RAD,
+    Axes,
+    refuse_repeats,
+    turned_axes,
+)
+from vgrd.calibration.touches.cad_fit import CadFit, fit_cad
+from vgrd.calibration.touches.recorded import arm_touches, touched_orientation
+from vgrd.calibration.universal.estimate import (
+    UniversalProblem,
+    UniversalResult,
+    calibrate_universal,
+)
+from vgrd.errors import InputError, NotObservable, TooFewObservations
+from vgrd.geometry import Array, hat, log_rotation
+from vgrd.model import Recording, Target, TaughtPoint, Touch, frozen_array
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Taught:
+    """Outcome of the touches.
+
+    method, tcp_in_wrist, tcp_covariance, pivot_in_base: as in `Calibration`. parameters: (k, k)
+    covariance of what was fitted; per target its flange (3,), orientation (3, 3) and (3, k)
+    derivative; residuals_mm (m, 3) and scores (m,) of the touches.
+    """
+
+    method: str
+    tcp_in_wrist: Array | None
+    tcp_covariance: Array | None
+    pivot_in_base: Array | None
+    parameters: Array
+    pivot_jacobian: Array
+    flanges: Mapping[str, tuple[Target, Array, Array, Array]]
+    residuals_mm: Array
+    scores: Array
+
+    def points(self, *, with_pivot: bool) -> dict[str, TaughtPoint]:
+        """Taught points with their joint covariances."""
+        pivot = self.pivot_jacobian if with_pivot else np.zeros_like(self.pivot_jacobian)
+        out = {}
+        for name, (target, flange, R_work, J) in self.flanges.items():
+            rows = [J, pivot]
+            if self.tcp_in_wrist is not None:
+                rows.append(np.eye(3, 9, 6))
+            stacked = np.vstack(rows)
+            joint = stacked @ self.parameters @ stacked.T
+            known = self.tcp_in_wrist is not None or with_pivot
+            out[name] = TaughtPoint(
+                target=target,
+                flange_in_base=frozen_array(flange, 3),
+                base_from_work=frozen_array(R_work, 3, 3),
+                covariance=frozen_array(joint[:3, :3], 3, 3),
+                joint_covariance=frozen_array(joint, *joint.shape) if known else None,
+            )
+        return out
+
+
+def teach(recording: Recording) -> Taught:
+    """Fit the touches: universal method for varied wrists, CAD fit for a constant one.
+
+    Raises InputError (unknown target), TooFewObservations, NotObservable or DidNotConverge.
+    """
+    touches = recording.touches
+    if not touches:
+        raise TooFewObservations("nothing was touched: touch at least 4 targets of the object")
+    points = np.array([_target(recording, touch).point_in_object for touch in touches])
+    names = [f"touch {i + 1} ({touch.target})" for i, touch in enumerate(touches)]
+    refuse_repeats(names, [touch.base_from_wrist for touch in touches])
+    arrays = arm_touches(touches, recording)
+    if turned_axes(list(arrays.rotations))[0] is Axes.NONE:
+        return _special(recording, fit_cad(points, arrays))
+    return _universal(recording, calibrate_universal(UniversalProblem(points, arrays)))
+
+
+def _target(recording: Recording, touch: Touch) -> Target:
+    targets = recording.facts.object.targets
+    if touch.target not in targets:
+        known = ", ".join(sorted(targets))
+        raise InputError(f"touched target {touch.target!r} is not in CAD; there are: {known}")
+    return targets[touch.target]
+
+
+def _special(recording: Recording, fit: CadFit) -> Taught:
+    offset = recording.facts.tool.work_from_touch_mm
+    R_work = recording.touches[0].base_from_wrist.rotation
+    flanges = {}
+    for name, target in recording.facts.object.targets.items():
+        _require_same_orientation(target, R_work)
+        p = target.point_in_object
+        flanges[name] = (target, fit.flange(p) - R_work @ offset, R_work, fit.jacobian(p))
+    center = recording.facts.object.center_in_object
+    at = np.zeros(3) if center is None else center
+    return Taught(
+        method="special",
+        tcp_in_wrist=None,
+        tcp_covariance=None,
+        pivot_in_base=None if center is None else fit.flange(center) - R_work @ offset,
+        parameters=fit.covariance,
+        pivot_jacobian=fit.jacobian(at),
+        flanges=flanges,
+        residuals_mm=fit.residuals_mm,
+        scores=fit.scores,
+    )
+
+
+def _require_same_orientation(target: Target, R_work: Array) -> None:
+    if target.base_from_work is None:
+        return
+    off = float(np.linalg.norm(log_rotation(target.base_from_work @ R_work.T)))
+    if off > SAME_ORIENTATION_RAD:
+        raise NotObservable(
+            f"target {target.name!r} works with the wrist turned by {np.degrees(off):.2f} degrees "
+            "against all touches, which needs the TCP: touch with varied wrists",
+            rank=6,
+            unknowns=9,
+        )
+
+
+def _universal(recording: Recording, result: UniversalResult) -> Taught:
+    tip = result.tcp_in_wrist + recording.facts.tool.work_from_touch_mm
+    base_from_object = result.object_from_base.inverse()
+    R = base_from_object.rotation
+    flanges = {}
+    for name, target in recording.facts.object.targets.items():
+        R_work = target.base_from_work
+        if R_work is None:
+            R_work = touched_orientation(recording.touches, name)
+        p = target.point_in_object
+        J = np.hstack([-R, R @ hat(p), -R_work])
+        flanges[name] = (target, base_from_object @ p - R_work @ tip, R_work, J)
+    center = recording.facts.object.center_in_object
+    at = np.zeros(3) if center is None else center
+    return Taught(
+        method="universal",
+        tcp_in_wrist=frozen_array(result.tcp_in_wrist, 3),
+        tcp_covariance=frozen_array(result.covariance[6:, 6:], 3, 3),
+        pivot_in_base=None if center is None else base_from_object @ center,
+        parameters=result.covariance,
+        pivot_jacobian=np.hstack([-R, R @ hat(at), np.zeros((3, 3))]),
+        flanges=flanges,
+        residuals_mm=result.residuals_mm,
+        scores=result.scores,
+    )

@@ -1,0 +1,166 @@
+"""Accept or reject: what the numbers of a calibration say against it, in words with a remedy."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from vgrd.calibration.checks.bad_touches import bad_touches
+from vgrd.calibration.hand_eye.pose_pairs import HandEyeResult
+from vgrd.calibration.stepwise.touch_fit import Taught
+from vgrd.calibration.touches.reference import Reference
+from vgrd.calibration.turntable.rotation_center import RotationCenter
+from vgrd.geometry.covariance import rms
+from vgrd.model import Finding, Motion, Plan, Recording
+
+_NOISY = 3.0
+_FEW_SPINS = 4
+_FEW_DEGREES = 25.0
+_SPIN_SIGMA = 5.0
+_SPIN_MM = 0.2
+DISAGREE_MM = 3.0
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Evidence:
+    """All that `judge` looks at."""
+
+    recording: Recording
+    taught: Taught
+    hand_eye: HandEyeResult
+    reference: Reference
+    center: RotationCenter | None
+    has_pivot: bool
+
+
+def judge(evidence: Evidence) -> tuple[list[Finding], dict[str, float]]:
+    """Findings and the residuals they rest on."""
+    findings = [
+        *bad_touches(evidence.recording),
+        *_method(evidence),
+        *_hand_eye(evidence),
+        *_spins(evidence),
+    ]
+    return findings, _residuals(evidence)
+
+
+def _method(evidence: Evidence) -> list[Finding]:
+    plan, method = evidence.recording.plan, evidence.taught.method
+    if plan is Plan.UNIVERSAL and method == "special":
+        return [
+            Finding(
+                "constant_wrist",
+                "the plan was universal but all touches have one wrist orientation: the TCP stays "
+                "unknown; touch some targets again with the wrist tilted",
+            )
+        ]
+    if plan is Plan.SPECIAL and method == "universal":
+        return [
+            Finding(
+                "varied_wrist",
+                "the plan was special but the wrist was turned between the touches: solved with "
+                "the universal method",
+            )
+        ]
+    return []
+
+
+def _hand_eye(evidence: Evidence) -> list[Finding]:
+    findings = [
+        Finding(
+            "look_outlier",
+            f"{sample.name} was left out of the hand-eye: {sample.reason}; look again there",
+        )
+        for sample in evidence.hand_eye.samples
+        if not sample.used
+    ]
+    blind = [
+        str(i + 1)
+        for i, touch in enumerate(evidence.recording.touches)
+        if touch.observation is None or touch.observation.tag_a is None
+    ]
+    if blind:
+        findings.append(
+            Finding("tag_a_unseen", f"tag A was not in view in touch {', '.join(blind)}")
+        )
+    scale = evidence.hand_eye.noise_scale
+    if scale > _NOISY:
+        findings.append(
+            Finding(
+                "hand_eye_noise",
+                f"the looks scatter {scale:.1f} times as much as robot and camera promise: check "
+                "the intrinsics, the size of tag A, and that bracket and camera are tight",
+            )
+        )
+    return findings
+
+
+def _spins(evidence: Evidence) -> list[Finding]:
+    center = evidence.center
+    findings = []
+    if evidence.recording.facts.object.motion is Motion.TURNTABLE and not evidence.has_pivot:
+        findings.append(
+            Finding(
+                "no_pivot",
+                "no rotation centre: expected coordinates rest on the hand-eye translation; "
+                "record spins of the turntable",
+            )
+        )
+    if center is None:
+        return findings
+    count, degrees = len(center.residuals_mm), np.degrees(center.spread_rad)
+    if count < _FEW_SPINS or degrees < _FEW_DEGREES:
+        findings.append(
+            Finding(
+                "few_spins",
+                f"{count} spins over {degrees:.0f} degrees rms: turn the object further, "
+                "at least 4 times",
+            )
+        )
+    worst = int(np.argmax(center.scores))
+    off = float(np.linalg.norm(center.residuals_mm[worst]))
+    if center.scores[worst] > _SPIN_SIGMA and off > _SPIN_MM:
+        findings.append(
+            Finding(
+                "spins_not_about_one_axis",
+                f"spin {worst + 1} is {off:.2f} mm off the common axis: the object slipped or "
+                "the camera moved; record the spins again",
+                fatal=True,
+            )
+        )
+    return [*findings, *_pivot_disagrees(evidence, center)]
+
+
+def _pivot_disagrees(evidence: Evidence, center: RotationCenter) -> list[Finding]:
+    """Universal: hand-eye and touches must see the axis at one place."""
+    pivot = evidence.taught.pivot_in_base
+    if pivot is None or evidence.taught.tcp_in_wrist is None:
+        return []
+    B = evidence.hand_eye.mount_from_camera
+    apart = B @ center.center_in_camera - pivot
+    axis = B.rotation @ center.axis_in_camera
+    off = float(np.linalg.norm(apart - axis * float(axis @ apart)))
+    if off <= DISAGREE_MM:
+        return []
+    return [
+        Finding(
+            "pivot_disagrees",
+            f"camera and touches see the rotation centre {off:.1f} mm apart: check [object] "
+            "center_mm, the CAD points and the size of the tags",
+            fatal=True,
+        )
+    ]
+
+
+def _residuals(evidence: Evidence) -> dict[str, float]:
+    used = [sample for sample in evidence.hand_eye.samples if sample.used]
+    out = {
+        "touch_rms_mm": rms(np.linalg.norm(evidence.taught.residuals_mm, axis=1)),
+        "touch_worst_sigma": float(evidence.taught.scores.max()),
+        "hand_eye_rms_mm": rms([sample.mm for sample in used]),
+        "hand_eye_rms_deg": rms([sample.deg for sample in used]),
+        "hand_eye_noise_scale": evidence.hand_eye.noise_scale,
+        "reference_scatter_mm": evidence.reference.scatter_mm,
+    }
+    if evidence.center is not None:
+        out["spin_rms_mm"] = rms(np.linalg.norm(evidence.center.residuals_mm, axis=1))
+    return out

@@ -1,0 +1,68 @@
+"""Conventional TCP calibration (paper section III-A, Eq. 1-2): touch one fixed point with varied wrists."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from vgrd.calibration.observability.motion import missing_rotation
+from vgrd.calibration.touches.touch_set import TouchSet, outlier_scores
+from vgrd.errors import NotObservable, TooFewObservations
+from vgrd.geometry import Array
+from vgrd.geometry.covariance import covariance_from, observability
+
+_TOLERANCE = 2.5e-3
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class FixedPointResult:
+    """tcp_in_wrist, point_in_base: (3,) mm; covariance: (6, 6) of both, in this order.
+
+    residuals_mm: (m, 3), base frame; whitened: the same in sigmas, (m, 3); scores: (m,) sigmas each
+    touch is off; freedom: measured directions minus unknowns.
+    """
+
+    tcp_in_wrist: Array
+    point_in_base: Array
+    covariance: Array
+    residuals_mm: Array
+    whitened: Array
+    scores: Array
+    freedom: int
+
+
+def calibrate_fixed_point(touches: TouchSet) -> FixedPointResult:
+    """Weighted least squares of `R_i p_T - p_f = -t_i`.
+
+    Raises TooFewObservations, or NotObservable with the rotation that is missing.
+    """
+    m = len(touches)
+    if m < 3 or touches.equations() < 6:
+        raise TooFewObservations(f"a TCP from one fixed point needs at least 3 touches, got {m}")
+    A = _rows(touches)
+    B = touches.base_whiteners()
+    b = -np.einsum("mij,mj->mi", B, touches.translations).ravel()
+    rank = observability(_rows(touches.measured()), np.ones(6), _TOLERANCE).rank
+    if rank < 6:
+        raise NotObservable(
+            f"fixed point: {rank} of 6 unknowns are determined: "
+            + missing_rotation(list(touches.rotations)),
+            rank=rank,
+            unknowns=6,
+        )
+    x = np.linalg.lstsq(A, b, rcond=None)[0]
+    whitened = (A @ x - b).reshape(-1, 3)
+    return FixedPointResult(
+        tcp_in_wrist=x[:3],
+        point_in_base=x[3:],
+        covariance=covariance_from(A),
+        residuals_mm=touches.rotations @ x[:3] + touches.translations - x[3:],
+        whitened=whitened,
+        scores=outlier_scores(whitened, A),
+        freedom=touches.equations() - 6,
+    )
+
+
+def _rows(touches: TouchSet) -> Array:
+    """Whitened derivative (3 m, 6) of `R_i p_T - p_f`."""
+    B = touches.base_whiteners()
+    return np.concatenate([B @ touches.rotations, -B], axis=2).reshape(-1, 6)

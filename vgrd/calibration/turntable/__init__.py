@@ -1,0 +1,4 @@
+"""The axis about which an object turns.
+
+May import geometry and model.
+"""

@@ -1,0 +1,215 @@
+"""The control operations of the cell: names, arguments, and what they call."""
+
+import asyncio
+import json
+import math
+import sys
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from vgrd.calibration.expected_coordinate import expected_coordinate
+from vgrd.cell.control.lines import Arguments, optional_number, optional_text, text_argument
+from vgrd.cell.control.server import Operation
+from vgrd.cell.feeds import GateFeed
+from vgrd.cell.measuring import Measuring
+from vgrd.cell.recording.teaching import PICTURE_TIMEOUT_S, Teaching
+from vgrd.cell.serving.activation import Activation
+from vgrd.cell.serving.latches import LatchBook
+from vgrd.cell.serving.service import Serving
+from vgrd.clock import Clock
+from vgrd.config.resolved import Resolved
+from vgrd.errors import (
+    CalibrationError,
+    ControlError,
+    InputError,
+    TagNotSeen,
+)
+from vgrd.geometry import Array, exp_rotation
+from vgrd.solving.advisor import policy_called
+from vgrd.store.sessions import SampleKind, list_sessions, session_directory
+
+SOLVE_TIMEOUT_S = 280.0
+
+
+class Operations:
+    """Everything the control API can do; `table` maps names to coroutines."""
+
+    def __init__(
+        self,
+        latches: LatchBook,
+        measuring: Measuring,
+        serving: Serving,
+        teaching: Teaching,
+        activation: Activation,
+        runtime_dir: Path,
+        state_dir: Path,
+        clock: Clock,
+        resolved: Resolved,
+    ) -> None:
+        self.latches = latches
+        self.measuring = measuring
+        self.serving = serving
+        self.teaching = teaching
+        self.activation = activation
+        self.state_dir = state_dir
+        self.clock = clock
+        self.resolved = resolved
+        self.gate = GateFeed(runtime_dir)
+        self.disk: Callable[[], Mapping[str, Any]] = dict
+
+    def table(self) -> Mapping[str, Operation]:
+        """Operations by name."""
+        teaching = self.teaching
+
+        def sample(kind: SampleKind) -> Operation:
+            return Operation(
+                lambda arguments: teaching.touch(text_argument(arguments, "target"), kind),
+                ("target",),
+            )
+
+        return {
+            "status": Operation(self._status),
+            "record.start": Operation(
+                lambda a: teaching.start(
+                    text_argument(a, "plan", "joint"), optional_text(a, "session")
+                ),
+                ("plan", "session"),
+            ),
+            "record.stop": Operation(lambda _: teaching.stop()),
+            "look": Operation(lambda _: teaching.look()),
+            "spin": Operation(lambda _: teaching.spin()),
+            "touch": sample(SampleKind.TOUCH),
+            "verify": sample(SampleKind.VERIFY),
+            "point": Operation(lambda a: teaching.point(text_argument(a, "name")), ("name",)),
+            "undo": Operation(lambda _: teaching.undo()),
+            "advise": Operation(self._advise, ("policy", "tilt_deg", "yaw_deg")),
+            "solve": Operation(self._solve, ("session",)),
+            "activate": Operation(self._activate, ("calibration", "by")),
+            "ec": Operation(self._ec, ("target", "policy", "work_rotvec_deg")),
+            "confirm": Operation(self._confirm),
+        }
+
+    async def _status(self, _: Arguments) -> Mapping[str, Any]:
+        sight, fault = self.measuring.sight, self.serving.fault()
+        calibration = self.serving.calibration
+        return {
+            "serving": fault is None,
+            "fault": None if fault is None else {"status": fault[0].name, "reason": fault[1]},
+            "calibration": None if calibration is None else calibration.id,
+            "robot": self.measuring.robot_trouble() or "ok",
+            "camera": self.measuring.camera_trouble() or "ok",
+            "picture_age_s": None
+            if sight is None
+            else round(self.clock.monotonic() - sight.stamp_s, 3),
+            "robot_at_rest": sight is not None and sight.base_from_wrist is not None,
+            "tag_a_seen": sight is not None and sight.tag_a is not None,
+            "tag_b_seen": sight is not None and sight.tag_b is not None,
+            "answer": self.serving.answer.status.name,
+            "moved_told_within_s": round(self.serving.vouch.span_s, 3),
+            "recording": self.teaching.status(),
+            "cell_file": self.resolved.source,
+            "cell_file_loaded_unix_s": self.resolved.loaded_unix_s,
+            "disk": self.disk(),
+            "processes": self._processes(),
+        }
+
+    def _processes(self) -> Mapping[str, str]:
+        """One line per process of the gate's table."""
+        report = self.gate.poll()
+        rows = report.processes if report else ()
+        return {
+            row.name: f"{row.state}, pid {row.pid}, started {row.starts} times, {row.health}"
+            + (f": {row.detail}" if row.detail else "")
+            for row in rows
+        }
+
+    async def _advise(self, arguments: Arguments) -> Mapping[str, Any]:
+        limits: dict[str, str | float] = {}
+        for name in ("tilt_deg", "yaw_deg"):
+            if (value := optional_number(arguments, name)) is not None:
+                limits[name] = value
+        if (policy := optional_text(arguments, "policy")) is not None:
+            limits["policy"] = policy_called(policy).value
+        return await self.teaching.advise(**limits)
+
+    async def _solve(self, arguments: Arguments) -> Mapping[str, Any]:
+        """Run the solver in a process of its own: it can be killed, and never delays an answer."""
+        name = optional_text(arguments, "session") or await self._last_session()
+        folder = session_directory(self.state_dir, name)
+        limits = self.serving.limits
+        command = ["-m", "vgrd.solving.session", str(folder), str(self.state_dir)]
+        command += [str(limits.max_u95_mm), limits.policy.value]
+        process = await asyncio.create_subprocess_exec(
+            sys.executable, *command, stdout=asyncio.subprocess.PIPE
+        )
+        try:
+            async with asyncio.timeout(SOLVE_TIMEOUT_S):
+                output, _ = await process.communicate()
+        except TimeoutError as err:
+            raise CalibrationError(f"not solved within {SOLVE_TIMEOUT_S:.0f} s") from err
+        finally:
+            if process.returncode is None:
+                process.kill()
+        if process.returncode != 0:
+            raise ControlError(f"the solver died with {process.returncode}; its log says why")
+        reply = json.loads(output)
+        if not reply["ok"]:
+            raise ControlError(reply["message"], error=reply["error"])
+        return dict(reply["result"])
+
+    async def _last_session(self) -> str:
+        names = await asyncio.to_thread(list_sessions, self.state_dir)
+        if not names:
+            raise InputError("there is no recorded session to solve: vgrd record start")
+        return names[-1]
+
+    async def _activate(self, arguments: Arguments) -> Mapping[str, Any]:
+        name = text_argument(arguments, "calibration")
+        return await self.activation.activate(name, text_argument(arguments, "by", ""))
+
+    async def _ec(self, arguments: Arguments) -> Mapping[str, Any]:
+        target = text_argument(arguments, "target")
+        policy = policy_called(
+            optional_text(arguments, "policy") or self.serving.limits.policy.value
+        )
+        work = _orientation(arguments)
+        calibration, fault = self.serving.calibration, self.serving.fault()
+        if calibration is None or fault is not None:
+            raise ControlError(f"not serving: {fault[1] if fault else 'no calibration'}")
+        sight = await self.measuring.fresh(PICTURE_TIMEOUT_S)
+        if sight.tag_b is None:
+            raise TagNotSeen("tag B on the object is not in the picture")
+        expected = expected_coordinate(calibration, target, sight.tag_b, policy, work)
+        pose = expected.base_from_wrist
+        return {
+            "target": target,
+            "policy": policy.value,
+            "position_mm": pose.translation.tolist(),
+            "rotvec_deg": np.degrees(pose.rotvec()).tolist(),
+            "u95_mm": expected.u95_mm,
+            "age_s": round(self.clock.monotonic() - sight.stamp_s, 3),
+            "calibration": calibration.id,
+        }
+
+    async def _confirm(self, _: Arguments) -> Mapping[str, Any]:
+        self.serving.confirm()
+        await self.latches.settled()
+        fault = self.serving.fault()
+        return {"confirmed": True, "fault": None if fault is None else fault[1]}
+
+
+def _orientation(arguments: Arguments) -> Array | None:
+    """base_from_wrist (3, 3) from argument work_rotvec_deg, "RX RY RZ"; None without it."""
+    text = optional_text(arguments, "work_rotvec_deg")
+    if text is None:
+        return None
+    try:
+        degrees = [float(word) for word in text.split()]
+    except ValueError:
+        degrees = []
+    if len(degrees) != 3 or not all(map(math.isfinite, degrees)):
+        raise InputError(f"work_rotvec_deg {text!r}: three numbers in degrees, as in '180 0 0'")
+    return exp_rotation(np.radians(degrees))

@@ -1,0 +1,221 @@
+"""Teaching: samples become durable one by one; each reply says what is there and what is missing."""
+
+import time
+from collections import Counter
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+import structlog
+
+from vgrd.cell.measuring import ROBOT_LOST_S, Measuring
+from vgrd.cell.recording.recorder import Recorder
+from vgrd.cell.serving.service import tcp_difference
+from vgrd.devices import FlangeReading
+from vgrd.errors import ControlError, DeviceUnavailable, InputError, NotSteady, TagNotSeen, TooOld
+from vgrd.model import CellFacts, Observation, Plan, TagObservation, Touch
+from vgrd.solving.advisor import Advisor
+from vgrd.store.sessions import SampleKind, SessionWriter
+
+if TYPE_CHECKING:
+    from vgrd.config.cell_file import TouchSection
+
+PICTURE_TIMEOUT_S = 5.0
+STEADY_PX = 0.5
+PICTURES_AT_MOST = 4
+WANTED: Mapping[Plan, Mapping[SampleKind, int]] = {
+    Plan.UNIVERSAL: {SampleKind.LOOK: 8, SampleKind.TOUCH: 6},
+    Plan.SPECIAL: {SampleKind.LOOK: 8, SampleKind.SPIN: 4, SampleKind.TOUCH: 6},
+    Plan.CONVENTIONAL: {SampleKind.LOOK: 8, SampleKind.POINT: 8, SampleKind.TOUCH: 6},
+    Plan.JOINT: {SampleKind.LOOK: 8, SampleKind.SPIN: 4, SampleKind.TOUCH: 8},
+}
+
+log = structlog.get_logger()
+
+
+class Teaching:
+    """The operator's session: started, filled sample by sample, stopped."""
+
+    def __init__(
+        self,
+        measuring: Measuring,
+        recorder: Recorder,
+        facts: CellFacts,
+        touch: "TouchSection",
+        advisor: Advisor | None = None,
+        now_name: Callable[[], str] = lambda: time.strftime("%Y%m%d-%H%M%S"),
+    ) -> None:
+        self.measuring = measuring
+        self.recorder = recorder
+        self.facts = facts
+        self.touch_sigma = touch
+        self.advisor = advisor
+        self.now_name = now_name
+        self.last_session: Path | None = None
+
+    async def start(self, plan: str, session: str | None) -> dict[str, object]:
+        """Open a session; the active TCP of the pendant is noted in it."""
+        if plan not in list(Plan):
+            raise InputError(f"plan {plan!r}: choose one of {', '.join(Plan)}")
+        name = session or self.now_name()
+        facts = replace(self.facts, wrist_from_tcp=self._reading().wrist_from_tcp)
+        await self.recorder.start(name, Plan(plan), facts)
+        if self.advisor is not None:
+            await self.advisor.start()
+        return {
+            "session": name,
+            "plan": plan,
+            "folder": str(self._session().path),
+        } | self._warned()
+
+    async def stop(self) -> dict[str, object]:
+        """Close the session."""
+        counts = self._counts()
+        self.last_session = await self.recorder.stop()
+        if self.advisor is not None:
+            await self.advisor.close()
+        return {
+            "session": self.last_session.name,
+            "folder": str(self.last_session),
+            **counts,
+            **self._warned(),
+        }
+
+    async def look(self) -> dict[str, object]:
+        """Record a hand-eye sample: robot at rest, tag A seen."""
+        observation = await self._observe()
+        if observation.tag_a is None:
+            raise TagNotSeen("tag A at the flange is not in the picture: turn it to the camera")
+        return await self._store(SampleKind.LOOK, observation)
+
+    async def spin(self) -> dict[str, object]:
+        """Record the object as it stands now: robot at rest, tag B seen."""
+        observation = await self._observe()
+        if observation.tag_b is None:
+            raise TagNotSeen("tag B on the object is not in the picture: move the arm aside")
+        return await self._store(SampleKind.SPIN, observation)
+
+    async def touch(self, target: str, kind: SampleKind) -> dict[str, object]:
+        """Record that the tip rests on a target (kind touch or verify)."""
+        if target not in self.facts.object.targets:
+            known = ", ".join(self.facts.object.targets)
+            raise InputError(f"unknown target {target!r}; the cell file has: {known}")
+        return await self._store(kind, self._touch(target, await self._observe()))
+
+    async def point(self, name: str) -> dict[str, object]:
+        """Record a touch of a fixed point; no picture is needed."""
+        self._same_tcp()
+        pose = await self.measuring.rest()
+        sigma = self.touch_sigma
+        touch = Touch(name, pose, sigma.lateral_sigma_mm, sigma.axial_sigma_mm)
+        return await self._store(SampleKind.POINT, touch)
+
+    async def undo(self) -> dict[str, object]:
+        """Take back the last sample."""
+        sequence, kind = await self.recorder.call(lambda writer: writer.undo())
+        return {"undone": kind.value, "sample": sequence, **self._counts(), **await self._advice()}
+
+    async def advise(self, **limits: str | float) -> Mapping[str, object]:
+        """What the session, open or last, is worth and needs; limits: policy, tilt_deg, yaw_deg."""
+        if self.advisor is None:
+            raise ControlError("this cell gives no advice")
+        if self.recorder.writer is not None:
+            return await self.advisor.full(self._session().path, **limits)
+        if self.last_session is None:
+            raise ControlError("no session was recorded yet: vgrd record start --plan joint")
+        return await self.advisor.full(self.last_session, **limits)
+
+    def status(self) -> dict[str, object]:
+        """Describe the session for `vgrd status`."""
+        if self.recorder.writer is None:
+            last = self.last_session.name if self.last_session else None
+            return {"session": None, "last": last}
+        return {
+            "session": self._session().header.name,
+            "trouble": self.recorder.trouble,
+            "warning": self.recorder.warning(),
+            "dropped": self.recorder.dropped + sum(self._session().dropped),
+            **self._counts(),
+        }
+
+    def _touch(self, target: str, observation: Observation) -> Touch:
+        sigma = self.touch_sigma
+        return Touch(
+            target,
+            observation.base_from_wrist,
+            sigma.lateral_sigma_mm,
+            sigma.axial_sigma_mm,
+            observation,
+        )
+
+    async def _store(self, kind: SampleKind, value: Observation | Touch) -> dict[str, object]:
+        sequence = await self.recorder.call(lambda writer: writer.sample(kind, value))
+        seen = value if isinstance(value, Observation) else value.observation
+        tags = [name for name in ("tag_a", "tag_b") if getattr(seen, name, None) is not None]
+        told = {"sample": sequence, "kind": kind.value, "tags": tags, **self._counts()}
+        return told | self._warned() | await self._advice()
+
+    async def _advice(self) -> dict[str, object]:
+        """What comes of the samples so far, if it can be told without a delay."""
+        if self.advisor is None:
+            return {}
+        return {"advice": await self.advisor.brief(self._session().path)}
+
+    async def _observe(self) -> Observation:
+        """Pose and picture of one rest; NotSteady when robot or object still move."""
+        self._session()
+        self._same_tcp()
+        await self.measuring.rest()
+        first, second = await self._paired(), await self._paired()
+        for name in ("tag_a", "tag_b"):
+            moved = _shift_px(getattr(first, name), getattr(second, name))
+            if moved > STEADY_PX:
+                raise NotSteady(
+                    f"{name.replace('_', ' ')} moved {moved:.1f} px between two pictures: "
+                    "wait until everything stands still"
+                )
+        return second
+
+    async def _paired(self) -> Observation:
+        """One picture with its flange pose; taken again where no readings cover it (a busy machine)."""
+        for _ in range(PICTURES_AT_MOST - 1):
+            try:
+                return (await self.measuring.fresh(PICTURE_TIMEOUT_S)).observation()
+            except TooOld as err:
+                log.info("picture_again", reason=str(err))
+        return (await self.measuring.fresh(PICTURE_TIMEOUT_S)).observation()
+
+    def _warned(self) -> dict[str, object]:
+        """What the operator should know of the recording, if there is something."""
+        warning = self.recorder.warning()
+        return {"warning": warning} if warning else {}
+
+    def _reading(self) -> FlangeReading:
+        reading = self.measuring.robot.newest(ROBOT_LOST_S)
+        if reading is None:
+            raise DeviceUnavailable(f"the robot is offline: {self.measuring.robot_trouble()}")
+        return reading
+
+    def _same_tcp(self) -> None:
+        known = self._session().header.facts.wrist_from_tcp
+        trouble = tcp_difference(known, self._reading().wrist_from_tcp)
+        if trouble:
+            raise ControlError(f"not recorded: {trouble}")
+
+    def _session(self) -> SessionWriter:
+        return self.recorder.open_session()
+
+    def _counts(self) -> dict[str, object]:
+        writer = self._session()
+        have = Counter({kind.value: count for kind, count in writer.counts.items()})
+        wanted = {kind.value: n for kind, n in WANTED[writer.header.plan].items()}
+        missing = {kind: n - have[kind] for kind, n in wanted.items() if have[kind] < n}
+        return {"have": dict(have), "missing": missing}
+
+
+def _shift_px(first: TagObservation | None, second: TagObservation | None) -> float:
+    if first is None or second is None:
+        return 0.0
+    return float(np.abs(first.corners_px - second.corners_px).max())

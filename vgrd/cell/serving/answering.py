@@ -1,0 +1,172 @@
+"""From a request and what was seen to an answer: pure, so that every refusal can be tested."""
+
+import math
+from dataclasses import dataclass, replace
+
+from vgrd.calibration.expected_coordinate import expected_coordinate
+from vgrd.cell.measuring import Sight
+from vgrd.cell.serving.vouching import Hold
+from vgrd.errors import InputError, NotObservable
+from vgrd.geometry import Array, Pose
+from vgrd.geometry.rotation_formats import RotationFormat as Format
+from vgrd.geometry.rotation_formats import rotation_from, rotation_to
+from vgrd.model import Calibration, ExpectedCoordinate, Policy, Target
+from vgrd.registers import REQUEST, Answer, Command, Frame, Request, RotationFormat, Status, reply
+from vgrd.registers import Policy as PolicyCode
+
+NO_HOLD = Hold()
+_FORMATS = {
+    RotationFormat.ROTVEC: Format.ROTVEC,
+    RotationFormat.RPY: Format.RPY_FIXED_XYZ_DEG,
+    RotationFormat.KUKA_ABC: Format.KUKA_ABC_DEG,
+    RotationFormat.ZYZ: Format.ZYZ_DEG,
+}
+_POLICIES = {
+    PolicyCode.FIXED: Policy.FIXED,
+    PolicyCode.FOLLOW: Policy.FOLLOW,
+    PolicyCode.REQUESTED: Policy.REQUESTED,
+}
+OPT_REGISTER, ORIENTATION_REGISTER = REQUEST.registers("OPT")[0], REQUEST.registers("ORI_")[0]
+
+
+@dataclass(frozen=True, slots=True)
+class Limits:
+    """What an answer must satisfy; requests may ask for less age and less uncertainty."""
+
+    policy: Policy
+    max_age_s: float
+    max_u95_mm: float
+    warn_u95_mm: float
+    moved_mm: float
+    timeout_s: float = 2.0
+    hold: Hold = NO_HOLD
+
+
+def check_request(request: Request, calibration: Calibration) -> Answer | None:
+    """The refusal of a request that cannot be served whatever is seen, None for a good one."""
+    if request.command not in (Command.EC_NEWEST, Command.EC_FRESH):
+        return reply(request, Status.UNKNOWN_COMMAND, request.command)
+    if target_by_id(calibration, request.point) is None:
+        return reply(request, Status.UNKNOWN_POINT, request.point)
+    register = _unusable_register(request, calibration)
+    return None if register is None else reply(request, Status.BAD_PARAMETER, register)
+
+
+def _unusable_register(request: Request, calibration: Calibration) -> int | None:
+    """The request register that holds what cannot be used."""
+    needs_tcp = request.wants_tcp or request.policy is PolicyCode.REQUESTED
+    if needs_tcp and calibration.tcp_in_wrist is None:
+        return OPT_REGISTER
+    if request.unknown_options or request.rotation_format is None:
+        return OPT_REGISTER
+    if request.policy is PolicyCode.REQUESTED and not request.orientation_written:
+        return ORIENTATION_REGISTER
+    for name, number in (
+        ("ROBOT", request.robot),
+        ("OBJECT", request.object),
+        ("TOOL", request.tool),
+    ):
+        if number > 1:
+            return REQUEST.registers(name)[0]
+    return None
+
+
+def answer_request(
+    request: Request,
+    calibration: Calibration,
+    calibration_id: int,
+    sight: Sight,
+    limits: Limits,
+    now_s: float,
+    now_unix_s: float,
+) -> tuple[Answer, Pose | None]:
+    """Answer a good request (`check_request`) from one evaluated picture.
+
+    Second: where the flange must be (base_from_wrist), None without a coordinate.
+    """
+    max_age_s = min(request.max_age_s or limits.max_age_s, limits.max_age_s)
+    answer = replace(
+        reply(request, Status.IDLE),
+        captured_s=sight.stamp_s,
+        captured_unix_us=int(1e6 * (now_unix_s - (now_s - sight.stamp_s))),
+        valid_until_s=sight.stamp_s + max_age_s,
+        calibration_id=calibration_id,
+        tags=sum(tag is not None for tag in (sight.tag_a, sight.tag_b)),
+    )
+    target = target_by_id(calibration, request.point)
+    if now_s >= answer.valid_until_s:
+        return replace(answer, status=Status.IMAGE_TOO_OLD), None
+    if request.refuse_if_moving and sight.base_from_wrist is None:
+        return replace(answer, status=Status.ROBOT_MOVING), None
+    if sight.tag_b is None or target is None:
+        detail = calibration.facts.tag_b.id
+        return replace(answer, status=Status.TAG_B_NOT_FOUND, detail=detail), None
+    policy = _POLICIES.get(request.policy, limits.policy)
+    if policy is not Policy.REQUESTED:
+        expected = expected_coordinate(calibration, target.name, sight.tag_b, policy)
+    else:
+        work = requested_orientation(request)
+        try:
+            expected = expected_coordinate(calibration, target.name, sight.tag_b, policy, work)
+        except (InputError, NotObservable):
+            return replace(answer, status=Status.BAD_PARAMETER, detail=ORIENTATION_REGISTER), None
+    if not _is_finite(expected):
+        return replace(answer, status=Status.UNCERTAINTY_TOO_HIGH), None
+    return _encode(request, answer, expected, calibration, limits), expected.base_from_wrist
+
+
+def _is_finite(expected: ExpectedCoordinate) -> bool:
+    """Whether all that is told are numbers; without one of them nothing is known."""
+    told = (expected.u95_mm, expected.u95_rad, *expected.base_from_wrist.matrix().flat)
+    return all(map(math.isfinite, told))
+
+
+def requested_orientation(request: Request) -> Array:
+    """REQ_ORI as base_from_wrist (3, 3)."""
+    return rotation_from(request.request_orientation, _FORMATS[_format(request)])
+
+
+def target_by_id(calibration: Calibration, number: int) -> Target | None:
+    """The taught target with this register id."""
+    for taught in calibration.taught.values():
+        if taught.target.id == number:
+            return taught.target
+    return None
+
+
+def _format(request: Request) -> RotationFormat:
+    return request.rotation_format or RotationFormat.ROTVEC
+
+
+def _encode(
+    request: Request,
+    answer: Answer,
+    expected: ExpectedCoordinate,
+    calibration: Calibration,
+    limits: Limits,
+) -> Answer:
+    format_code = _format(request)
+    pose = expected.base_from_wrist
+    position: Array = pose.translation
+    if request.wants_tcp and calibration.tcp_in_wrist is not None:
+        position = pose.apply(calibration.tcp_in_wrist)
+    a, b, c = rotation_to(pose.rotation, _FORMATS[format_code])
+    u95_um = math.ceil(1000 * expected.u95_mm)
+    x, y, z = (round(1000 * float(value)) for value in position)
+    allowed_um = request.max_u95_um or round(1000 * limits.max_u95_mm)
+    if u95_um > min(allowed_um, 1000 * limits.max_u95_mm):
+        status = Status.UNCERTAINTY_TOO_HIGH
+    elif expected.u95_mm > limits.warn_u95_mm:
+        status = Status.OK_DEGRADED
+    else:
+        status = Status.OK
+    return replace(
+        answer,
+        status=status,
+        position_um=(x, y, z),
+        rotation=(float(a), float(b), float(c)),
+        u95_um=u95_um,
+        u95_rot_10urad=math.ceil(1e5 * expected.u95_rad),
+        rotation_format=format_code,
+        frame=Frame.TCP if request.wants_tcp else Frame.FLANGE,
+    )

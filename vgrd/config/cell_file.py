@@ -1,0 +1,342 @@
+"""The cell file: TOML in, checked and frozen values out; all faults in one message.
+
+Units are part of the keys, so a key with the wrong unit is an unknown key and named as one.
+Used at the file edge only; `vgrd.config.setup` turns it into the values of `vgrd.model`.
+"""
+
+import difflib
+import json
+import os
+import tomllib
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Annotated, Any, Literal, Self, get_args
+
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError, model_validator
+from pydantic_core import ErrorDetails
+
+from vgrd.errors import ConfigError
+
+Vector = Annotated[list[float], Field(min_length=3, max_length=3)]
+Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
+
+
+def _json_able(settings: dict[str, Any]) -> dict[str, Any]:
+    """Settings travel to the driver's process as JSON."""
+    try:
+        json.dumps(settings)
+    except TypeError as err:
+        msg = "holds a date or a time, which no driver takes: write it as a text in quotes"
+        raise ValueError(msg) from err
+    return settings
+
+
+Settings = Annotated[dict[str, Any], AfterValidator(_json_able)]
+Name = Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_.-]{0,40}$")]
+
+
+class Section(BaseModel):
+    """A table of the file: strict, unknown keys are errors, immutable."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True, strict=True)
+
+
+class CellSection(Section):
+    """Who this is and where files go; relative paths count from the cell file's folder."""
+
+    name: Name
+    state_dir: str = Field(
+        default="", description="sessions and calibrations; $STATE_DIRECTORY, /var/lib/vgrd"
+    )
+    runtime_dir: str = Field(
+        default="", description="rings and socket; $RUNTIME_DIRECTORY, /run/vgrd"
+    )
+    group: str = Field(
+        default="",
+        pattern=r"^([A-Za-z0-9_][A-Za-z0-9_.-]{0,31})?$",
+        description="its members may use the control socket and read the files; none: nobody else",
+    )
+    simulation: bool = Field(default=False, description="tells the robot so (STATE bit 15)")
+
+
+class RobotSection(Section):
+    """The robot: driver module, its settings, and how much its arm is to be trusted."""
+
+    driver: str
+    id: str = ""
+    sigma_mm: Positive = Field(
+        default=0.1, description="what its absolute position is good for, 1 sigma"
+    )
+    settings: Settings = {}
+
+
+class CameraSection(Section):
+    """The camera: driver, mounting, intrinsics in pixels (fx fy cx cy; distortion in OpenCV order)."""
+
+    driver: str
+    id: str = ""
+    mount: Literal["eye-to-hand"] = "eye-to-hand"
+    rate_hz: float = Field(
+        default=2.0, gt=0, le=60, description="pictures taken unasked, to watch the cell"
+    )
+    watch_rate_hz: float = Field(
+        default=10.0,
+        gt=0,
+        le=60,
+        description="pictures of tag B (a region, where the camera sends one) while an answer stands",
+    )
+    bits: Literal[8, 16] = Field(default=8, description="of a pixel: 16 for Mono10 to Mono16")
+    matrix: Annotated[list[float], Field(min_length=4, max_length=4)]
+    distortion: Annotated[list[float], Field(max_length=8)] = []
+    size_px: Annotated[list[Annotated[int, Field(gt=0)]], Field(min_length=2, max_length=2)]
+    settings: Settings = {}
+
+    @model_validator(mode="after")
+    def _plausible(self) -> Self:
+        fx, fy, cx, cy = self.matrix
+        width, height = self.size_px
+        if not (fx > 0 and fy > 0 and 0 < cx < width and 0 < cy < height):
+            msg = (
+                "matrix is fx, fy, cx, cy in pixels: focal lengths positive, "
+                "principal point inside size_px"
+            )
+            raise ValueError(msg)
+        if len(self.distortion) not in (0, 4, 5, 8):
+            msg = "distortion has 0, 4, 5 or 8 coefficients (OpenCV order)"
+            raise ValueError(msg)
+        return self
+
+
+class TagSection(Section):
+    """A fiducial: AprilTag family, id, edge of the black square in mm."""
+
+    family: Literal["36h11", "25h9", "16h5"] = "36h11"
+    id: Annotated[int, Field(ge=0)]
+    size_mm: Annotated[float, Field(ge=1, le=1000)]
+
+
+class TagsSection(Section):
+    """Tag A on the flange, tag B on the object."""
+
+    a: TagSection
+    b: TagSection
+
+    @model_validator(mode="after")
+    def _distinct(self) -> Self:
+        if self.a.id == self.b.id:  # what is seen is known by id alone, whatever the family
+            msg = (
+                "tags a and b must differ in id, whatever their families: "
+                "the daemon could not tell them apart"
+            )
+            raise ValueError(msg)
+        return self
+
+
+class ToolSection(Section):
+    """The tool: direction out of its tip in the flange frame, offset from touching to working tip."""
+
+    name: str = "tool"
+    axis: Vector = Field(default=[0.0, 0.0, 1.0], description="out of the tip, flange frame")
+    work_offset_mm: Vector = Field(
+        default=[0.0, 0.0, 0.0],
+        description="from the tip that touches to the tip that works, flange frame",
+    )
+
+    @model_validator(mode="after")
+    def _direction(self) -> Self:
+        if sum(x * x for x in self.axis) < 1e-6:
+            msg = "axis is a direction and cannot be zero"
+            raise ValueError(msg)
+        return self
+
+
+class TargetSection(Section):
+    """A point of the object to be reached: register id, name, CAD coordinates."""
+
+    id: Annotated[int, Field(ge=1, le=65535)]
+    name: Name
+    point_mm: Vector = Field(description="CAD coordinates")
+    work_rotvec_deg: Vector | None = Field(
+        default=None,
+        description="wrist orientation for the work, object as taught; none: as touched",
+    )
+    hole_diameter_mm: Annotated[float, Field(gt=0, le=1000)] | None = Field(
+        default=None,
+        description="of the hole that the point is the centre of, at its rim: pictures then measure it",
+    )
+
+
+class ObjectSection(Section):
+    """The object: how it moves, its centre of rotation in CAD, its targets."""
+
+    motion: Literal["turntable", "planar", "free"] = "turntable"
+    center_mm: Vector | None = Field(
+        default=None, description="a point of the turntable's axis, CAD"
+    )
+    hole_sigma_mm: Positive = Field(
+        default=0.03,
+        description="how well the part's holes are where CAD says, 1 sigma per coordinate",
+    )
+    targets: Annotated[list[TargetSection], Field(min_length=1)]
+
+    @model_validator(mode="after")
+    def _distinct(self) -> Self:
+        for what in ("id", "name"):
+            values = [getattr(target, what) for target in self.targets]
+            double = sorted({str(value) for value in values if values.count(value) > 1})
+            if double:
+                msg = f"targets share the {what} {', '.join(double)}: each needs its own"
+                raise ValueError(msg)
+        return self
+
+
+class TouchSection(Section):
+    """How well the operator touches: standard deviations across and along the tool axis."""
+
+    lateral_sigma_mm: Positive = 0.25
+    axial_sigma_mm: Annotated[float, Field(gt=0)] = 0.25
+
+
+class RecordingSection(Section):
+    """Sessions on the disk: how much they may take, and what must stay free."""
+
+    quota_gb: Positive = Field(
+        default=50.0,
+        description="all sessions; beyond it the oldest are removed, none that a calibration cites",
+    )
+    keep_free_gb: float = Field(
+        default=1.0,
+        ge=0,
+        allow_inf_nan=False,
+        description="recording pauses while less is free on the disk",
+    )
+
+
+class ServingSection(Section):
+    """The registers: where, for whom, and what an answer must satisfy."""
+
+    host: str = Field(default="127.0.0.1", description="address to listen at, one of this machine")
+    port: int = Field(
+        default=1502, ge=1, le=65535, description="below 1024: with config/vgrd.socket"
+    )
+    allow: list[str] = Field(
+        default=["127.0.0.1"], min_length=1, description="robots that may connect"
+    )
+    policy: Literal["fixed", "follow"] = Field(
+        default="fixed", description="how the wrist will stand"
+    )
+    max_age_s: float = Field(
+        default=3.0, gt=0, le=60, description="an answer expires this long after its picture"
+    )
+    deadline_s: float = Field(
+        default=0.25, ge=0.05, le=1.0, description="a silent cell process is lost after this"
+    )
+    timeout_s: float = Field(
+        default=2.0, gt=0, le=60, description="a request without an answer ends with 106"
+    )
+    max_u95_mm: Positive = Field(
+        default=1.0, description="less certain answers are refused with 504"
+    )
+    warn_u95_mm: Positive = Field(default=0.5, description="less certain answers are OK_DEGRADED")
+    moved_mm: Positive = Field(
+        default=0.3, description="an object that moves farther ends the answer with 206"
+    )
+    hidden_tag: Literal["invalid", "hold"] = Field(
+        default="invalid",
+        description="an answer whose tag B is hidden: ends at once, or stands for hold_s near the target",
+    )
+    hold_s: float = Field(
+        default=1.0, gt=0, le=10, description="hidden_tag hold: so long since tag B was seen"
+    )
+    approach_mm: Positive = Field(
+        default=60.0,
+        description="hidden_tag hold: only while the flange is so near to the coordinate",
+    )
+    drift_mm: Positive = Field(
+        default=1.5, description="tag A farther off than this, three times: 503"
+    )
+    int16_scale: Literal["mrad", "centidegree", "fine"] = Field(
+        default="mrad",
+        description="steps of the int16 registers: 0.1 mm and 1 mrad, 0.1 mm and 0.01 deg, or"
+        " 0.05 mm and 0.1 mrad (no farther than 1.638 m from the base)",
+    )
+
+
+class CellConfig(Section):
+    """The whole file."""
+
+    cell: CellSection
+    robot: RobotSection
+    camera: CameraSection
+    tags: TagsSection
+    tool: ToolSection = ToolSection()
+    object: ObjectSection
+    touch: TouchSection = TouchSection()
+    recording: RecordingSection = RecordingSection()
+    serving: ServingSection = ServingSection()
+
+
+def load_config(path: Path) -> CellConfig:
+    """Read and check a cell file; ConfigError holds every fault, each with key and remedy."""
+    try:
+        data = tomllib.loads(path.read_text(encoding="utf-8"))
+    except FileNotFoundError as err:
+        raise ConfigError(
+            str(path), ["no such file: give the path of a cell file, see config/"]
+        ) from err
+    except (OSError, UnicodeDecodeError) as err:
+        raise ConfigError(str(path), [f"cannot be read: {err}"]) from err
+    except tomllib.TOMLDecodeError as err:
+        raise ConfigError(str(path), [f"not valid TOML: {err}"]) from err
+    try:
+        config = CellConfig.model_validate(data)
+    except ValidationError as err:
+        raise ConfigError(
+            str(path), [_fault(detail, CellConfig) for detail in err.errors()]
+        ) from err
+    return _with_places(config, path.resolve().parent)
+
+
+def _with_places(config: CellConfig, folder: Path) -> CellConfig:
+    """Fill in and resolve the folders; systemd's variables are the defaults."""
+    state = config.cell.state_dir or os.environ.get("STATE_DIRECTORY", "/var/lib/vgrd")
+    runtime = config.cell.runtime_dir or os.environ.get("RUNTIME_DIRECTORY", "/run/vgrd")
+    cell = config.cell.model_copy(
+        update={"state_dir": str(folder / state), "runtime_dir": str(folder / runtime)}
+    )
+    return config.model_copy(update={"cell": cell})
+
+
+def _fault(detail: ErrorDetails, model: type[Section]) -> str:
+    location = detail["loc"]
+    key = ".".join(str(part) for part in location) or "(file)"
+    if detail["type"] == "extra_forbidden":
+        return f"{key}: unknown key{_suggestion(location, model)}"
+    if detail["type"] == "missing":
+        return f"{key}: is missing, add it"
+    message = detail["msg"].removeprefix("Value error, ")
+    return (
+        f"{key}: {message} (got {detail['input']!r})" if len(location) > 1 else f"{key}: {message}"
+    )
+
+
+def _suggestion(location: tuple[int | str, ...], model: type[Section]) -> str:
+    known = sorted(_keys_at(location[:-1], model))
+    close = difflib.get_close_matches(str(location[-1]), known, n=1, cutoff=0.5)
+    if close:
+        return f", did you mean '{close[0]}'?"
+    return f"; known here: {', '.join(known)}"
+
+
+def _keys_at(location: tuple[int | str, ...], model: type[Section]) -> Iterator[str]:
+    for part in location:
+        if isinstance(part, str):
+            model = _section_of(model.model_fields[part].annotation)
+    yield from model.model_fields
+
+
+def _section_of(annotation: object) -> type[Section]:
+    """The section class inside an annotation such as `Annotated[list[TargetSection], ...]`."""
+    if isinstance(annotation, type) and issubclass(annotation, Section):
+        return annotation
+    return next(_section_of(inner) for inner in get_args(annotation) if inner is not type(None))

@@ -1,0 +1,127 @@
+"""From the checked cell file to the values that the layers below work with."""
+
+import json
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from vgrd.config.resolved import Resolved
+from vgrd.geometry import Pose, exp_rotation
+from vgrd.model import (
+    CellFacts,
+    Motion,
+    Mount,
+    ObjectSpec,
+    TagSpec,
+    Target,
+    Tool,
+    frozen_array,
+)
+
+if TYPE_CHECKING:  # at run time the sections are those of `vgrd.config.resolved`
+    from vgrd.config.cell_file import CellConfig, TagSection
+
+CONTROL_SOCKET = "control.sock"
+# The processes share the cores among themselves; libraries that start a thread per core fight over them.
+ONE_THREAD = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
+DEVICE_HANG_S = 5.0
+CELL_HANG_S = 5.0
+
+
+def cell_facts(config: "CellConfig", wrist_from_tcp: Pose | None = None) -> CellFacts:
+    """What a calibration must know about the cell; `wrist_from_tcp` is what the pendant says."""
+    fx, fy, cx, cy = config.camera.matrix
+    width, height = config.camera.size_px
+    return CellFacts(
+        mount=Mount(config.camera.mount),
+        camera_matrix=frozen_array([[fx, 0, cx], [0, fy, cy], [0, 0, 1]], 3, 3),
+        distortion=frozen_array(config.camera.distortion, len(config.camera.distortion)),
+        image_size_px=(width, height),
+        tag_a=_tag(config.tags.a),
+        tag_b=_tag(config.tags.b),
+        tool=_tool(config),
+        object=_object(config),
+        robot_sigma_mm=config.robot.sigma_mm,
+        robot_id=config.robot.id,
+        camera_id=config.camera.id,
+        wrist_from_tcp=wrist_from_tcp,
+    )
+
+
+def _tag(section: "TagSection") -> TagSpec:
+    return TagSpec(section.family, section.id, section.size_mm)
+
+
+def _tool(config: "CellConfig") -> Tool:
+    axis = np.array(config.tool.axis)
+    return Tool(
+        name=config.tool.name,
+        axis_in_wrist=frozen_array(axis / np.linalg.norm(axis), 3),
+        work_from_touch_mm=frozen_array(config.tool.work_offset_mm, 3),
+    )
+
+
+def _object(config: "CellConfig") -> ObjectSpec:
+    section = config.object
+    targets = {
+        target.name: Target(
+            id=target.id,
+            name=target.name,
+            point_in_object=frozen_array(target.point_mm, 3),
+            base_from_work=None
+            if target.work_rotvec_deg is None
+            else frozen_array(exp_rotation(np.radians(target.work_rotvec_deg)), 3, 3),
+            hole_diameter_mm=target.hole_diameter_mm,
+        )
+        for target in section.targets
+    }
+    center = None if section.center_mm is None else frozen_array(section.center_mm, 3)
+    return ObjectSpec(targets, Motion(section.motion), center, section.hole_sigma_mm)
+
+
+def process_table(resolved: Resolved, path: Path) -> dict[str, object]:
+    """The table that the gate supervises: one entry per process, as data.
+
+    path: of the resolved file; its name tells the content, so a changed cell file changes the row.
+    """
+    config = resolved.config
+    runtime = config.cell.runtime_dir
+    width, height = config.camera.size_px
+    picture_bytes = width * height * config.camera.bits // 8
+
+    def device(kind: str, driver: str, settings: dict[str, object], size: int) -> object:
+        module = [sys.executable, "-m", "vgrd.devices.host"]
+        arguments = [kind, runtime, driver, json.dumps(settings), str(size)]
+        return {
+            "name": kind,
+            "kind": "device",
+            "argv": module + arguments,
+            "env": ONE_THREAD,
+            "hang_s": DEVICE_HANG_S,
+        }
+
+    return {
+        "cell": config.cell.name,
+        "loaded_unix_s": resolved.loaded_unix_s,
+        "deadline_s": config.serving.deadline_s,
+        "timeout_s": config.serving.timeout_s,
+        "int16_scale": config.serving.int16_scale,
+        "modbus": {
+            "host": config.serving.host,
+            "port": config.serving.port,
+            "allow": list(config.serving.allow),
+        },
+        "processes": [
+            device("robot", config.robot.driver, config.robot.settings, 0),
+            device("camera", config.camera.driver, config.camera.settings, picture_bytes),
+            {
+                "name": "cell",
+                "kind": "cell",
+                "argv": [sys.executable, "-m", "vgrd.cell", str(path)],
+                "env": ONE_THREAD,
+                "hang_s": CELL_HANG_S,
+            },
+        ],
+    }

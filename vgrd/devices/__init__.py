@@ -1,0 +1,34 @@
+"""Devices: what the daemon asks of them, and the process that runs each.
+
+A driver knows `interface` only; its names are the doors of this folder. May import geometry and ipc.
+"""
+
+from vgrd.devices.interface import (
+    DEPTHS,
+    SLOWEST_ROBOT_HZ,
+    Camera,
+    CameraImage,
+    FlangeReading,
+    Grey,
+    Pixels,
+    Region,
+    Robot,
+    Settings,
+    full_scale,
+    guessed_bits,
+)
+
+__all__ = [
+    "DEPTHS",
+    "SLOWEST_ROBOT_HZ",
+    "Camera",
+    "CameraImage",
+    "FlangeReading",
+    "Grey",
+    "Pixels",
+    "Region",
+    "Robot",
+    "Settings",
+    "full_scale",
+    "guessed_bits",
+]

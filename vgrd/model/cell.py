@@ -1,0 +1,96 @@
+"""The cell: camera, tags, tool and object, as the cell file describes them."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from enum import StrEnum
+
+from vgrd.geometry import Array, Pose
+from vgrd.model.arrays import frozen_array
+
+
+class Mount(StrEnum):
+    """Where the camera is."""
+
+    EYE_TO_HAND = "eye-to-hand"
+    EYE_IN_HAND = "eye-in-hand"
+
+
+class Motion(StrEnum):
+    """How the object can move."""
+
+    TURNTABLE = "turntable"
+    PLANAR = "planar"
+    FREE = "free"
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class TagSpec:
+    """A printed fiducial: family as in AprilTag ("36h11"), id, edge of its black square in mm."""
+
+    family: str
+    id: int
+    size_mm: float
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Tool:
+    """A tool: where it touches and where it works.
+
+    axis_in_wrist: (3,) unit vector out of the tip; work_from_touch_mm: (3,) offset in the wrist frame from the
+    tip that touches while teaching to the tip that works.
+    """
+
+    name: str = "tool"
+    axis_in_wrist: Array = field(default_factory=lambda: frozen_array((0, 0, 1), 3))
+    work_from_touch_mm: Array = field(default_factory=lambda: frozen_array((0, 0, 0), 3))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Target:
+    """A point of the object that the tool is to reach.
+
+    point_in_object: (3,) CAD, mm. base_from_work: orientation (3, 3) in which the wrist works while the object
+    stands as it was taught; None: as it was touched. hole_diameter_mm: of the hole of which the point is the
+    centre, at its rim; None: no hole that a picture could show.
+    """
+
+    id: int
+    name: str
+    point_in_object: Array
+    base_from_work: Array | None = None
+    hole_diameter_mm: float | None = None
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ObjectSpec:
+    """The target object: its CAD points, how it moves, and (turntable) its centre of rotation in CAD, mm.
+
+    hole_sigma_mm: of each coordinate of a hole's centre on the real part, against CAD.
+    """
+
+    targets: Mapping[str, Target]
+    motion: Motion = Motion.TURNTABLE
+    center_in_object: Array | None = None
+    hole_sigma_mm: float = 0.03
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class CellFacts:
+    """What a calibration must know about the cell besides the samples; goes into the session file.
+
+    camera_matrix: (3, 3) px; distortion: OpenCV order; robot_sigma_mm: repeatability and error field of the arm;
+    wrist_from_tcp: the TCP that is active on the pendant, None where the robot does not tell.
+    """
+
+    mount: Mount
+    camera_matrix: Array
+    distortion: Array
+    image_size_px: tuple[int, int]
+    tag_a: TagSpec | None
+    tag_b: TagSpec
+    tool: Tool
+    object: ObjectSpec
+    robot_sigma_mm: float = 0.1
+    robot_id: str = ""
+    camera_id: str = ""
+    wrist_from_tcp: Pose | None = None

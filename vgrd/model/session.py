@@ -1,0 +1,76 @@
+"""What a teaching session recorded."""
+
+from dataclasses import dataclass
+from enum import StrEnum
+
+from vgrd.geometry import Array, Pose
+from vgrd.model.cell import CellFacts, TagSpec
+
+
+class Plan(StrEnum):
+    """What a teaching session is for; a constant wrist and varied wrists exclude each other."""
+
+    UNIVERSAL = "universal"
+    SPECIAL = "special"
+    CONVENTIONAL = "conventional"
+    JOINT = "joint"
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class TagObservation:
+    """A tag in one picture.
+
+    camera_from_tag: pose, mm; covariance: (6, 6) of a left tangent perturbation (v, w) of that pose;
+    corners_px: (4, 2) in the order (-,-), (+,-), (+,+), (-,+) of the tag's x right, y down, OpenCV pixel
+    convention (centre of the first pixel is 0, 0); rms_px: reprojection error of the corners; chi2: per pixel,
+    how far the picture is from the model of the print, 1 when the noise explains it.
+    """
+
+    tag: TagSpec
+    camera_from_tag: Pose
+    covariance: Array
+    corners_px: Array
+    rms_px: float
+    chi2: float = 1.0
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Observation:
+    """Pose and picture of one instant, robot at rest: which tags were seen from which flange pose."""
+
+    base_from_wrist: Pose
+    stamp_s: float
+    tag_a: TagObservation | None = None
+    tag_b: TagObservation | None = None
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Touch:
+    """The tool's tip rests on `target`; sigma across and along the tool axis, infinite allowed.
+
+    For touches of a fixed point outside the object (conventional TCP) `target` is the point's own name.
+    """
+
+    target: str
+    base_from_wrist: Pose
+    lateral_sigma_mm: float
+    axial_sigma_mm: float
+    observation: Observation | None = None
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Recording:
+    """Everything that was taught in one session, in order, undone samples left out.
+
+    looks: hand-eye samples; spins: the object turned, robot at rest; touches: on the object; points: touches of one
+    fixed point with varied wrists (conventional TCP); verifications: held out of every fit.
+    """
+
+    session: str
+    plan: Plan
+    facts: CellFacts
+    looks: tuple[Observation, ...] = ()
+    spins: tuple[Observation, ...] = ()
+    touches: tuple[Touch, ...] = ()
+    points: tuple[Touch, ...] = ()
+    verifications: tuple[Touch, ...] = ()

@@ -1,1 +1,0 @@
-"""From device processes to observations: pose and picture of one instant, robot at rest."""

@@ -1,0 +1,7 @@
+"""Hand-eye data that others recorded: a DATASET.toml in, a solution with a verdict out."""
+
+from vgrd.solving.datasets.loading import Dataset, load_dataset
+from vgrd.solving.datasets.solution import DatasetSolution
+from vgrd.solving.datasets.solving import solve_dataset
+
+__all__ = ["Dataset", "DatasetSolution", "load_dataset", "solve_dataset"]

@@ -1,0 +1,205 @@
+"""Verdict on a solved dataset: what does not fit, how sure that is, and what to do about it."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from vgrd.calibration.checks.agreement import Poses, agreement
+from vgrd.calibration.checks.conventions import mistaken_unit
+from vgrd.calibration.checks.readings import Reading, best_of
+from vgrd.calibration.hand_eye.null_space import free_findings
+from vgrd.calibration.hand_eye.points import TargetScale
+from vgrd.calibration.hand_eye.pose_pairs import HandEyeResult
+from vgrd.calibration.hand_eye.state import move_of
+from vgrd.errors import InputError
+from vgrd.geometry import Pose
+from vgrd.geometry.rotation_formats import RotationFormat, pose_from, value_count
+from vgrd.model import Finding, Mount, Verdict
+from vgrd.solving.datasets.fitting import reprojection_px
+from vgrd.solving.datasets.loading import Dataset
+
+_DOUBTFUL = 4.0  # times the median miss
+_DOUBTFUL_MM = 0.2
+_DOUBTFUL_DEG = 0.02
+_CONTRADICTORY_MM = 25.0
+_CONTRADICTORY_DEG = 3.0
+_WEAK_MM = 10.0
+_WEAK_DEG = 1.0
+_SCALE_SIGMAS = 3.0
+_SCALE_MATTERS = 1e-3
+_CLEARLY_BETTER = 0.6
+_SAME_READING_MM = 0.01
+
+
+@dataclass(frozen=True, slots=True)
+class Miss:
+    """How far a fit without a sample misses it; pixels (n, 2) as a sum of squares over `count`."""
+
+    deg: float
+    mm: float
+    squares_px: float
+    count: int
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Evidence:
+    """All that the verdict looks at; misses: None where the others did not determine a fit.
+
+    unseen, partly_seen: reasons by sample. refined_px: reprojection error with refined intrinsics
+    where they were not asked for.
+    """
+
+    dataset: Dataset
+    names: Sequence[str]
+    camera_from_target: Sequence[Pose]
+    result: HandEyeResult
+    misses: Sequence[Miss | None]
+    unseen: dict[str, str]
+    partly_seen: dict[str, str]
+    scale: TargetScale
+    refined_px: Callable[[], float]
+
+
+def judge(evidence: Evidence) -> Verdict:
+    """All findings, worst first; camera and target are not judged by contradictory samples."""
+    general = _contradiction(evidence) or [
+        *free_findings(evidence.dataset.mount, evidence.result.free),
+        *_weakness(evidence),
+        *_camera(evidence),
+        *_size(evidence),
+    ]
+    findings = [
+        *general,
+        *(Finding("target_not_seen", f"sample {n}: {r}") for n, r in evidence.unseen.items()),
+        *(
+            Finding("sample_rejected", f"sample {sample.name}: left out, {sample.reason}")
+            for sample in evidence.result.samples
+            if not sample.used
+        ),
+        *(Finding("few_points", f"sample {n}: {r}") for n, r in evidence.partly_seen.items()),
+        *(Finding("sample_doubtful", f"sample {n}: {r}") for n, r in doubtful(evidence).items()),
+    ]
+    if any(miss is None for miss in evidence.misses):
+        findings.append(
+            Finding(
+                "no_leave_one_out",
+                "without one of the samples the rest does not determine a fit: the errors are "
+                "unknown; record 10 to 20 samples that turn about different axes",
+            )
+        )
+    return Verdict(tuple(findings))
+
+
+def doubtful(evidence: Evidence) -> dict[str, str]:
+    """Samples that the fit of the others misses by far more than the rest, with the figures."""
+    known = {n: m for n, m in zip(evidence.names, evidence.misses, strict=True) if m is not None}
+    if not known:
+        return {}
+    mm = float(np.median([miss.mm for miss in known.values()]))
+    deg = float(np.median([miss.deg for miss in known.values()]))
+    return {
+        name: f"{miss.mm:.1f} mm and {miss.deg:.2f} deg off the fit of the others (typical "
+        f"{mm:.1f} mm, {deg:.2f} deg)"
+        for name, miss in known.items()
+        if miss.mm > _DOUBTFUL * mm + _DOUBTFUL_MM or miss.deg > _DOUBTFUL * deg + _DOUBTFUL_DEG
+    }
+
+
+def _contradiction(evidence: Evidence) -> list[Finding]:
+    """Fatal: the samples belong to no common hand-eye pose."""
+    misses = [miss for miss in evidence.misses if miss is not None]
+    if not misses:
+        return []
+    mm = float(np.median([miss.mm for miss in misses]))
+    deg = float(np.median([miss.deg for miss in misses]))
+    lost = sum(not sample.used for sample in evidence.result.samples)
+    if mm < _CONTRADICTORY_MM and deg < _CONTRADICTORY_DEG and 2 * lost < len(evidence.names):
+        return []
+    hints = suspects(evidence.dataset, evidence.names, evidence.camera_from_target)
+    advice = " ".join(hints) or (
+        "Check rotation format, unit, mount, and that poses and pictures belong together."
+    )
+    message = (
+        f"the samples contradict each other: typically {mm:.1f} mm and {deg:.2f} deg off, {lost} "
+        f"of {len(evidence.names)} left out. {advice}"
+    )
+    return [Finding("contradictory", message, fatal=True)]
+
+
+def suspects(
+    dataset: Dataset, names: Sequence[str], camera_from_target: Sequence[Pose]
+) -> list[str]:
+    """Other readings of the same numbers (rotation format, mount) under which the samples agree."""
+    rows = {s.name: v for s, v in zip(dataset.samples, dataset.pose_values, strict=True)}
+    cameras = Poses.of(camera_from_target)
+    readings: dict[tuple[RotationFormat, Mount], Reading] = {}
+    for fmt in RotationFormat:
+        if value_count(fmt) != value_count(dataset.rotation):
+            continue
+        try:
+            poses = [pose_from(rows[name], fmt, dataset.unit) for name in names]
+        except InputError:
+            continue
+        for mount in Mount:
+            moves = Poses.of([move_of(mount, pose) for pose in poses])
+            meant = None if fmt is dataset.rotation else fmt
+            readings[fmt, mount] = Reading(moves, meant=meant, inverted=mount != dataset.mount)
+    own = agreement(readings.pop((dataset.rotation, dataset.mount)).poses, cameras)
+    found = best_of(
+        list(readings.values()),
+        lambda moves: agreement(moves, cameras),
+        deg=_CONTRADICTORY_DEG,
+        mm=_CONTRADICTORY_MM,
+    )
+    if not found or found[0].fit.mm > _CLEARLY_BETTER * own.mm:
+        return []
+    best = found[0].fit
+    fitting = {id(one.reading) for one in found if one.fit.mm < best.mm + _SAME_READING_MM}
+    alike = [key for key, reading in readings.items() if id(reading) in fitting]
+    formats = " or ".join(dict.fromkeys(str(fmt) for fmt, _ in alike))
+    mounts = " or ".join(dict.fromkeys(str(mount) for _, mount in alike))
+    unit = mistaken_unit(best)
+    lengths = f", lengths = {unit}" if unit else ""
+    return [
+        f"Read as rotation = {formats}, mount = {mounts}{lengths}, the samples agree to "
+        f"{best.mm:.1f} mm: is that meant? (The other mount also fits poses that were written "
+        "inverted.)"
+    ]
+
+
+def _weakness(evidence: Evidence) -> list[Finding]:
+    sigmas = np.sqrt(np.diag(evidence.result.covariance)[:6])
+    mm, deg = float(sigmas[:3].max()), float(np.degrees(sigmas[3:].max()))
+    if mm < _WEAK_MM and deg < _WEAK_DEG:
+        return []
+    message = (
+        f"the camera's pose is uncertain by {mm:.0f} mm and {deg:.1f} deg (1 sigma): record more "
+        "samples, turn the wrist by 20 degrees and more about different axes"
+    )
+    return [Finding("weak_motion", message, fatal=True)]
+
+
+def _camera(evidence: Evidence) -> list[Finding]:
+    if evidence.dataset.refine or evidence.dataset.camera is None:
+        return []
+    given, refined = reprojection_px(evidence.result), evidence.refined_px()
+    if not refined < _CLEARLY_BETTER * given:
+        return []
+    message = (
+        f"camera: refining fx fy cx cy k1 k2 lowers the reprojection error from {given:.2f} to "
+        f"{refined:.2f} px: calibrate the camera anew or set refine = true"
+    )
+    return [Finding("intrinsics_doubtful", message)]
+
+
+def _size(evidence: Evidence) -> list[Finding]:
+    off, sigma = evidence.scale.value - 1, evidence.scale.sigma
+    if abs(off) < max(_SCALE_SIGMAS * sigma, _SCALE_MATTERS):
+        return []
+    message = (
+        f"target: by the robot's motion the target is {100 * off:+.2f} +- {100 * sigma:.2f} % off "
+        "the size given: measure it with a caliper; if it is right, check the robot's unit and the "
+        "camera's focal length"
+    )
+    return [Finding("target_size", message)]

@@ -1,0 +1,286 @@
+"""DATASET.toml and the files it names, checked: every fault of all of them in one message."""
+
+import tomllib
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from vgrd.errors import ConfigError, InputError
+from vgrd.geometry import Array, Pose
+from vgrd.geometry.camera import CameraModel
+from vgrd.geometry.rotation_formats import RotationFormat, pose_from
+from vgrd.model import Mount
+from vgrd.solving.datasets.document import (
+    TARGET_TABLES,
+    CameraTable,
+    PosesTable,
+    SampleTable,
+    hint,
+    named_rows,
+    parse,
+    tables_of,
+)
+from vgrd.solving.datasets.features import Places, read_features
+from vgrd.solving.datasets.points import read_points
+from vgrd.vision.print.boards import BoardObservation, TargetSpec
+
+MIN_SAMPLES = 3
+_TABLES = ("mount", "camera", "poses", "target", "feature", "sample")
+_SOURCES = ("image", "points", "camera_from_target")
+_MM_PER = {"mm": 1.0, "m": 1000.0}
+_REACH_MM = 20_000.0
+_SMALLEST_ARM_MM = 10.0
+_SAME_MM = 1e-3
+_SAME_RAD = 1e-6
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class DatasetSample:
+    """A flange pose and what the camera saw: a picture, points or a pose; features: pixels (2,)."""
+
+    name: str
+    base_from_wrist: Pose
+    seen: Path | BoardObservation | Pose
+    features: Mapping[str, Array] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Dataset:
+    """A checked dataset; camera and target are None where the samples need none.
+
+    pose_values: the numbers of the poses as written, for the search of a wrong convention. features:
+    places on the target by name, None where unknown.
+    """
+
+    path: Path
+    mount: Mount
+    camera: CameraModel | None
+    refine: bool
+    target: TargetSpec | None
+    samples: tuple[DatasetSample, ...]
+    unit: str
+    rotation: RotationFormat
+    pose_values: tuple[tuple[float, ...], ...]
+    features: Places
+
+
+def load_dataset(path: Path) -> Dataset:
+    """Read and check a dataset; ConfigError holds every fault, each with its key and remedy."""
+    data = read_toml(path)
+    faults = [f"{key}: unknown key{hint(key, _TABLES)}" for key in data if key not in _TABLES]
+    mount = _mount(data, faults)
+    poses = parse(PosesTable, data.get("poses", {}), "poses", faults)
+    rows = _sample_rows(data, faults)
+    reader = _SampleReader(path.resolve().parent, poses, faults)
+    samples = [reader.read(row, where) for where, row in rows]
+    kinds = {kind for _, row in rows for kind in _SOURCES if getattr(row, kind) is not None}
+    if "camera_from_target" in kinds and len(kinds) > 1:
+        faults.append(
+            "sample: camera_from_target cannot be mixed with image or points; split the dataset"
+        )
+    camera = _camera(data, kinds, faults)
+    target = _target(data, kinds, faults)
+    features = read_features(data, rows, target, faults)
+    good = [sample for sample in samples if sample is not None]
+    if poses is not None:
+        faults += arm_faults([(s.name, s.base_from_wrist) for s in good], poses.unit, "sample")
+        seen = [(s.name, s.seen) for s in good if isinstance(s.seen, Pose)]
+        faults += _repeats(seen, "sample.camera_from_target", "camera")
+    if faults or mount is None or poses is None:
+        raise ConfigError(str(path), faults)
+    return Dataset(
+        path=path,
+        mount=mount,
+        camera=camera[0] if camera else None,
+        refine=camera is not None and camera[1],
+        target=target,
+        samples=tuple(good),
+        unit=poses.unit,
+        rotation=RotationFormat(poses.rotation),
+        pose_values=tuple(tuple(row.pose) for _, row in rows),
+        features=features,
+    )
+
+
+def read_toml(path: Path) -> dict[str, Any]:
+    """The tables of a TOML file; ConfigError when it is not there or cannot be read."""
+    try:
+        return tomllib.loads(path.read_text(encoding="utf-8"))
+    except FileNotFoundError as error:
+        raise ConfigError(str(path), ["no such file: give the path of a DATASET.toml"]) from error
+    except (OSError, UnicodeDecodeError) as error:
+        raise ConfigError(str(path), [f"cannot be read: {error}"]) from error
+    except tomllib.TOMLDecodeError as error:
+        raise ConfigError(str(path), [f"not valid TOML: {error}"]) from error
+
+
+def _mount(data: dict[str, Any], faults: list[str]) -> Mount | None:
+    known = tuple(Mount)
+    value = data.get("mount")
+    if value in known:
+        return Mount(value)
+    if value is None:
+        faults.append(f"mount: is missing, add mount = {' or '.join(repr(str(m)) for m in known)}")
+    else:
+        faults.append(f"mount: {value!r} is unknown{hint(str(value), known)}")
+    return None
+
+
+def _sample_rows(data: dict[str, Any], faults: list[str]) -> list[tuple[str, SampleTable]]:
+    """The [[sample]] tables that can be read, each with the words that name it in a message."""
+    tables = tables_of(data, "sample", faults)
+    if tables is None:
+        return []
+    if len(tables) < MIN_SAMPLES:
+        faults.append(
+            f"sample: {len(tables)} given, at least {MIN_SAMPLES} are needed (10 to 20 are good)"
+        )
+    return named_rows(SampleTable, "sample", tables, faults)
+
+
+def _camera(
+    data: dict[str, Any], kinds: set[str], faults: list[str]
+) -> tuple[CameraModel, bool] | None:
+    if "camera" not in data:
+        if kinds & {"image", "points"}:
+            faults.append("camera: is missing; samples with image or points need [camera] matrix")
+        return None
+    table = parse(CameraTable, data["camera"], "camera", faults)
+    if table is None:
+        return None
+    if kinds == {"camera_from_target"}:
+        if table.refine:
+            faults.append("camera.refine: poses hold no pixels to refine from; set it to false")
+        return None
+    fx, fy, cx, cy = table.matrix
+    size = (max(1, round(2 * cx)), max(1, round(2 * cy)))
+    try:
+        model = CameraModel(
+            np.array([[fx, 0, cx], [0, fy, cy], [0, 0, 1]]), np.array(table.distortion), size
+        )
+    except InputError as error:
+        faults.append(f"camera: {error}")
+        return None
+    return model, table.refine
+
+
+def _target(data: dict[str, Any], kinds: set[str], faults: list[str]) -> TargetSpec | None:
+    table = data.get("target")
+    if table is None:
+        if "image" in kinds:
+            faults.append("target: is missing; samples with an image need [target] type, ...")
+        return None
+    kind = table.get("type") if isinstance(table, dict) else None
+    if not isinstance(kind, str) or kind not in TARGET_TABLES:
+        known = tuple(TARGET_TABLES)
+        faults.append(f"target.type: {kind!r} is unknown{hint(str(kind), known)}")
+        return None
+    parsed = parse(TARGET_TABLES[kind], table, "target", faults)
+    try:
+        return parsed.spec() if parsed is not None else None
+    except InputError as error:
+        faults.append(f"target: {error}")
+        return None
+
+
+class _SampleReader:
+    """Turns checked rows into samples; appends what is wrong with their numbers and files."""
+
+    def __init__(self, folder: Path, poses: PosesTable | None, faults: list[str]) -> None:
+        self._folder = folder
+        self._poses = poses
+        self._faults = faults
+
+    def read(self, row: SampleTable, where: str) -> DatasetSample | None:
+        """The sample, or None with its faults appended."""
+        before = len(self._faults)
+        given = [kind for kind in _SOURCES if getattr(row, kind) is not None]
+        if len(given) != 1:
+            self._faults.append(
+                f"{where}: needs exactly one of {', '.join(_SOURCES)}, has "
+                + (" and ".join(given) or "none")
+            )
+        pose = self._pose(row, where)
+        seen = self._seen(row, given[0], where) if given else None
+        if len(self._faults) > before or pose is None or seen is None:
+            return None
+        features = {name: np.array(pixel) for name, pixel in row.features.items()}
+        return DatasetSample(row.name, pose, seen, features)
+
+    def _pose(self, row: SampleTable, where: str) -> Pose | None:
+        if self._poses is None:
+            return None
+        try:
+            return pose_from(row.pose, RotationFormat(self._poses.rotation), self._poses.unit)
+        except InputError as error:
+            self._faults.append(f"{where}.pose: {error}")
+            return None
+
+    def _seen(
+        self, row: SampleTable, kind: str, where: str
+    ) -> Path | BoardObservation | Pose | None:
+        try:
+            if row.camera_from_target is not None:
+                return self._matrix(row.camera_from_target)
+            path = self._file(str(getattr(row, kind)))
+            return path if kind == "image" else read_points(path)
+        except InputError as error:
+            self._faults.append(f"{where}.{kind}: {error}")
+            return None
+
+    def _file(self, name: str) -> Path:
+        path = self._folder / name
+        if not path.is_file():
+            raise InputError(f"no such file: {path} (paths count from the dataset's folder)")
+        return path
+
+    def _matrix(self, numbers: Sequence[float]) -> Pose | None:
+        matrix = np.array(numbers).reshape(4, 4)
+        matrix[:3, 3] *= _MM_PER[self._poses.unit] if self._poses else 1.0
+        try:
+            return Pose.from_matrix(matrix)
+        except InputError as error:
+            raise InputError(f"{error}; 16 numbers, row by row") from error
+
+
+def arm_faults(named: Sequence[tuple[str, Pose]], unit: str, table: str) -> list[str]:
+    """What is wrong with flange poses together: unit, repeats, a stream that never changed."""
+    if len(named) < MIN_SAMPLES:
+        return []
+    faults = []
+    reach = max(float(np.abs(pose.translation).max()) for _, pose in named)
+    if reach > _REACH_MM:
+        faults.append(
+            f"poses.unit: in {unit} the flange is {reach / 1000:.0f} m from the base: is it mm?"
+        )
+    elif reach < _SMALLEST_ARM_MM:
+        faults.append(
+            f"poses.unit: in {unit} no flange is more than {reach:.2g} mm from the base: is it m?"
+        )
+    return faults + _repeats(named, f"{table}.pose", "robot")
+
+
+def _repeats(named: Sequence[tuple[str, Pose]], key: str, source: str) -> list[str]:
+    groups: list[tuple[Pose, list[str]]] = []
+    for name, pose in named:
+        for first, names in groups:
+            mm, rad = first.distance(pose)
+            if mm < _SAME_MM and rad < _SAME_RAD:
+                names.append(name)
+                break
+        else:
+            groups.append((pose, [name]))
+    if len(named) > 1 and len(groups) == 1:
+        return [
+            f"{key}: all {len(named)} are equal: the {source} was not read again between "
+            "the samples; record anew"
+        ]
+    return [
+        f"{key}: {', '.join(repr(name) for name in names)} hold the same pose: the {source} "
+        "did not move or was not read again; keep one of them"
+        for _, names in groups
+        if len(names) > 1
+    ]

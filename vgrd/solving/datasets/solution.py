@@ -1,0 +1,156 @@
+"""What solving a dataset gives: transforms, honest errors, every sample's fate, a verdict."""
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+from vgrd.calibration.hand_eye.points import TargetScale
+from vgrd.geometry import Array, Pose
+from vgrd.geometry.camera import CameraModel
+from vgrd.model import Mount, Verdict
+
+
+@dataclass(frozen=True, slots=True)
+class SampleReport:
+    """One sample; px, deg, mm: how far a fit without it missed it, NaN where that is unknown."""
+
+    name: str
+    used: bool
+    reason: str
+    px: float = math.nan
+    deg: float = math.nan
+    mm: float = math.nan
+
+
+@dataclass(frozen=True, slots=True)
+class LeaveOneOut:
+    """Means over all samples in which the target was seen (px: rms); NaN where unknown."""
+
+    deg: float
+    mm: float
+    px: float
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class DatasetSolution:
+    """The calibration that a dataset gives.
+
+    mount_from_camera: base_from_camera (eye-to-hand) or wrist_from_camera (eye-in-hand);
+    mount_from_target: wrist_from_target or base_from_target; camera: as given or refined; method: the
+    named one that was asked for, None for the default; undetermined: what the motion leaves open, in
+    words (both transforms are then given with the target at 0 mm along it); features: places (3,) on
+    the target, mm, as estimated.
+    """
+
+    mount: Mount
+    mount_from_camera: Pose
+    mount_from_target: Pose
+    leave_one_out: LeaveOneOut
+    samples: tuple[SampleReport, ...]
+    target_scale: TargetScale
+    camera: CameraModel | None
+    refined: bool
+    verdict: Verdict
+    method: str | None = None
+    undetermined: tuple[str, ...] = ()
+    features: Mapping[str, Array] = field(default_factory=dict)
+
+    def transforms(self) -> Mapping[str, Pose]:
+        """The two poses by their full names."""
+        if self.mount is Mount.EYE_TO_HAND:
+            names = ("base_from_camera", "wrist_from_target")
+        else:
+            names = ("wrist_from_camera", "base_from_target")
+        return dict(zip(names, (self.mount_from_camera, self.mount_from_target), strict=True))
+
+    def to_json(self) -> dict[str, Any]:
+        """Plain values for `--json`; unknown numbers are null; lengths mm."""
+        named = {} if self.method is None else {"method": self.method}
+        return {
+            **named,
+            **{name: pose.matrix().tolist() for name, pose in self.transforms().items()},
+            **self._where_any(),
+            "leave_one_out": {
+                "deg": _known(self.leave_one_out.deg),
+                "mm": _known(self.leave_one_out.mm),
+                "px": _known(self.leave_one_out.px),
+            },
+            "samples": [
+                {
+                    "name": sample.name,
+                    "used": sample.used,
+                    "reason": sample.reason,
+                    "px": _known(sample.px),
+                    "deg": _known(sample.deg),
+                    "mm": _known(sample.mm),
+                }
+                for sample in self.samples
+            ],
+            "target_scale": {"value": self.target_scale.value, "sigma": self.target_scale.sigma},
+            "intrinsics": self._intrinsics(),
+            "verdict": {
+                "ok": self.verdict.ok,
+                "findings": [
+                    {"code": finding.code, "message": finding.message}
+                    for finding in self.verdict.findings
+                ],
+            },
+        }
+
+    def _where_any(self) -> dict[str, Any]:
+        found: dict[str, Any] = {}
+        if self.undetermined:
+            found["undetermined"] = list(self.undetermined)
+        if self.features:
+            found["features"] = {name: at.tolist() for name, at in self.features.items()}
+        return found
+
+    def _intrinsics(self) -> dict[str, Any] | None:
+        if self.camera is None:
+            return None
+        K = self.camera.matrix
+        return {
+            "matrix": [float(K[0, 0]), float(K[1, 1]), float(K[0, 2]), float(K[1, 2])],
+            "distortion": self.camera.distortion.tolist(),
+            "refined": self.refined,
+        }
+
+    def summary_rows(self) -> list[tuple[str, str]]:
+        """Rows (what, value with unit) for a table on a terminal."""
+        loo = self.leave_one_out
+        seen = sum(not math.isnan(sample.mm) for sample in self.samples)
+        used = sum(sample.used for sample in self.samples)
+        rows = [("samples", f"{used} of {len(self.samples)} used")]
+        for name, pose in self.transforms().items():
+            x, y, z = pose.translation
+            rx, ry, rz = (math.degrees(angle) for angle in pose.rotvec())
+            rows.append(
+                (name, f"{x:.2f} {y:.2f} {z:.2f} mm, rotvec {rx:.3f} {ry:.3f} {rz:.3f} deg")
+            )
+        rows += [("undetermined", words) for words in self.undetermined]
+        rows += [
+            (f"feature {name}", f"{x:.2f} {y:.2f} {z:.2f} mm")
+            for name, (x, y, z) in self.features.items()
+        ]
+        errors = f"{_text(loo.deg, 3)} deg, {_text(loo.mm, 2)} mm, {_text(loo.px, 2)} px"
+        rows.append(("leave-one-out", f"{errors} over {seen} samples"))
+        scale = self.target_scale
+        rows.append(("target scale", f"{scale.value:.5f} +- {scale.sigma:.5f}"))
+        intrinsics = self._intrinsics()
+        if intrinsics is not None:
+            numbers = " ".join(f"{n:.2f}" for n in intrinsics["matrix"])
+            rest = " ".join(f"{n:.4f}" for n in intrinsics["distortion"]) or "none"
+            state = "refined" if self.refined else "as given"
+            rows.append(("intrinsics", f"{numbers} px, distortion {rest} ({state})"))
+        rows.append(("verdict", "ok" if self.verdict.ok else "not to be used"))
+        rows += [(finding.code, finding.message) for finding in self.verdict.findings]
+        return rows
+
+
+def _known(value: float) -> float | None:
+    return value if math.isfinite(value) else None
+
+
+def _text(value: float, digits: int) -> str:
+    return f"{value:.{digits}f}" if math.isfinite(value) else "unknown"

@@ -1,0 +1,258 @@
+"""Dataset in, solution out: detect, fit, leave each sample out once, judge."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+from vgrd.calibration.hand_eye.null_space import undetermined_in_words
+from vgrd.calibration.hand_eye.points import PointSample
+from vgrd.calibration.hand_eye.pose_pairs import HandEyeResult
+from vgrd.calibration.observability.motion import Axes, turned_axes
+from vgrd.errors import CalibrationError, ConfigError, InputError, TagNotSeen, TooFewObservations
+from vgrd.geometry import Pose
+from vgrd.geometry.resection import checked_points
+from vgrd.solving.datasets.fitting import Fitter, PointFitter, PoseFitter
+from vgrd.solving.datasets.half_turns import turn_alike
+from vgrd.solving.datasets.judging import Evidence, Miss, doubtful, judge, suspects
+from vgrd.solving.datasets.loading import MIN_SAMPLES, Dataset, DatasetSample, load_dataset
+from vgrd.solving.datasets.named_method import NamedMethodFitter, check_method
+from vgrd.solving.datasets.solution import DatasetSolution, LeaveOneOut, SampleReport
+from vgrd.vision.print.boards import BoardObservation, TargetSpec, detect_board, has_direction
+
+Progress = Callable[[int, int], None]
+
+_PARTLY = 0.5
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Found:
+    """The samples in which the target was seen, and why it was not in the others."""
+
+    samples: Sequence[DatasetSample]
+    seen: Sequence[BoardObservation | Pose]
+    unseen: dict[str, str]
+
+    @property
+    def names(self) -> list[str]:
+        """Their names, in order."""
+        return [sample.name for sample in self.samples]
+
+
+class _Steps:
+    """Counts what is done, for a progress bar."""
+
+    def __init__(self, progress: Progress | None, total: int) -> None:
+        self._progress = progress or (lambda _done, _total: None)
+        self._total = total
+        self._done = 0
+        self._progress(0, total)
+
+    def advance(self) -> None:
+        self._done += 1
+        self._progress(self._done, self._total)
+
+    def finish(self) -> None:
+        self._progress(self._total, self._total)
+
+
+def solve_dataset(
+    path: Path, progress: Progress | None = None, *, method: str | None = None
+) -> DatasetSolution:
+    """Solve hand-eye from a DATASET.toml; `progress(done, total)` is called after every step.
+
+    method: one of `vgrd.calibration.hand_eye.published.METHODS`, without refinement; None: maximum
+    likelihood. Raises InputError (method unknown, or intrinsics to be refined by it), ConfigError
+    (faults of the file and its pictures), TooFewObservations, NotObservable (names the missing
+    motion) or DidNotConverge.
+    """
+    if method is not None:
+        check_method(method)
+    dataset = load_dataset(path)
+    steps = _Steps(progress, 2 * len(dataset.samples) + 2)
+    found = _look(dataset, steps)
+    fitter = _fitter(dataset, found, method)
+    own = [fitter.own_pose(i, dataset.camera) for i in range(len(found.samples))]
+    try:
+        result = fitter.match_noise()
+    except CalibrationError as error:
+        error.args = ("\n".join([str(error), *suspects(dataset, found.names, own)]),)
+        raise
+    steps.advance()
+    misses = _leave_one_out(fitter, found, result, steps)
+    evidence = Evidence(
+        dataset=dataset,
+        names=found.names,
+        camera_from_target=own,
+        result=result,
+        misses=misses,
+        unseen=found.unseen,
+        partly_seen=_partly_seen(found),
+        scale=fitter.scale(result),
+        refined_px=lambda: fitter.refined_px(result),
+    )
+    solution = DatasetSolution(
+        mount=dataset.mount,
+        mount_from_camera=result.mount_from_camera,
+        mount_from_target=result.mount_from_target,
+        leave_one_out=_summary(misses),
+        samples=_reports(evidence),
+        target_scale=evidence.scale,
+        camera=result.camera,
+        refined=dataset.refine,
+        verdict=judge(evidence),
+        method=method,
+        undetermined=undetermined_in_words(dataset.mount, result.free),
+        features=result.features,
+    )
+    steps.finish()
+    return solution
+
+
+def _look(dataset: Dataset, steps: _Steps) -> Found:
+    """Find the target in every sample; ConfigError names all pictures that cannot be read."""
+    samples, seen, unseen, faults = [], [], {}, []
+    for sample in dataset.samples:
+        try:
+            seen.append(_seen(sample, dataset.target))
+            samples.append(sample)
+        except TagNotSeen as reason:
+            unseen[sample.name] = str(reason)
+        except InputError as error:
+            faults.append(f"sample '{sample.name}': {error}")
+        steps.advance()
+    if faults:
+        raise ConfigError(str(dataset.path), faults)
+    if len(samples) < MIN_SAMPLES:
+        reasons = "; ".join(f"{name}: {reason}" for name, reason in unseen.items())
+        raise TooFewObservations(
+            f"{dataset.path}: the target was seen in {len(samples)} of {len(dataset.samples)} "
+            f"samples, at least {MIN_SAMPLES} are needed. {reasons}"
+        )
+    return Found(samples, seen, unseen)
+
+
+def _seen(sample: DatasetSample, target: TargetSpec | None) -> BoardObservation | Pose:
+    match sample.seen:
+        case Pose():
+            return sample.seen
+        case BoardObservation():
+            try:
+                checked_points(sample.seen.points_in_target, sample.seen.pixels)
+            except InputError as error:
+                raise TagNotSeen(str(error)) from error
+            return sample.seen
+    image = cv2.imread(str(sample.seen), cv2.IMREAD_GRAYSCALE)
+    if image is None:
+        raise InputError(f"{sample.seen} is not a picture that OpenCV can read")
+    if target is None:
+        raise InputError("an image needs [target]")
+    return detect_board(np.asarray(image, dtype=np.uint8), target)
+
+
+def _fitter(dataset: Dataset, found: Found, method: str | None) -> Fitter:
+    if method is None:
+        return _likelihood_fitter(dataset, found)
+    if dataset.refine:
+        raise InputError(
+            f"{dataset.path}: method '{method}' refines no intrinsics: set camera.refine = false, "
+            "or leave the method out"
+        )
+    samples = [(sample.name, sample.base_from_wrist) for sample in found.samples]
+    return NamedMethodFitter(method, _likelihood_fitter(dataset, found), samples, dataset.camera)
+
+
+def _likelihood_fitter(dataset: Dataset, found: Found) -> Fitter:
+    pairs = list(zip(found.samples, found.seen, strict=True))
+    axes, _ = turned_axes([sample.base_from_wrist.rotation for sample in found.samples])
+    may_be_free = int(axes is not Axes.NONE)
+    if dataset.camera is None:
+        return PoseFitter(
+            dataset.mount,
+            [(s.name, s.base_from_wrist, seen) for s, seen in pairs if isinstance(seen, Pose)],
+            may_be_free=may_be_free,
+        )
+    boards = [seen for _, seen in pairs if isinstance(seen, BoardObservation)]
+    if dataset.target is not None and not has_direction(dataset.target):
+        boards = turn_alike([s.base_from_wrist for s, _ in pairs], boards, dataset.camera)
+    points = [
+        PointSample(
+            s.name, s.base_from_wrist, board.points_in_target, board.pixels, features=s.features
+        )
+        for (s, _), board in zip(pairs, boards, strict=True)
+    ]
+    return PointFitter(
+        dataset.mount,
+        dataset.camera,
+        points,
+        refine=dataset.refine,
+        may_be_free=may_be_free,
+        places={name: place for name, place in dataset.features.items() if place is not None},
+    )
+
+
+def _leave_one_out(
+    fitter: Fitter, found: Found, result: HandEyeResult, steps: _Steps
+) -> list[Miss | None]:
+    """How far a fit without each sample misses it; its own pose is seen through that fit's camera.
+
+    Samples that do not fit the others are in no fit, but predicted and counted as all are.
+    """
+    misses: list[Miss | None] = []
+    kept = [i for i, residual in enumerate(result.samples) if residual.used]
+    for left_out, sample in enumerate(found.samples):
+        try:
+            fit = fitter.fit([i for i in kept if i != left_out], result)
+        except CalibrationError:
+            misses.append(None)
+        else:
+            predicted = fit.predict(sample.base_from_wrist)
+            mm, rad = predicted.distance(fitter.own_pose(left_out, fit.camera))
+            off = fitter.off_px(left_out, fit.camera, predicted)
+            misses.append(Miss(float(np.degrees(rad)), mm, float((off * off).sum()), len(off)))
+        steps.advance()
+    return misses
+
+
+def _summary(misses: Sequence[Miss | None]) -> LeaveOneOut:
+    """Means over all; unknown as soon as one is: a mean over the easy samples would flatter."""
+    known = [miss for miss in misses if miss is not None]
+    if len(known) < len(misses):
+        return LeaveOneOut(np.nan, np.nan, np.nan)
+    count = sum(miss.count for miss in known)
+    return LeaveOneOut(
+        deg=float(np.mean([miss.deg for miss in known])),
+        mm=float(np.mean([miss.mm for miss in known])),
+        px=float(np.sqrt(sum(m.squares_px for m in known) / count)) if count else np.nan,
+    )
+
+
+def _partly_seen(found: Found) -> dict[str, str]:
+    return {
+        sample.name: f"only {len(seen.pixels)} of {seen.total} points seen: its own pose is weak"
+        for sample, seen in zip(found.samples, found.seen, strict=True)
+        if isinstance(seen, BoardObservation) and len(seen.pixels) < _PARTLY * seen.total
+    }
+
+
+def _reports(evidence: Evidence) -> tuple[SampleReport, ...]:
+    """One report per sample of the file, in its order."""
+    odd = doubtful(evidence)
+    reports = {
+        name: SampleReport(name, used=False, reason=reason)
+        for name, reason in evidence.unseen.items()
+    }
+    for residual, miss in zip(evidence.result.samples, evidence.misses, strict=True):
+        name = residual.name
+        reasons = (
+            [evidence.partly_seen.get(name), odd.get(name)] if residual.used else [residual.reason]
+        )
+        reason = "; ".join(text for text in reasons if text)
+        if miss is None:
+            reports[name] = SampleReport(name, residual.used, reason)
+        else:
+            px = float(np.sqrt(miss.squares_px / miss.count)) if miss.count else np.nan
+            reports[name] = SampleReport(name, residual.used, reason, px, miss.deg, miss.mm)
+    return tuple(reports[sample.name] for sample in evidence.dataset.samples)

@@ -1,0 +1,144 @@
+"""Solving a recorded session: the same function for the daemon's child process and for `vgrd solve`.
+
+python -m vgrd.solving.session SESSION_FOLDER STATE_DIR TOLERANCE_MM POLICY
+"""
+
+import json
+import os
+import sys
+from dataclasses import replace
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+import structlog
+
+from vgrd import logs
+from vgrd.calibration.solve import calibrate_system
+from vgrd.clock import Clock, SystemClock
+from vgrd.errors import CalibrationError, InternalError, StoreError, VgrdError
+from vgrd.model import Calibration, Plan, Policy, Recording, Verdict
+from vgrd.orphans import die_with
+from vgrd.solving.hole_pictures import draw_searched
+from vgrd.solving.hole_sightings import HolesSeen, Report, holes_of, see_holes
+from vgrd.solving.servable import unservable
+from vgrd.store.calibrations import CalibrationStore
+from vgrd.store.retention import in_use
+from vgrd.store.sessions import iterate_images, iterate_observations, load_session
+from vgrd.vision.images.drawing import folder_for_pictures
+
+log = structlog.get_logger()
+
+
+def solve_session(
+    folder: Path,
+    state_dir: Path | None = None,
+    clock: Clock | None = None,
+    *,
+    tolerance_mm: float | None = None,
+    policy: Policy = Policy.FIXED,
+    report: Report | None = None,
+    draw: Path | None = None,
+) -> dict[str, object]:
+    """Solve a session folder and store the calibration if `state_dir` is given; JSON-able summary.
+
+    tolerance_mm: 95 % of the misses under the policy must be predicted within it; what cannot be
+    served under it at all is rejected. Plans joint and special: holes of the object in the stored
+    pictures are evidence too; report: called with (done, total) of these; draw: folder for a picture
+    of each of these. Raises what `calibrate_system` does, StoreError, and InputError for a folder
+    that cannot be written.
+    """
+    clock = clock or SystemClock()
+    pictures = None if draw is None else folder_for_pictures(draw)
+    with in_use(folder):
+        stored = load_session(folder)
+        holes, warnings = _holes_in(folder, stored.recording, report)
+        drawn = {} if pictures is None else _drawn(folder, holes, pictures)
+        calibration = calibrate_system(stored.recording, tolerance_mm, policy, holes.sightings)
+        verdict = Verdict((*calibration.verdict.findings, *unservable(calibration, policy)))
+        calibration = replace(calibration, created_unix_s=clock.wall(), verdict=verdict)
+        name = None
+        if state_dir is not None and calibration.verdict.ok:
+            name = CalibrationStore(state_dir, clock).save(calibration)
+    return {
+        "calibration": name,
+        **summary(calibration),
+        "holes": {"seen": len(holes.sightings), "unseen": dict(holes.unseen)},
+        **drawn,
+        "warnings": [*stored.warnings, *warnings],
+    }
+
+
+def _drawn(folder: Path, holes: HolesSeen, pictures: Path) -> dict[str, object]:
+    """Files of the pictures for people, drawn before anything can refuse the session."""
+    files = draw_searched(holes.pictures, partial(iterate_images, folder), pictures)
+    return {"drawn": [str(file) for file in files]}
+
+
+def _holes_in(
+    folder: Path, recording: Recording, report: Report | None
+) -> tuple[HolesSeen, list[str]]:
+    """Holes in the pictures of a session, where its plan uses them; warnings say what was not read."""
+    if recording.plan not in (Plan.JOINT, Plan.SPECIAL) or not holes_of(recording):
+        return HolesSeen(), []
+    try:
+        seen = list(iterate_observations(folder))
+        if not seen:
+            return HolesSeen(), ["solved without the holes: the session has no pictures"]
+        return see_holes(recording, seen, partial(iterate_images, folder), report), []
+    except (StoreError, CalibrationError) as err:
+        return HolesSeen(), [f"solved without the holes in the pictures: {err}"]
+
+
+def summary(calibration: Calibration) -> dict[str, object]:
+    """What a person wants to know of a calibration, JSON-able."""
+    tcp = calibration.tcp_in_wrist
+    covariance = calibration.tcp_covariance
+    return {
+        "session": calibration.session,
+        "method": calibration.method,
+        "tcp_in_wrist_mm": None if tcp is None else [float(value) for value in tcp],
+        "tcp_sigma_mm": None
+        if covariance is None
+        else [float(value) for value in np.sqrt(np.diag(covariance))],
+        "residuals": {key: float(value) for key, value in calibration.residuals.items()},
+        "verdict": {
+            "ok": calibration.verdict.ok,
+            "findings": [
+                {"code": finding.code, "message": finding.message, "fatal": finding.fatal}
+                for finding in calibration.verdict.findings
+            ],
+        },
+    }
+
+
+def _log_progress(done: int, total: int) -> None:
+    log.info("looking_for_holes", picture=done, of=total)
+
+
+def main(argv: list[str] | None = None) -> int:
+    """Entry point of the solver process: one JSON line on standard output."""
+    folder, state_dir, tolerance_mm, policy = (argv or sys.argv)[1:]
+    die_with(os.getppid())
+    logs.configure("solver")
+    try:
+        result = solve_session(
+            Path(folder),
+            Path(state_dir),
+            tolerance_mm=float(tolerance_mm),
+            policy=Policy(policy),
+            report=_log_progress,
+        )
+        reply = {"ok": True, "result": result}
+    except VgrdError as err:
+        reply = {"ok": False, "error": type(err).__name__, "message": str(err)}
+    except Exception as err:
+        log.exception("solve_failed")
+        fault = InternalError.of("solve", err)
+        reply = {"ok": False, "error": type(fault).__name__, "message": str(fault)}
+    sys.stdout.write(json.dumps(reply, allow_nan=False) + "\n")
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

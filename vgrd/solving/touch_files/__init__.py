@@ -1,0 +1,6 @@
+"""Touches in a TOML file, TCP out: `vgrd tcp`."""
+
+from vgrd.solving.touch_files.document import TouchFile, TouchKind, load_touches
+from vgrd.solving.touch_files.solving import TouchSolution, solve_touches
+
+__all__ = ["TouchFile", "TouchKind", "TouchSolution", "load_touches", "solve_touches"]

@@ -1,0 +1,227 @@
+"""The file of touches, checked: every fault of it in one message."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from enum import StrEnum
+from pathlib import Path
+from types import MappingProxyType
+from typing import Annotated, Any
+
+import numpy as np
+from pydantic import Field
+
+from vgrd.calibration.tcp.plane import Plane
+from vgrd.calibration.touches.touch_set import TouchSet, touch_set
+from vgrd.errors import ConfigError, InputError
+from vgrd.geometry import Array, Pose
+from vgrd.geometry.rotation_formats import RotationFormat, pose_from
+from vgrd.solving.datasets.document import (
+    LengthMm,
+    NamedTable,
+    Number,
+    PosesTable,
+    Table,
+    TableT,
+    hint,
+    named_rows,
+    parse,
+    tables_of,
+)
+from vgrd.solving.datasets.loading import arm_faults, read_toml
+
+DEFAULT_SIGMA_MM = 0.233
+_TABLES = ("kind", "poses", "touch", "plane", "sphere")
+_LINE = 0.01
+_SAME_AXIS = 1e-6
+
+Vector = Annotated[list[Number], Field(min_length=3, max_length=3)]
+SigmaMm = Annotated[float, Field(gt=0)]
+
+
+class TouchKind(StrEnum):
+    """What was touched."""
+
+    UNIVERSAL = "universal"
+    FIXED_POINT = "fixed-point"
+    PLANE = "plane"
+    SPHERE = "sphere"
+
+
+class TouchTable(NamedTable):
+    """One touch: the flange's pose in the base and, universal, the CAD point in mm."""
+
+    pose: list[Number]
+    target: Vector | None = None
+    axis: Vector | None = None
+    sigma_mm: Annotated[list[SigmaMm], Field(min_length=2, max_length=2)] | None = None
+
+
+class PlaneTable(Table):
+    """A plane that is known: its normal and one of its points in the base, mm."""
+
+    normal: Vector
+    point: Vector
+
+
+class SphereTable(Table):
+    """A ball of known radius (the tip's own included), mm."""
+
+    radius_mm: LengthMm
+
+
+# Touches needed without and with the surface's own table.
+_NEEDED: Mapping[TouchKind, tuple[int, int]] = MappingProxyType(
+    {
+        TouchKind.UNIVERSAL: (4, 4),
+        TouchKind.FIXED_POINT: (3, 3),
+        TouchKind.PLANE: (6, 3),
+        TouchKind.SPHERE: (7, 6),
+    }
+)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class TouchFile:
+    """m checked touches; points_in_object: (m, 3) mm, zeros unless kind is universal.
+
+    sigma_given: (m,), whether the file gives the sigma of a touch.
+    """
+
+    kind: TouchKind
+    names: tuple[str, ...]
+    touches: TouchSet
+    points_in_object: Array
+    sigma_given: tuple[bool, ...]
+    plane: Plane | None = None
+    radius_mm: float | None = None
+
+
+def load_touches(path: Path) -> TouchFile:
+    """Read and check a file of touches; ConfigError holds every fault with its key and remedy."""
+    data = read_toml(path)
+    faults = [f"{key}: unknown key{hint(key, _TABLES)}" for key in data if key not in _TABLES]
+    kind = _kind(data, faults)
+    poses = parse(PosesTable, data.get("poses", {}), "poses", faults)
+    rows = _rows(data, kind, faults)
+    plane = _plane(_surface(data, kind, TouchKind.PLANE, PlaneTable, faults), faults)
+    sphere = _surface(data, kind, TouchKind.SPHERE, SphereTable, faults)
+    arm = _arm(rows, poses, faults)
+    axis = _axis([row for _, row in rows], faults)
+    points = np.array([row.target or (0, 0, 0) for _, row in rows], dtype=np.float64)
+    if kind is TouchKind.UNIVERSAL and not faults:
+        faults += _line_faults(points)
+    if faults or kind is None:
+        raise ConfigError(str(path), faults)
+    sigmas = [row.sigma_mm or (DEFAULT_SIGMA_MM, DEFAULT_SIGMA_MM) for _, row in rows]
+    return TouchFile(
+        kind=kind,
+        names=tuple(row.name for _, row in rows),
+        touches=touch_set(arm, axis, [s[0] for s in sigmas], [s[1] for s in sigmas]),
+        points_in_object=points.reshape(-1, 3),
+        sigma_given=tuple(row.sigma_mm is not None for _, row in rows),
+        plane=plane,
+        radius_mm=sphere.radius_mm if sphere else None,
+    )
+
+
+def _kind(data: dict[str, Any], faults: list[str]) -> TouchKind | None:
+    known = tuple(TouchKind)
+    value = data.get("kind")
+    if value in known:
+        return TouchKind(value)
+    if value is None:
+        faults.append(f"kind: is missing, add kind = one of {', '.join(known)}")
+    else:
+        faults.append(f"kind: {value!r} is unknown{hint(str(value), known)}")
+    return None
+
+
+def _rows(
+    data: dict[str, Any], kind: TouchKind | None, faults: list[str]
+) -> list[tuple[str, TouchTable]]:
+    """The [[touch]] tables that can be read, each with the words that name it in a message."""
+    tables = tables_of(data, "touch", faults)
+    if tables is None:
+        return []
+    if kind is not None:
+        needed = _NEEDED[kind][kind.value in data]
+        if len(tables) < needed:
+            faults.append(f"touch: {len(tables)} given, kind {kind} needs at least {needed}")
+    rows = named_rows(TouchTable, "touch", tables, faults)
+    if kind is TouchKind.UNIVERSAL:
+        faults += [
+            f"{where}.target: is missing, add the CAD point [x, y, z] in mm"
+            for where, row in rows
+            if row.target is None
+        ]
+    return rows
+
+
+def _surface(
+    data: dict[str, Any],
+    kind: TouchKind | None,
+    of: TouchKind,
+    model: type[TableT],
+    faults: list[str],
+) -> TableT | None:
+    """The [plane] or [sphere] table where there is one."""
+    if of.value not in data:
+        return None
+    if kind not in (of, None):
+        faults.append(f"{of}: kind {kind} has no [{of}]; remove the table or correct kind")
+    return parse(model, data[of.value], of.value, faults)
+
+
+def _plane(table: PlaneTable | None, faults: list[str]) -> Plane | None:
+    if table is None:
+        return None
+    length = float(np.linalg.norm(table.normal))
+    if length == 0:
+        faults.append("plane.normal: has no length; give the direction out of the plane")
+        return None
+    n = np.array(table.normal) / length
+    return Plane(n, float(n @ np.array(table.point)))
+
+
+def _arm(
+    rows: Sequence[tuple[str, TouchTable]], poses: PosesTable | None, faults: list[str]
+) -> list[Pose]:
+    """The flange poses in mm."""
+    if poses is None:
+        return []
+    arm = []
+    for where, row in rows:
+        try:
+            arm.append(pose_from(row.pose, RotationFormat(poses.rotation), poses.unit))
+        except InputError as error:
+            faults.append(f"{where}.pose: {error}")
+    if len(arm) == len(rows):
+        named = [(row.name, pose) for (_, row), pose in zip(rows, arm, strict=True)]
+        faults += arm_faults(named, poses.unit, "touch")
+    return arm
+
+
+def _axis(rows: Sequence[TouchTable], faults: list[str]) -> Array:
+    """The tool's axis (3,) in the wrist frame, one for all touches."""
+    given = np.array([row.axis for row in rows if row.axis is not None], dtype=np.float64)
+    if not len(given):
+        return np.array([0.0, 0.0, 1.0])
+    lengths = np.linalg.norm(given, axis=1)
+    if not lengths.all():
+        faults.append(
+            "touch.axis: has no length; give the direction out of the tip, such as 0 0 1"
+        )
+        return np.array([0.0, 0.0, 1.0])
+    axes = given / lengths[:, None]
+    if np.abs(axes - axes[0]).max() > _SAME_AXIS:
+        faults.append("touch.axis: differs between touches; one tool has one axis in the flange")
+    return np.asarray(axes[0])
+
+
+def _line_faults(points: Array) -> list[str]:
+    spread = np.linalg.svd(points - points.mean(axis=0), compute_uv=False)
+    if spread[0] == 0:
+        return ["touch.target: all are equal; touch at least 4 CAD points that are far apart"]
+    if spread[1] <= _LINE * spread[0]:
+        return ["touch.target: all are on one line; touch a point beside it too"]
+    return []

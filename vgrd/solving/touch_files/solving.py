@@ -1,0 +1,285 @@
+"""A file of touches in, the TCP with every touch's fate and a verdict out."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from scipy.special import gammaincc
+
+from vgrd.calibration.checks.misreading import VariedWrists, misreading
+from vgrd.calibration.observability.leave_one_out import (
+    RobustFit,
+    TouchFit,
+    fit_without_outliers,
+    noise_scale,
+)
+from vgrd.calibration.tcp.fixed_point import FixedPointResult, calibrate_fixed_point
+from vgrd.calibration.tcp.plane import fit_plane, require_one_plane
+from vgrd.calibration.tcp.sphere import fit_sphere, require_one_sphere
+from vgrd.calibration.touches.touch_set import TouchSet
+from vgrd.calibration.universal.estimate import (
+    UniversalProblem,
+    UniversalResult,
+    calibrate_universal,
+)
+from vgrd.geometry import Array, Pose
+from vgrd.geometry.covariance import radius95
+from vgrd.geometry.rotation_relaxation import Certificate
+from vgrd.model import Finding, Verdict
+from vgrd.solving.touch_files.document import TouchFile, TouchKind, load_touches
+from vgrd.solving.touch_files.repeats import Repeats, find_repeats, with_repeated_sigma
+
+_CHANCE = 1e-3
+_CONTRADICTORY = 3.0
+_CONTRADICTORY_MM = 3.0
+_WEAK_MM = 5.0
+_CLOSED_FORM = Certificate(0.0, tight=True)
+
+
+@dataclass(frozen=True, slots=True)
+class TouchReport:
+    """One touch; residual_mm: how far it is off the fit in the directions that it measured."""
+
+    name: str
+    used: bool
+    reason: str
+    residual_mm: float
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class TouchSolution:
+    """tcp_in_wrist: (3,) mm; covariance: (3, 3) of it, mm^2; object_from_base: universal only.
+
+    certificate: None where a method has none (unknown plane, ball). repeats: None where no target
+    was touched twice.
+    """
+
+    tcp_in_wrist: Array
+    covariance: Array
+    object_from_base: Pose | None
+    touches: tuple[TouchReport, ...]
+    certificate: Certificate | None
+    verdict: Verdict
+    repeats: Repeats | None = None
+
+    def to_json(self) -> dict[str, Any]:
+        """Plain values for `--json`: mm, poses 4x4 by rows."""
+        X, proof = self.object_from_base, self.certificate
+        return {
+            "tcp_in_wrist": self.tcp_in_wrist.tolist(),
+            "covariance": self.covariance.tolist(),
+            **({"object_from_base": X.matrix().tolist()} if X is not None else {}),
+            "touches": [
+                {
+                    "name": touch.name,
+                    "used": touch.used,
+                    "reason": touch.reason,
+                    "residual_mm": touch.residual_mm,
+                }
+                for touch in self.touches
+            ],
+            "certificate": {
+                "gap": proof.gap if proof else None,
+                "tight": proof is not None and proof.tight,
+            },
+            "verdict": {
+                "ok": self.verdict.ok,
+                "findings": [
+                    {"code": finding.code, "message": finding.message}
+                    for finding in self.verdict.findings
+                ],
+            },
+            **({"repeatability_mm": self.repeats.to_json()} if self.repeats else {}),
+        }
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Solved:
+    """What the kinds have in common; off_mm: (m,)."""
+
+    fit: RobustFit[Any]
+    tcp_in_wrist: Array
+    covariance: Array
+    off_mm: Array
+    object_from_base: Pose | None = None
+    certificate: Certificate | None = _CLOSED_FORM
+
+
+def solve_touches(path: Path) -> TouchSolution:
+    """TCP from a file of touches; bad touches are left out and named.
+
+    Raises ConfigError (all faults of the file), TooFewObservations, NotObservable (names the
+    missing motion) or DidNotConverge.
+    """
+    file = load_touches(path)
+    solved = _SOLVERS[file.kind](file)
+    repeats = find_repeats(file, solved.tcp_in_wrist, solved.fit.used)
+    weighed = with_repeated_sigma(file, repeats) if repeats else None
+    if repeats and weighed:
+        file, repeats = weighed, replace(repeats, applied=True)
+        solved = _SOLVERS[file.kind](file)
+    scale = noise_scale(solved.fit.result)
+    noisy = _is_noisy(solved.fit.result)
+    covariance = solved.covariance * (scale**2 if noisy else 1.0)
+    findings = [
+        *_contradiction(file, solved, noisy=noisy),
+        *_unproven(solved),
+        *_weakness(covariance, file.touches),
+        *_outliers(file, solved),
+    ]
+    return TouchSolution(
+        tcp_in_wrist=solved.tcp_in_wrist,
+        covariance=covariance,
+        object_from_base=solved.object_from_base,
+        touches=tuple(_reports(file, solved)),
+        certificate=solved.certificate,
+        verdict=Verdict(tuple(findings)),
+        repeats=repeats,
+    )
+
+
+def _universal(file: TouchFile) -> _Solved:
+    def solve(weights: Array) -> UniversalResult:
+        weighted = file.touches.weighted(weights)
+        return calibrate_universal(UniversalProblem(file.points_in_object, weighted))
+
+    fit = fit_without_outliers(solve, len(file.names))
+    best = fit.result
+    X = best.object_from_base
+    return _Solved(
+        fit,
+        best.tcp_in_wrist,
+        best.covariance[6:, 6:],
+        _measured_mm(file.touches, best.residuals_mm @ X.rotation),
+        X,
+        best.certificate,
+    )
+
+
+def _fixed_point(file: TouchFile) -> _Solved:
+    def solve(weights: Array) -> FixedPointResult:
+        return calibrate_fixed_point(file.touches.weighted(weights))
+
+    fit = fit_without_outliers(solve, len(file.names))
+    best = fit.result
+    off = _measured_mm(file.touches, best.residuals_mm)
+    return _Solved(fit, best.tcp_in_wrist, best.covariance[:3, :3], off)
+
+
+def _plane(file: TouchFile) -> _Solved:
+    fit = fit_without_outliers(
+        lambda weights: fit_plane(file.touches.weighted(weights), file.plane),
+        len(file.names),
+    )
+    best = fit.result
+    require_one_plane(best)
+    proof = _CLOSED_FORM if file.plane else None
+    off = np.abs(best.residuals_mm)
+    return _Solved(fit, best.tcp_in_wrist, best.covariance, off, certificate=proof)
+
+
+def _sphere(file: TouchFile) -> _Solved:
+    fit = fit_without_outliers(
+        lambda weights: fit_sphere(file.touches.weighted(weights), file.radius_mm),
+        len(file.names),
+    )
+    best = fit.result
+    require_one_sphere(best)
+    off = np.abs(best.residuals_mm)
+    return _Solved(fit, best.tcp_in_wrist, best.covariance, off, certificate=None)
+
+
+_SOLVERS = {
+    TouchKind.UNIVERSAL: _universal,
+    TouchKind.FIXED_POINT: _fixed_point,
+    TouchKind.PLANE: _plane,
+    TouchKind.SPHERE: _sphere,
+}
+
+
+def _measured_mm(touches: TouchSet, off_in_base: Array) -> Array:
+    """Length (m,) of errors (m, 3), directions that were not measured left out."""
+    off = np.einsum("mij,mj->mi", touches.measured().base_whiteners(), off_in_base)
+    return np.asarray(np.linalg.norm(off, axis=1))
+
+
+def _is_noisy(fit: TouchFit) -> bool:
+    """Whether chance explains the scatter in less than one of a thousand good files."""
+    if fit.freedom < 1:
+        return False
+    squares = float(np.sum(fit.whitened**2))
+    return float(gammaincc(fit.freedom / 2, squares / 2)) < _CHANCE
+
+
+def _contradiction(file: TouchFile, solved: _Solved, *, noisy: bool) -> list[Finding]:
+    left_out = int(np.sum(~solved.fit.used))
+    scale = noise_scale(solved.fit.result)
+    if file.kind is TouchKind.UNIVERSAL and (noisy or left_out):
+        points = file.points_in_object
+        everything = calibrate_universal(UniversalProblem(points, file.touches))
+        wrists = VariedWrists(file.touches)
+        found = misreading(file.names, points, wrists, noise_scale(everything))
+        if found is not None:
+            return [found]
+    if not noisy:
+        return []
+    rms = float(np.sqrt(np.mean(solved.off_mm[solved.fit.used] ** 2)))
+    if scale > _CONTRADICTORY and rms > _CONTRADICTORY_MM:
+        message = (
+            f"the touches contradict each other, {rms:.1f} mm rms: check targets, unit and "
+            "rotation format, that the object stood still and the tool kept its tip"
+        )
+        return [Finding("touches_contradict", message, fatal=True)]
+    message = (
+        f"the touches scatter {scale:.1f} times as much as their sigma promises ({rms:.2f} mm "
+        "rms): the covariance is enlarged accordingly; touch more carefully or correct sigma_mm"
+    )
+    return [Finding("touches_scatter", message)]
+
+
+def _unproven(solved: _Solved) -> list[Finding]:
+    proof = solved.certificate
+    if proof is None or proof.tight:
+        return []
+    message = (
+        f"another solution may fit better (gap {proof.gap:.1e}): add touches with other wrist "
+        "orientations"
+    )
+    return [Finding("not_proven", message, fatal=True)]
+
+
+def _weakness(covariance: Array, touches: TouchSet) -> list[Finding]:
+    radius = radius95(covariance)
+    if radius < _WEAK_MM:
+        return []
+    x, y, z = np.linalg.eigh(covariance)[1][:, -1]
+    message = (
+        f"the TCP is known to {radius:.0f} mm only (95 %), least along ({x:.2f}, {y:.2f}, {z:.2f}) "
+        f"of the flange: add to the {len(touches)} touches some with the wrist tilted further, "
+        "to several sides"
+    )
+    return [Finding("weak_motion", message, fatal=True)]
+
+
+def _outliers(file: TouchFile, solved: _Solved) -> list[Finding]:
+    return [
+        Finding("touch_outlier", f"touch {report.name}: {report.reason}; touch it again")
+        for report in _reports(file, solved)
+        if not report.used
+    ]
+
+
+def _reports(file: TouchFile, solved: _Solved) -> Sequence[TouchReport]:
+    return [
+        TouchReport(
+            name,
+            bool(used),
+            "" if used else f"left out, {off:.2f} mm and {score:.1f} sigma off the others",
+            float(off),
+        )
+        for name, used, off, score in zip(
+            file.names, solved.fit.used, solved.off_mm, solved.fit.scores, strict=True
+        )
+    ]

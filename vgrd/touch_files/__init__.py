@@ -1,6 +1,0 @@
-"""Touches in a TOML file, TCP out: `vgrd tcp`."""
-
-from vgrd.touch_files.document import TouchFile, TouchKind, load_touches
-from vgrd.touch_files.solving import TouchSolution, solve_touches
-
-__all__ = ["TouchFile", "TouchKind", "TouchSolution", "load_touches", "solve_touches"]

@@ -1,0 +1,258 @@
+"""Compiled choice of the pixels that a raster is fitted to: all near its edges, some of the flat ones."""
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vgrd.devices import Grey
+from vgrd.geometry import Array
+from vgrd.vision.alignment.raster_lines import line_table, strip_around
+from vgrd.vision.images.compiling import compiled, inlined
+from vgrd.vision.images.warp import pixel_at, q_at, ray, slopes
+
+Cells = NDArray[np.intp]
+
+_BLOCK, _PART = 16, 4  # px; blocks and their parts without an edge are passed over
+_PAPER_PX = 2.0  # paper used beyond the reach of the outer edges
+_AWAY, _FLAT, _MIXED = 0, 1, 2
+_TO_CORNER = math.sqrt(0.5)  # of a square's side
+
+
+@compiled
+def gather(
+    picture: Grey,
+    lens: Array,
+    r0: Array,
+    F: Array,
+    H: Array,
+    Hi: Array,
+    raster: tuple[Array, Array, Array],
+    reach: float,
+) -> tuple[Array, Array, Cells, int, int, Array]:
+    """Choose the pixels of a target: all within `reach` px of an edge, then one flat one per part.
+
+    raster: x lines, y lines, cells. Returns q (n, 2), level (n,), cell (n, 2) as (column, row), the
+    number of edge pixels, the number of places outside the picture, and (m, 3) colour, level and second
+    difference along the row of flat pixels.
+    """
+    x, y, cells = raster
+    isotropic = np.array([1.0, 0.0, 1.0])
+    U, V = line_table(Hi, x, 0, isotropic), line_table(Hi, y, 1, isotropic)
+    left, top, right, bottom = _bounds(lens, r0, F, H, x, y, picture.shape)
+    room = max(right - left + _BLOCK, 0) * max(bottom - top + _BLOCK, 0)
+    place, spot, flat = np.empty((room, 2)), np.empty((room, 4), np.intp), np.empty(room, np.intp)
+    found = 0
+    for by in range(top, bottom, _BLOCK):
+        for bx in range(left, right, _BLOCK):
+            local = _local_map(lens, r0, F, bx + 0.5 * (_BLOCK - 1), by + 0.5 * (_BLOCK - 1))
+            kind = _kind(U, V, cells, local[0], local[1], _TO_CORNER * (_BLOCK - 1) + reach)
+            if kind == _AWAY:
+                continue
+            for py in range(by, by + _BLOCK, _PART):
+                for px in range(bx, bx + _BLOCK, _PART):
+                    dx = px + 0.5 * (_PART - 1) - bx - 0.5 * (_BLOCK - 1)
+                    dy = py + 0.5 * (_PART - 1) - by - 0.5 * (_BLOCK - 1)
+                    qx = local[0] + local[2] * dx + local[3] * dy
+                    qy = local[1] + local[4] * dx + local[5] * dy
+                    part = kind
+                    if kind == _MIXED:
+                        part = _kind(U, V, cells, qx, qy, _TO_CORNER * (_PART - 1) + reach)
+                    if part != _AWAY:
+                        around = (qx, qy, local[2], local[3], local[4], local[5])
+                        is_flat = part == _FLAT
+                        found = _scan(
+                            U, V, cells, around, px, py, is_flat, reach, place, spot, flat, found
+                        )
+    return _read(picture, lens, r0, F, place, spot, flat, found, cells)
+
+
+@compiled
+def _bounds(
+    lens: Array, r0: Array, F: Array, H: Array, x: Array, y: Array, shape: tuple[int, int]
+) -> tuple[int, int, int, int]:
+    """Rectangle of pixels that holds the raster: left, top, right, bottom, not far outside the picture."""
+    Fi = np.asarray(np.linalg.inv(F), dtype=np.float64)
+    low_x, low_y, high_x, high_y = 1e9, 1e9, -1e9, -1e9
+    for X in (x[0], x[-1]):
+        for Y in (y[0], y[-1]):
+            qx, qy = q_at(H, X, Y)
+            px, py = pixel_at(lens, r0, Fi, qx, qy)
+            low_x, high_x = min(low_x, px), max(high_x, px)
+            low_y, high_y = min(low_y, py), max(high_y, py)
+    height, width = shape
+    return (
+        math.floor(max(low_x, -1.0 * width)),
+        math.floor(max(low_y, -1.0 * height)),
+        math.ceil(min(high_x, 2.0 * width)),
+        math.ceil(min(high_y, 2.0 * height)),
+    )
+
+
+@compiled
+def _local_map(
+    lens: Array, r0: Array, F: Array, px: float, py: float
+) -> tuple[float, float, float, float, float, float]:
+    """Q at a pixel, and its derivative by the pixel, row by row."""
+    x, y = ray(lens, px, py)
+    a, b, c, d = slopes(lens, x, y)
+    det = 1.0 / (a * d - b * c)
+    return (
+        F[0, 0] * (x - r0[0]) + F[0, 1] * (y - r0[1]),
+        F[1, 0] * (x - r0[0]) + F[1, 1] * (y - r0[1]),
+        (F[0, 0] * d - F[0, 1] * c) * det,
+        (F[0, 1] * a - F[0, 0] * b) * det,
+        (F[1, 0] * d - F[1, 1] * c) * det,
+        (F[1, 1] * a - F[1, 0] * b) * det,
+    )
+
+
+@inlined
+def _kind(U: Array, V: Array, cells: Array, qx: float, qy: float, radius: float) -> int:
+    """Whether the surroundings of a place are off the raster, of one colour, or mixed."""
+    rows, columns = cells.shape
+    ku, left, right = strip_around(U, qx, qy, columns // 2)
+    kv, above, below = strip_around(V, qx, qy, rows // 2)
+    if not (0 <= ku < columns and 0 <= kv < rows):
+        for table in (U, V):
+            first = table[0, 0] * qx + table[0, 1] * qy + table[0, 2]
+            last = table[-1, 0] * qx + table[-1, 1] * qy + table[-1, 2]
+            if first < -radius or last > radius:
+                return _AWAY
+        return _MIXED
+    near = (left < radius, right < radius, above < radius, below < radius)
+    if (near[0] and ku == 0) or (near[1] and ku == columns - 1):
+        return _MIXED
+    if (near[2] and kv == 0) or (near[3] and kv == rows - 1):
+        return _MIXED
+    return _MIXED if _varies(cells, ku, kv, near) else _FLAT
+
+
+@inlined
+def _scan(
+    U: Array,
+    V: Array,
+    cells: Array,
+    around: tuple[float, float, float, float, float, float],
+    px: int,
+    py: int,
+    is_flat: bool,
+    reach: float,
+    place: Array,
+    spot: Cells,
+    flat: NDArray[np.intp],
+    found: int,
+) -> int:
+    """Add the pixels of a part of a block: q, (x, y, column, row), flat; returns how many there are now.
+
+    flat: 0 near an edge, 1 for a flat pixel, 2 for the first pixel of a part that is all flat.
+    """
+    rows, columns = cells.shape
+    ku, kv = columns // 2, rows // 2
+    middle = 0.5 * (_PART - 1)
+    side = 1 if is_flat else _PART
+    for j in range(side):
+        for i in range(side):
+            dx, dy = i - middle, j - middle
+            qx = around[0] + around[2] * dx + around[3] * dy
+            qy = around[1] + around[4] * dx + around[5] * dy
+            ku, left, right = strip_around(U, qx, qy, ku)
+            kv, above, below = strip_around(V, qx, qy, kv)
+            if not (0 <= ku < columns and 0 <= kv < rows):
+                continue
+            near = (left < reach, right < reach, above < reach, below < reach)
+            edge = not is_flat and _varies(cells, ku, kv, near)
+            if not edge and (i > 0 or j > 0):
+                continue
+            if _usable(ku, columns, left, right, reach) and _usable(kv, rows, above, below, reach):
+                place[found, 0], place[found, 1] = qx, qy
+                spot[found, 0], spot[found, 1] = px + i, py + j
+                spot[found, 2], spot[found, 3] = ku, kv
+                flat[found] = 0 if edge else 2 if is_flat else 1
+                found += 1
+    return found
+
+
+@inlined
+def _usable(k: int, strips: int, low: float, high: float, reach: float) -> bool:
+    """Whether a place is far enough from the rim of the raster, and not far out on the paper."""
+    rim = min(reach, 0.4 * (low + high))
+    if k == 0:
+        return low > rim and high < reach + _PAPER_PX
+    if k == strips - 1:
+        return high > rim and low < reach + _PAPER_PX
+    return True
+
+
+@inlined
+def _varies(cells: Array, ku: int, kv: int, near: tuple[bool, bool, bool, bool]) -> bool:
+    """Whether cells of different colour lie within reach (left, right, above, below)."""
+    rows, columns = cells.shape
+    here = cells[kv, ku]
+    v0 = kv - 1 if near[2] and kv > 0 else kv
+    v1 = kv + 1 if near[3] and kv < rows - 1 else kv
+    u0 = ku - 1 if near[0] and ku > 0 else ku
+    u1 = ku + 1 if near[1] and ku < columns - 1 else ku
+    across = cells[kv, u0] != here or cells[kv, u1] != here
+    along = cells[v0, ku] != here or cells[v1, ku] != here
+    corners = (cells[v0, u0], cells[v0, u1], cells[v1, u0], cells[v1, u1])
+    return across or along or corners != (here, here, here, here)
+
+
+@compiled
+def _read(
+    picture: Grey,
+    lens: Array,
+    r0: Array,
+    F: Array,
+    place: Array,
+    spot: Cells,
+    flat: NDArray[np.intp],
+    found: int,
+    cells: Array,
+) -> tuple[Array, Array, Cells, int, int, Array]:
+    """Levels and exact q of the chosen pixels, those near edges first."""
+    height, width = picture.shape
+    Fi = np.asarray(np.linalg.inv(F), dtype=np.float64)
+    q, level, cell = np.empty((found, 2)), np.empty(found), np.empty((found, 2), np.intp)
+    bends = np.empty((2 * _PART * found, 3))
+    edges, total, lost, plain = 0, 0, 0, 0
+    for flats in (False, True):
+        for i in range(found):
+            if (flat[i] > 0) != flats:
+                continue
+            px, py = spot[i, 0], spot[i, 1]
+            if px < 0 or py < 0 or px >= width or py >= height:
+                lost += 1
+                continue
+            x, y = place[i, 0], place[i, 1]
+            u, v = pixel_at(lens, r0, Fi, x, y)
+            q[total, 0], q[total, 1] = x + (px - u), y + (py - v)  # q moves as pixels do
+            level[total] = picture[py, px]
+            cell[total, 0], cell[total, 1] = spot[i, 2], spot[i, 3]
+            total += 1
+            if flats:
+                colour = cells[spot[i, 3], spot[i, 2]]
+                side = _PART if flat[i] > 1 else 1
+                plain = _bend(picture, px, py, side, colour, bends, plain)
+        if not flats:
+            edges = total
+    return q[:total], level[:total], cell[:total], edges, lost, bends[:plain]
+
+
+@compiled
+def _bend(
+    picture: Grey, px: int, py: int, side: int, colour: float, bends: Array, plain: int
+) -> int:
+    """Add second differences along the rows of a flat square of pixels; returns how many there are now."""
+    height, width = picture.shape
+    first, last = (px, px + 1) if side == 1 else (px + 1, px + side - 1)
+    if first < 1 or last >= width or py + side > height:
+        return plain
+    for y in range(py, py + side, 2):
+        for x in range(first, last):
+            here = float(picture[y, x])
+            bends[plain, 0], bends[plain, 1] = colour, here
+            bends[plain, 2] = float(picture[y, x - 1]) - 2 * here + float(picture[y, x + 1])
+            plain += 1
+    return plain

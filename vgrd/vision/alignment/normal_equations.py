@@ -1,0 +1,120 @@
+"""Compiled normal equations of the photometric fit.
+
+Model of a pixel's level: gain(q) T(q) + offset(q), T the share of white under a Gaussian of covariance S
+(px^2, `vgrd.vision.alignment.edge_response`). "Bloom" moves every edge towards white by as many pixels: ink spread,
+gamma and clipping.
+
+Parameters, in this order: 8 of the homography (motion of q / scale: (a b c, d e f, g h 0)), 3 of S
+(xx, xy, yy), bloom, then gain and offset as polynomials of q / scale (3 or 6 terms each).
+"""
+
+import math
+
+import numpy as np
+
+from vgrd.geometry import Array
+from vgrd.vision.alignment.edge_response import share
+from vgrd.vision.alignment.gathering import Cells
+from vgrd.vision.alignment.raster_lines import line_table, node_table
+from vgrd.vision.images.compiling import compiled, inlined
+
+SHAPE, BLOOM, LIGHT = 8, 11, 12  # first index of each group of parameters
+_BATCH = 128  # samples whose derivatives are kept in the processor's cache
+
+
+@compiled
+def accumulate(
+    q: Array,
+    level: Array,
+    cell: Cells,
+    edges: int,
+    every: int,
+    Hi: Array,
+    x: Array,
+    y: Array,
+    cells: Array,
+    scale: float,
+    S: Array,
+    bloom: float,
+    gain: Array,
+    offset: Array,
+    noise: Array,
+    residual: Array,
+) -> tuple[Array, Array, float, int]:
+    """Normal equations of one Gauss-Newton step over every `every`-th sample.
+
+    noise: variance of a level is noise[0] level + noise[1]. residual (n,): filled with the residuals in
+    standard deviations. Returns A (p, p), g (p,), chi-square, number of samples.
+    """
+    terms = len(gain)
+    parameters = LIGHT + 2 * terms
+    U, V = line_table(Hi, x, 0, S), line_table(Hi, y, 1, S)
+    nodes = node_table(U, V, S)
+    A, g = np.zeros((parameters, parameters)), np.zeros(parameters)
+    J, r, w = np.zeros((parameters, _BATCH)), np.zeros(_BATCH), np.zeros(_BATCH)
+    slope, mono = np.zeros(6), np.ones(6)
+    chi2, count, filled = 0.0, 0, 0
+    for i in range(0, len(level), every):
+        X, Y = q[i, 0] / scale, q[i, 1] / scale
+        mono[1], mono[2] = X, Y
+        mono[3], mono[4], mono[5] = X * X, X * Y, Y * Y
+        bright, dark = 0.0, 0.0
+        for m in range(terms):
+            bright += gain[m] * mono[m]
+            dark += offset[m] * mono[m]
+        if i < edges:
+            ku, kv = cell[i, 0], cell[i, 1]
+            T = share(cells, ku, kv, q[i, 0], q[i, 1], U, V, nodes, bloom, slope)
+        else:
+            T = cells[cell[i, 1], cell[i, 0]]
+            slope[:] = 0.0
+        _fill(J, filled, slope, mono, terms, T, bright, scale)
+        model = bright * T + dark
+        weight = 1.0 / (noise[0] * max(model, 0.0) + noise[1])
+        r[filled], w[filled] = level[i] - model, weight
+        residual[i] = r[filled] * math.sqrt(weight)
+        chi2 += residual[i] * residual[i]
+        count += 1
+        filled += 1
+        if filled == _BATCH or i + every >= len(level):
+            _add(A, g, J, r, w, filled)
+            filled = 0
+    for m in range(parameters):
+        for n in range(m):
+            A[n, m] = A[m, n]
+    return A, g, chi2, count
+
+
+@inlined
+def _fill(
+    J: Array, at: int, slope: Array, mono: Array, terms: int, T: float, bright: float, scale: float
+) -> None:
+    """Derivatives of one level by all parameters, into column `at`."""
+    X, Y = mono[1], mono[2]
+    gx, gy = -bright * slope[0] * scale, -bright * slope[1] * scale
+    J[0, at], J[1, at], J[2, at] = gx * X, gx * Y, gx
+    J[3, at], J[4, at], J[5, at] = gy * X, gy * Y, gy
+    pull = -(gx * X + gy * Y)
+    J[6, at], J[7, at] = pull * X, pull * Y
+    for m in range(4):
+        J[SHAPE + m, at] = bright * slope[2 + m]
+    for m in range(terms):
+        J[LIGHT + m, at] = T * mono[m]
+        J[LIGHT + terms + m, at] = mono[m]
+
+
+@compiled
+def _add(A: Array, g: Array, J: Array, r: Array, w: Array, filled: int) -> None:
+    """Add a batch to the lower half of the normal equations."""
+    weighted = np.empty(filled)
+    for m in range(len(g)):
+        total = 0.0
+        for k in range(filled):
+            weighted[k] = J[m, k] * w[k]
+            total += weighted[k] * r[k]
+        g[m] += total
+        for n in range(m + 1):
+            square = 0.0
+            for k in range(filled):
+                square += weighted[k] * J[n, k]
+            A[m, n] += square

@@ -1,0 +1,292 @@
+"""Photometric alignment: the homography of a printed raster from all of its pixels, at the noise limit.
+
+Gauss-Newton over 8 parameters of the homography, 3 of the blur, bloom, and a gain and an offset that
+vary over the target. The result are the four corners with their covariance, which carry all that
+the picture tells: a pose is fitted to them, not to the pixels (`vgrd.vision.tags.planar_pose`).
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from vgrd.devices import Grey
+from vgrd.geometry import Array
+from vgrd.vision.alignment.gathering import Cells, gather
+from vgrd.vision.alignment.normal_equations import BLOOM, LIGHT, SHAPE, accumulate
+from vgrd.vision.images.homography import apply, inverse, moved, normalised, to_pixels
+from vgrd.vision.images.noise import Noise, noise_in
+from vgrd.vision.images.warp import LocalFrame
+from vgrd.vision.print.raster import Raster
+
+_SIGMA_PX = 0.8  # blur to start from
+_REACH_SIGMAS = 3.4
+_MARGIN_PX = 0.5  # by which the start may be off
+_QUADRATIC_LIGHT_PX = 400.0  # larger targets need a light that bends
+_MAX_STEPS = 14
+_SPARSE, _MANY, _FEWEST = 4, 4000, 60  # every fourth pixel while there are many; too few to fit
+_ENOUGH_FOR_LIGHT = 1500
+_SETTLED_PX, _STILL_PX, _FARTHEST_PX = 0.2, 0.01, 6.0  # a step squared is what a step leaves
+_LEAST_CONTRAST = 6.0
+_ANISOTROPY_PX2 = 0.5  # believed difference of the variances of the blur along two directions
+_BLUR_RANGE_PX = (0.35, 6.0)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PhotometricFit:
+    """A raster aligned with a picture.
+
+    corners_px (4, 2) and their covariance (8, 8) px^2, which holds when chi2 (per pixel) is one; blur:
+    (2, 2) covariance of the point spread and the pixel, px^2; bloom_px: shift of the edges
+    towards white; contrast: grey levels between black and white; residuals (n,) in standard
+    deviations at the places q (n, 2), in the cells (n, 2) (column, row), the `edge_pixels` pixels near
+    edges first.
+    """
+
+    corners_px: Array
+    covariance: Array
+    chi2: float
+    steps: int
+    blur: Array
+    bloom_px: float
+    gain: Array
+    offset: Array
+    noise: Noise
+    outside: float
+    residuals: Array
+    q: Array
+    cells: Cells
+    edge_pixels: int
+    q_from_target: Array
+    frame: LocalFrame
+
+    @property
+    def contrast(self) -> float:
+        """Grey levels between black and white in the middle of the target."""
+        return float(self.gain[0])
+
+    @property
+    def misfit(self) -> float:
+        """Root mean square of what the model leaves beyond the noise, as a share of the contrast."""
+        return self._beyond_noise(self.chi2)
+
+    @property
+    def flat_misfit(self) -> float:
+        """The same in flat pixels: there only the light counts, not how sharp the print or the lens is."""
+        flat = self.residuals[self.edge_pixels :]
+        return self._beyond_noise(float(np.mean(flat**2)) if flat.size else 0.0)
+
+    def residual_map(self, shape: tuple[int, int]) -> tuple[tuple[slice, slice], Array]:
+        """Part (rows, columns) of a picture of this shape (h, w), and there the residuals; NaN elsewhere."""
+        x, y = np.rint(self.frame.pixels_of(self.q)).astype(int).T
+        region = (
+            slice(max(y.min(), 0), min(y.max() + 1, shape[0])),
+            slice(max(x.min(), 0), min(x.max() + 1, shape[1])),
+        )
+        out = np.full(shape, np.nan)
+        out[y, x] = self.residuals
+        return region, out[region]
+
+    def _beyond_noise(self, chi2: float) -> float:
+        level = self.offset[0] + self.gain[0] / 2
+        variance = self.noise.shot * level + self.noise.read
+        return float(np.sqrt(max(chi2 - 1, 0) * variance) / max(self.contrast, 1e-9))
+
+
+def align(
+    picture: Grey,
+    raster: Raster,
+    frame: LocalFrame,
+    q_from_target: Array,
+    noise: Noise | None = None,
+    sigma_px: float = _SIGMA_PX,
+) -> PhotometricFit | None:
+    """Align a raster from a start good to about a pixel; None when it does not come to an end.
+
+    q_from_target: homography (3, 3) from the target's plane (mm) to the frame's q plane.
+    """
+    H = normalised(q_from_target)
+    corners = apply(H, raster.corners)
+    scale = float(np.abs(corners - corners.mean(0)).max())
+    fit = _Iteration(picture, raster, frame, H, scale, noise, sigma_px)
+    return fit.run()
+
+
+class _Iteration:
+    """The state of one Gauss-Newton iteration."""
+
+    def __init__(
+        self,
+        picture: Grey,
+        raster: Raster,
+        frame: LocalFrame,
+        H: Array,
+        scale: float,
+        noise: Noise | None,
+        sigma_px: float,
+    ) -> None:
+        self.picture, self.raster, self.frame = picture, raster, frame
+        self.H, self.scale = H, scale
+        self.terms = 6 if 2 * scale > _QUADRATIC_LIGHT_PX else 3
+        self.given_noise = noise
+        self.S = np.array([1.0, 0.0, 1.0]) * sigma_px**2
+        self.bloom = 0.0
+        self.gain, self.offset = np.zeros(self.terms), np.zeros(self.terms)
+        self._gather()
+
+    def _gather(self) -> None:
+        """Choose the pixels around where the edges are thought to be, and measure the noise."""
+        self.reach = _reach(self.S) + _MARGIN_PX
+        self.chosen_at = apply(self.H, self.raster.corners)
+        frame, raster = self.frame, self.raster
+        self.q, self.level, self.cell, self.edges, lost, flat = gather(
+            self.picture,
+            frame.lens,
+            frame.r0,
+            frame.F,
+            self.H,
+            inverse(self.H),
+            (raster.x, raster.y, raster.cells),
+            self.reach,
+        )
+        self.residual = np.zeros(len(self.level))
+        self.outside = lost / max(len(self.level) + lost, 1)
+        self.noise = self.given_noise or noise_in(flat)
+
+    def run(self) -> PhotometricFit | None:
+        """Iterate to the minimum: first on a part of the pixels, at last on all."""
+        if not self._fit_light():
+            return None
+        every = self._sparse
+        for step in range(1, _MAX_STEPS + 1):
+            equations = self._normal_equations(every)
+            change = _solved(*equations[:2])
+            if change is None:
+                return None
+            shift = self._take(change)
+            if not shift < _FARTHEST_PX:
+                return None
+            if shift < _SETTLED_PX or step > _MAX_STEPS // 2:
+                if self._strayed():
+                    self._gather()
+                    if not self._fit_light():
+                        return None
+                elif every == 1 and shift < _STILL_PX:
+                    return self._result(equations, change, step)
+                else:
+                    every = 1
+        return None
+
+    def _strayed(self) -> bool:
+        """Whether the pixels were chosen for a place or a blur that does not hold any more."""
+        away = np.abs(apply(self.H, self.raster.corners) - self.chosen_at).max()
+        return bool(away > _MARGIN_PX / 2 or _reach(self.S) > self.reach)
+
+    @property
+    def _sparse(self) -> int:
+        return _SPARSE if self.edges > _MANY else 1
+
+    def _normal_equations(self, every: int) -> tuple[Array, Array, float, int]:
+        """Sums of `accumulate`, and a weak belief that the blur is as wide in all directions."""
+        raster = self.raster
+        A, g, chi2, count = accumulate(
+            self.q,
+            self.level,
+            self.cell,
+            self.edges,
+            every,
+            inverse(self.H),
+            raster.x,
+            raster.y,
+            raster.cells,
+            self.scale,
+            self.S,
+            self.bloom,
+            self.gain,
+            self.offset,
+            np.array([self.noise.shot, self.noise.read]),
+            self.residual,
+        )
+        for row in np.array([[1.0, 0.0, -1.0], [0.0, 2.0, 0.0]]) / _ANISOTROPY_PX2:
+            A[SHAPE:BLOOM, SHAPE:BLOOM] += np.outer(row, row)
+            g[SHAPE:BLOOM] -= row * (row @ self.S)
+        return A, g, chi2, count
+
+    def _fit_light(self) -> bool:
+        """Solve for gain and offset alone; false when there is nothing to see."""
+        if self.edges < _FEWEST:
+            return False
+        self.gain, self.offset = np.zeros(self.terms), np.zeros(self.terms)
+        A, g, _, _ = self._normal_equations(max(len(self.level) // _ENOUGH_FOR_LIGHT, 1))
+        light = _solved(A[LIGHT:, LIGHT:], g[LIGHT:])
+        if light is None:
+            return False
+        self.gain, self.offset = light[: self.terms], light[self.terms :]
+        return bool(self.gain[0] > _LEAST_CONTRAST)
+
+    def _take(self, change: Array) -> float:
+        """Apply a step; returns by how much it moved the corners, the blur and the bloom, px."""
+        before = apply(self.H, self.raster.corners)
+        self.H = moved(self.H, change[:SHAPE], self.scale)
+        shift = np.abs(apply(self.H, self.raster.corners) - before).max()
+        sigma = np.sqrt(self.S[[0, 2]])
+        limit = 0.7 * self.S[[0, 0, 2]]
+        self.S = _blur_within(self.S + np.clip(change[SHAPE:BLOOM], -limit, 2 * limit))
+        self.bloom += float(np.clip(change[BLOOM], -0.5, 0.5))
+        self.gain = self.gain + change[LIGHT : LIGHT + self.terms]
+        self.offset = self.offset + change[LIGHT + self.terms :]
+        blurred = np.abs(np.sqrt(self.S[[0, 2]]) - sigma).max()
+        return float(max(shift, blurred, abs(change[BLOOM])))
+
+    def _result(
+        self, equations: tuple[Array, Array, float, int], change: Array, steps: int
+    ) -> PhotometricFit:
+        A, g, chi2, count = equations
+        covariance = _inverse(A)[:SHAPE, :SHAPE]
+        q = apply(self.H, self.raster.corners)
+        corners, covariance = to_pixels(self.frame, q, covariance, self.scale)
+        return PhotometricFit(
+            corners_px=corners,
+            covariance=covariance,
+            chi2=float(chi2 - g @ change) / max(count - len(g), 1),
+            steps=steps,
+            blur=np.array([[self.S[0], self.S[1]], [self.S[1], self.S[2]]]),
+            bloom_px=self.bloom,
+            gain=self.gain,
+            offset=self.offset,
+            noise=self.noise,
+            outside=self.outside,
+            residuals=self.residual,
+            q=self.q,
+            cells=self.cell,
+            edge_pixels=self.edges,
+            q_from_target=self.H,
+            frame=self.frame,
+        )
+
+
+def _reach(S: Array) -> float:
+    """How far from an edge its blur is seen, px."""
+    return float(_REACH_SIGMAS * np.sqrt(max(S[0], S[2])))
+
+
+def _blur_within(S: Array) -> Array:
+    """Blur (3,) with variances within bounds and less than full correlation."""
+    low, high = _BLUR_RANGE_PX
+    xx, yy = np.clip(S[[0, 2]], low**2, high**2)
+    most = 0.95 * np.sqrt(xx * yy)
+    return np.array([xx, np.clip(S[1], -most, most), yy])
+
+
+def _solved(A: Array, g: Array) -> Array | None:
+    """Solution of the normal equations; None when they are singular."""
+    scale = 1 / np.sqrt(np.maximum(np.diag(A), 1e-300))
+    try:
+        x = scale * np.linalg.solve(A * np.outer(scale, scale), scale * g)
+    except np.linalg.LinAlgError:
+        return None
+    return x if np.isfinite(x).all() else None
+
+
+def _inverse(A: Array) -> Array:
+    scale = 1 / np.sqrt(np.diag(A))
+    return np.asarray(np.linalg.inv(A * np.outer(scale, scale)) * np.outer(scale, scale))

@@ -1,0 +1,111 @@
+"""From coarse corners to the best ones: edge fit, photometric fit, and which of them to believe."""
+
+from dataclasses import dataclass
+from enum import StrEnum
+
+import numpy as np
+
+from vgrd.devices import Grey
+from vgrd.geometry import Array
+from vgrd.vision.alignment.edges import EdgeFit, coarse_homography, fit_edges, has_strayed
+from vgrd.vision.alignment.photometric import PhotometricFit, align
+from vgrd.vision.alignment.printed_lines import with_printed_lines
+from vgrd.vision.images.homography import apply, from_points
+from vgrd.vision.images.noise import Noise
+from vgrd.vision.images.warp import LocalFrame
+from vgrd.vision.print.raster import Raster
+
+WORST_CHI2 = 1.5
+_BETTER = 0.7  # of the chi-square, for lines that were printed elsewhere
+_USEFUL_CELL = 0.1
+WORST_MISFIT = 0.02  # of the contrast: what real prints and lenses leave beyond the noise
+
+
+class Method(StrEnum):
+    """Which fit the corners come from."""
+
+    PHOTOMETRIC = "photometric"
+    EDGES = "edges"
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Refined:
+    """Corners (4, 2) px with covariance (8, 8), the fit they come from, and the photometric fit if there is one.
+
+    edges_seen: share of the edges that agree with a fit of edges.
+    """
+
+    corners_px: Array
+    covariance: Array
+    method: Method
+    fit: PhotometricFit | None
+    edges_seen: float
+
+
+def refine(
+    picture: Grey,
+    raster: Raster,
+    corners_px: Array,
+    lens: Array,
+    noise: Noise | None = None,
+    *,
+    lines_are_sure: bool = False,
+) -> Refined | None:
+    """Refine corners (4, 2) that are good to a third of a cell; None when nothing fits.
+
+    lens: `lens_vector` of the camera, or `NO_LENS`. lines_are_sure: do not ask where the inner lines
+    were printed.
+    """
+    picture = read_only(picture)
+    frame = LocalFrame.around(lens, corners_px.mean(0))
+    try:
+        H = from_points(raster.corners, frame.q_of(corners_px))
+    except np.linalg.LinAlgError:
+        return None
+    coarse = coarse_homography(picture, raster, frame, H)
+    start, seen = (H, 0.0) if coarse is None else coarse
+    if has_strayed(start, raster, apply(H, raster.corners)):
+        return None
+    fit = align(picture, raster, frame, start, noise)
+    if fit is not None and fit.chi2 > WORST_CHI2 and not lines_are_sure:
+        fit = _as_printed(picture, raster, fit, noise)
+    if fit is not None and trusted(fit):
+        covariance = fit.covariance * max(fit.chi2, 1.0)
+        return Refined(fit.corners_px, covariance, Method.PHOTOMETRIC, fit, seen)
+    edges = fit_edges(picture, raster, frame, start)
+    if edges is None or not _is_useful(edges, raster):
+        return None
+    if has_strayed(edges.q_from_target, raster, apply(start, raster.corners)):
+        return None
+    return Refined(edges.corners_px, edges.covariance, Method.EDGES, fit, edges.used)
+
+
+def read_only(picture: Grey) -> Grey:
+    """The picture as the cameras' rings give it: compiled loops tell it from one that may be written."""
+    view = picture.view()
+    view.flags.writeable = False
+    return view
+
+
+def _as_printed(
+    picture: Grey, raster: Raster, fit: PhotometricFit, noise: Noise | None
+) -> PhotometricFit:
+    """The fit with the inner lines where they were printed, if that explains the picture better."""
+    printed = with_printed_lines(picture, raster, fit.frame, fit.q_from_target)
+    if printed is None:
+        return fit
+    other = align(picture, printed[0], fit.frame, printed[1], noise)
+    return fit if other is None or other.chi2 > _BETTER * fit.chi2 else other
+
+
+def _is_useful(edges: EdgeFit, raster: Raster) -> bool:
+    """Whether the corners are known better than the coarse detection knew them."""
+    side = float(np.linalg.norm(edges.corners_px[1] - edges.corners_px[0]))
+    cell = side * raster.smallest_cell / float(np.ptp(raster.corners[:, 0]))
+    variances = np.diag(edges.covariance)
+    return bool(variances.min() > 0 and variances.max() < (_USEFUL_CELL * cell) ** 2)
+
+
+def trusted(fit: PhotometricFit) -> bool:
+    """Whether the picture is as the model says, up to noise or to what real prints leave."""
+    return fit.chi2 < WORST_CHI2 or fit.misfit < WORST_MISFIT

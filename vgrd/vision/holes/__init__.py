@@ -1,0 +1,4 @@
+"""Holes of an object, found from where they should be.
+
+May import images.
+"""

@@ -1,0 +1,275 @@
+"""Circular holes of the object, measured in a plane that a tag gives: p_f and every CAD hole.
+
+The centre of a circle does not project to the centre of its image (0.4 px at a tilt of 20 degrees), so
+the rim is fitted as a circle of the plane (`vgrd.vision.holes.rim`). A Hough transform of the rectified
+surroundings gives the start. What is not there, half hidden or ambiguous raises HoleNotSeen: nothing is
+guessed.
+"""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vgrd.devices import Pixels
+from vgrd.errors import HoleNotSeen, InputError
+from vgrd.geometry import Array, Pose
+from vgrd.geometry.camera import CameraModel
+from vgrd.model import frozen_array
+from vgrd.vision.holes.rim import Rim, measure_rim
+from vgrd.vision.holes.seed import circles_near, rims_around
+from vgrd.vision.holes.view import Circle, Outline, PlaneView, on_circle, turn_angles
+
+RIM_HEIGHT_SIGMA_MM = 0.02
+RADIUS_TOLERANCE = 0.15
+_LEAST_RIM = 0.6  # share of the rim that must fit one circle
+_WIDEST_GAP_RAD = np.radians(100)
+_SAME_SIGN = 0.95
+_OFF_PX = 1.5  # of a sector that fits no circle: scratches and shades move it less
+_WORST_CHI2 = 9.0
+_OUTLINE = 64
+_OTHER_RIM = 0.3  # contrast of a second rim against that of the first
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class HoleObservation:
+    """A hole in one picture.
+
+    center_px (2,): projection of the circle's centre (not the centre of its image); pixel_covariance
+    (2, 2), px^2, of the rim alone. center_in_plane (2,) mm and covariance (2, 2) mm^2, which holds rim,
+    rim height and the plane's pose. radius_mm with radius_sigma_mm. rim: share of it that was seen;
+    chi2: of the rim's sectors per degree of freedom; findings: sentences for the operator. outline_px
+    (m, 2): image of the fitted circle; rim_px (n, 2): edges of the sectors that were used.
+    """
+
+    center_px: Array
+    pixel_covariance: Array
+    center_in_plane: Array
+    covariance: Array
+    radius_mm: float
+    radius_sigma_mm: float
+    rim: float
+    chi2: float
+    blur_px: float
+    outline_px: Array
+    rim_px: Array
+    findings: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class HoleSpec:
+    """A hole in CAD: its centre (3,) in the object, mm, on the rim's plane; radius."""
+
+    point_in_object: Array
+    radius_mm: float
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class HoleSighting:
+    """A hole by its target's name; pixel (2,) and the sigma of each coordinate."""
+
+    target: str
+    pixel: Array
+    sigma_px: float
+    hole: HoleObservation
+
+
+def find_hole(
+    grey: Pixels,
+    camera: CameraModel,
+    camera_from_plane: Pose,
+    radius_mm: float,
+    center_guess_in_plane: Array | None = None,
+    *,
+    search_mm: float | None = None,
+    rim_height_mm: float = 0.0,
+    rim_height_sigma_mm: float = RIM_HEIGHT_SIGMA_MM,
+    plane_covariance: Array | None = None,
+) -> HoleObservation:
+    """Measure one hole of known radius in a grey picture (h, w).
+
+    camera_from_plane: of a tag, z into the paper; the rim is rim_height_mm above it, toward the
+    camera. The centre is looked for within search_mm (one radius) of the guess, without a guess within
+    8 radii of the plane's origin. plane_covariance: (6, 6) of a left tangent perturbation, exact
+    without. Raises HoleNotSeen with the reason, InputError for a radius that is not positive.
+    """
+    if not radius_mm > 0:
+        raise InputError(f"the radius of a hole must be above 0, not {radius_mm:g} mm")
+    guess = np.zeros(2) if center_guess_in_plane is None else np.asarray(center_guess_in_plane)
+    reach = (8 if center_guess_in_plane is None else 1) * radius_mm
+    reach = search_mm or reach
+    raised = _raised(camera_from_plane, rim_height_mm)
+    view = PlaneView(grey, camera, raised)
+    if not view.fits(Circle(guess, radius_mm), 2.0) and center_guess_in_plane is not None:
+        raise HoleNotSeen("the hole is at the edge of the picture or outside: move the camera")
+    rim = _only_one(view, Circle(guess, radius_mm), reach)
+    findings = _second_rim(view, rim, radius_mm)
+    return _observation(
+        view, camera, camera_from_plane, rim,
+        (rim_height_mm, rim_height_sigma_mm), plane_covariance, findings,
+    )  # fmt: skip
+
+
+def sight_holes(
+    grey: Pixels,
+    camera: CameraModel,
+    camera_from_tag_b: Pose,
+    object_from_tag_b: Pose,
+    holes: Mapping[str, HoleSpec],
+    *,
+    search_mm: float | None = None,
+) -> tuple[list[HoleSighting], dict[str, str]]:
+    """Look for the object's CAD holes in a picture in which tag B was seen.
+
+    Returns the sightings for the joint estimate, and by name why the other holes were not measured.
+    Every rim's plane is parallel to the tag's, through the hole's own CAD point.
+    """
+    seen, missing = [], {}
+    tag_b_from_object = object_from_tag_b.inverse()
+    for name, hole in holes.items():
+        x, y, z = tag_b_from_object.apply(hole.point_in_object)
+        try:
+            found = find_hole(
+                grey, camera, camera_from_tag_b, hole.radius_mm, np.array([x, y]),
+                search_mm=search_mm, rim_height_mm=-z,
+            )  # fmt: skip
+        except HoleNotSeen as reason:
+            missing[name] = str(reason)
+            continue
+        sigma = float(np.sqrt(np.trace(found.pixel_covariance) / 2))
+        seen.append(HoleSighting(name, found.center_px, sigma, found))
+    return seen, missing
+
+
+def _only_one(view: PlaneView, expected: Circle, reach_mm: float) -> Rim:
+    """The one rim within reach; HoleNotSeen tells why there is none, or that there are several."""
+    found: list[Rim] = []
+    reasons = []
+    for start in circles_near(view, expected, reach_mm, RADIUS_TOLERANCE):
+        rim = measure_rim(view, start)
+        reason = _reason_against(rim, expected, reach_mm)
+        if rim is None or reason:
+            reasons.append(reason)
+        elif all(_apart(rim, other) > 0.1 * expected.radius for other in found):
+            found.append(rim)
+    if len(found) > 1:
+        raise HoleNotSeen(
+            f"{len(found)} holes of this size are within {reach_mm:.3g} mm of where it should be: "
+            "give a better place or a smaller search"
+        )
+    if not found:
+        raise HoleNotSeen(reasons[0] if reasons else "no circle is where the hole should be")
+    return found[0]
+
+
+def _reason_against(rim: Rim | None, expected: Circle, reach_mm: float) -> str:
+    """Why a rim is not the hole's, empty when it is."""
+    if rim is None:
+        return "no rim is where the hole should be"
+    off = np.abs(rim.offsets_px) > max(_OFF_PX, rim.blur_px)
+    good = (rim.weights > 0) & np.isfinite(rim.sigmas_px) & ~off
+    share = float(good.mean())
+    if share < _LEAST_RIM or _widest_gap(good) > _WIDEST_GAP_RAD:
+        return f"only {share:.0%} of the rim fits one circle: the hole is partly hidden"
+    sign = np.sign(rim.contrast[good])
+    if max((sign > 0).mean(), (sign < 0).mean()) < _SAME_SIGN:
+        return "the rim is dark on one side and bright on the other: change the light"
+    if abs(rim.circle.radius / expected.radius - 1) > RADIUS_TOLERANCE:
+        return f"a circle of {rim.circle.radius:.2f} mm radius is there, expected {expected.radius:.2f}"
+    if np.linalg.norm(rim.circle.centre - expected.centre) > reach_mm:
+        return f"no hole is within {reach_mm:.3g} mm of where it should be"
+    if rim.chi2 > _WORST_CHI2:
+        return f"the rim is no circle (chi-square {rim.chi2:.1f} per freedom): clean or light it"
+    return ""
+
+
+def _second_rim(view: PlaneView, rim: Rim, radius_mm: float) -> tuple[str, ...]:
+    """Findings about other rims around the same centre; HoleNotSeen when it is open which one counts."""
+    others = [radius for radius, share in rims_around(view, rim.circle) if share > _OTHER_RIM]
+    for radius in others:
+        if abs(radius / radius_mm - 1) <= RADIUS_TOLERANCE:
+            raise HoleNotSeen(
+                f"the hole has two rims, of {rim.circle.radius:.2f} and {radius:.2f} mm radius, "
+                f"and {radius_mm:.2f} mm is near both: give the radius of the one that counts"
+            )
+    return tuple(
+        f"a second rim of {radius:.2f} mm radius (chamfer) is around" for radius in others
+    )
+
+
+def _observation(
+    view: PlaneView,
+    camera: CameraModel,
+    camera_from_plane: Pose,
+    rim: Rim,
+    height: tuple[float, float],
+    plane_covariance: Array | None,
+    findings: Sequence[str],
+) -> HoleObservation:
+    centre, own = rim.circle.centre, rim.covariance[:2, :2]
+    pixels, J = view.image_of(centre[None])
+    ray = np.append(camera.normalize(pixels)[0], 1.0)
+    by_height = _change(
+        lambda h: _on_plane(_raised(camera_from_plane, height[0] + float(h[0])), ray), 1
+    )
+    total = own + height[1] ** 2 * by_height @ by_height.T
+    if plane_covariance is not None:
+        by_pose = _change(
+            lambda xi: _on_plane(_raised(Pose.exp(xi) @ camera_from_plane, height[0]), ray), 6
+        )
+        total = total + by_pose @ plane_covariance @ by_pose.T
+    return HoleObservation(
+        center_px=frozen_array(pixels[0], 2),
+        pixel_covariance=frozen_array(J[0] @ own @ J[0].T, 2, 2),
+        center_in_plane=frozen_array(centre, 2),
+        covariance=frozen_array(total, 2, 2),
+        radius_mm=rim.circle.radius,
+        radius_sigma_mm=float(np.sqrt(rim.covariance[2, 2])),
+        rim=float((rim.weights > 0).mean()),
+        chi2=rim.chi2,
+        blur_px=rim.blur_px,
+        outline_px=view.image_of(on_circle(rim.circle, turn_angles(_OUTLINE)))[0],
+        rim_px=_edges_of(view, rim),
+        findings=tuple(findings),
+    )
+
+
+def _edges_of(view: PlaneView, rim: Rim) -> Array:
+    """Pixels (n, 2) of the edges of the sectors that belong to the circle."""
+    used = rim.weights > 0
+    angles = turn_angles(len(used))[used]
+    outline = Outline.of(view, rim.circle)
+    edges = outline.at(angles) + rim.offsets_px[used] * outline.normals(angles)
+    return np.column_stack([edges.real, edges.imag])
+
+
+def _change(function: Callable[[Array], Array], n: int, step: float = 1e-6) -> Array:
+    """Derivative (2, n) of a function (n,) -> (2,) at zero, by central differences."""
+    columns = [(function(step * axis) - function(-step * axis)) / (2 * step) for axis in np.eye(n)]
+    return np.stack(columns, -1)
+
+
+def _raised(camera_from_plane: Pose, height_mm: float) -> Pose:
+    """The plane of the rim: shifted against z, which points into the paper."""
+    return camera_from_plane @ Pose(np.eye(3), np.array([0.0, 0.0, -height_mm]))
+
+
+def _on_plane(camera_from_plane: Pose, ray: Array) -> Array:
+    """Where a ray (3,) meets a plane, (2,) in the plane."""
+    R, t = camera_from_plane.rotation, camera_from_plane.translation
+    x, y, z = np.linalg.solve(np.column_stack([R[:, 0], R[:, 1], t]), ray)
+    return np.array([x / z, y / z])
+
+
+def _apart(one: Rim, other: Rim) -> float:
+    return float(np.linalg.norm(one.circle.centre - other.circle.centre))
+
+
+def _widest_gap(good: NDArray[np.bool_]) -> float:
+    """Largest angle between neighbouring sectors (k,) that are good, rad."""
+    at = np.flatnonzero(good)
+    if at.size == 0:
+        return 2 * np.pi
+    gaps = np.diff(np.append(at, at[0] + len(good)))
+    return float((gaps.max() - 1) * 2 * np.pi / len(good))

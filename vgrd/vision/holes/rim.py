@@ -1,0 +1,270 @@
+"""The rim of a circular hole in a picture, measured in sectors to a few thousandths of a pixel.
+
+In every sector the pixels near the rim are compared with a blurred step at their exact distance from the
+image of the circle: d + k s^2 / 2, because a blur s pulls an edge of curvature k inwards. One linear
+solution gives the levels on both sides and how far the rim is off; the blur is common to all sectors and
+the noise is measured on both sides. A circle in the plane is then fitted to the sectors, robustly.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import ndtr
+
+from vgrd.geometry import Array
+from vgrd.vision.holes.view import Circle, Outline, PlaneView, on_circle, ring, turn_angles
+
+_SECTOR_PX = 5.0
+_FEWEST_SECTORS, _MOST_SECTORS = 24, 240
+_WIDEST_PX, _NARROWEST_PX = 6.0, 3.0
+_WIDTH_OF_RADIUS = 0.2
+_COARSE_PX = (18.0, 9.0)
+_COARSE_EVERY = 3
+_APPROACHES = 6
+_BANDS, _BLUR_STEPS = 6, 3
+_LINEAR_PX = 0.03  # an offset that the linear model of an edge takes without any error
+_USUAL_BLUR_PX = 0.8
+_REACH_OF_BLUR = 4.0
+_FLAT, _COARSE_FLAT = 3.0, 2.5  # blurs from an edge where only noise is left
+_TUKEY = 4.7
+_QUANTISING = 1 / 12
+_LEAST_PIXELS = 6
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Rim:
+    """What was measured.
+
+    circle and its covariance (3, 3), mm^2, of (x, y, radius); offsets_px (k,): of each sector outwards
+    from the circle, infinite sigmas_px (k,) where it cannot be seen; weights (k,): 0 for a sector that
+    does not belong to the circle; contrast (k,): level outside minus inside; blur_px; noise: sigma of
+    a pixel; chi2: of the sectors, per degree of freedom.
+    """
+
+    circle: Circle
+    covariance: Array
+    offsets_px: Array
+    sigmas_px: Array
+    weights: Array
+    contrast: Array
+    blur_px: float
+    noise: float
+    chi2: float
+
+
+def measure_rim(view: PlaneView, start: Circle) -> Rim | None:
+    """Fit the circle near `start`; None when hardly anything of a rim can be seen there."""
+    circle: Circle | None = start
+    for width in _COARSE_PX:
+        circle = circle and _approach(view, circle, width)
+    if circle is None:
+        return None
+    blur, rim = _USUAL_BLUR_PX, None
+    for _ in range(_BANDS):
+        band = _Band.around(view, circle, max(_WIDEST_PX, _REACH_OF_BLUR * blur))
+        if band is None:
+            return None
+        for _ in range(_BLUR_STEPS):
+            edges, blur = _edges(band, blur, _FLAT)
+        if edges.count < _FEWEST_SECTORS // 2:
+            return None
+        rim, moved = _rim(band, edges, circle, blur)
+        circle = rim.circle
+        if moved < _LINEAR_PX:
+            break
+    return rim
+
+
+def _approach(view: PlaneView, circle: Circle, width_px: float) -> Circle | None:
+    """Come near from some `width_px` / 2 away, with a step as blurred as that; None: no rim."""
+    for _ in range(_APPROACHES):
+        band = _Band.around(view, circle, width_px, _COARSE_EVERY)
+        if band is None:
+            return None
+        blur = band.width / 4
+        edges, _ = _edges(band, blur, _COARSE_FLAT)
+        if edges.count < _FEWEST_SECTORS // 2:
+            return None
+        # A sharp edge seen through a blurred model seems to be twice as far off as it is.
+        shift = _most_agreed(band.slopes[edges.seen], edges.offsets[edges.seen]) / 2
+        moved = float(np.abs(band.slopes @ shift).max())
+        shift *= min(1.0, blur / moved) if moved > 0 else 1.0
+        circle = Circle(circle.centre + shift[:2], circle.radius + float(shift[2]))
+        if moved < blur / 3 or circle.radius <= 0:
+            break
+    return circle if circle.radius > 0 else None
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Band:
+    """Pixels near the image of a circle.
+
+    levels (n,), distances (n,) outwards in px, curvatures (n,) 1 / px, sectors (n,) indices;
+    slopes (k, 3): how far, px, each sector's rim moves with the circle's (x, y, radius); width: of the
+    band to either side, px.
+    """
+
+    levels: Array
+    distances: Array
+    curvatures: Array
+    sectors: NDArray[np.intp]
+    slopes: Array
+    width: float
+
+    @classmethod
+    def around(
+        cls, view: PlaneView, circle: Circle, widest_px: float, every: int = 1
+    ) -> "_Band | None":
+        """Band around the image of a circle, of every n-th pixel; None where there is no picture."""
+        outline = Outline.of(view, circle)
+        around = outline.at(turn_angles(720))
+        if not np.isfinite(around).all():
+            return None
+        length = float(np.abs(np.diff(around, append=around[:1])).sum())
+        thinnest = float(np.abs(around - around.mean()).min())
+        width = float(np.clip(_WIDTH_OF_RADIUS * thinnest, _NARROWEST_PX, widest_px))
+        near = view.pixels_near(np.column_stack([around.real, around.imag]), width)
+        if near is None:
+            return None
+        places, levels = near[0][::every], near[1][::every]
+        feet, distances = outline.feet(places[:, 0] + 1j * places[:, 1])
+        count = int(np.clip(length / _SECTOR_PX, _FEWEST_SECTORS, _MOST_SECTORS))
+        sectors = np.rint(feet / (2 * np.pi) * count).astype(np.intp) % count
+        kept = np.abs(distances) <= width
+        return cls(
+            levels[kept],
+            distances[kept],
+            outline.curvatures(feet[kept]),
+            sectors[kept],
+            _slopes(view, circle, outline, turn_angles(count)),
+            width,
+        )
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Edges:
+    """Offsets (k,) px with sigmas (k,), contrast (k,), and the sigma of a pixel's noise outside."""
+
+    offsets: Array
+    sigmas: Array
+    contrast: Array
+    noise: float
+
+    @property
+    def seen(self) -> NDArray[np.bool_]:
+        """Sectors (k,) that show an edge."""
+        return np.isfinite(self.sigmas)
+
+    @property
+    def count(self) -> int:
+        """How many these are."""
+        return int(self.seen.sum())
+
+
+def _edges(band: _Band, blur: float, flat: float) -> tuple[_Edges, float]:
+    """Edge of every sector by one linear least-squares step, and the blur after one step."""
+    distance = band.distances + band.curvatures * blur**2 / 2
+    share = ndtr(distance / blur)
+    bell = np.exp(-0.5 * (distance / blur) ** 2) / np.sqrt(2 * np.pi)
+    count = len(band.slopes)
+    columns = np.stack([1 - share, share, -bell / blur])
+    weights = np.ones(len(share))
+    noise = 1.0
+    for _ in range(2):
+        solution, inverse = _solve_sectors(columns, band, weights, count)
+        inside, outside = solution[:, 0], solution[:, 1]
+        residuals = band.levels - np.einsum("ni,in->n", solution[band.sectors], columns)
+        dark = max(_spread(residuals[distance < -flat * blur]), _QUANTISING)
+        light = max(_spread(residuals[distance > flat * blur]), _QUANTISING)
+        weights = 1 / (dark + (light - dark) * share)
+        noise = float(np.sqrt(light))
+    _, inverse = _solve_sectors(columns, band, weights, count)
+    contrast = outside - inside
+    seen = (np.abs(contrast) > 5 * noise) & np.isfinite(inverse[:, 2, 2])
+    safe = np.where(seen, contrast, 1.0)
+    offsets = np.where(seen, solution[:, 2] / safe, 0.0)
+    sigmas = np.where(seen, np.sqrt(np.abs(inverse[:, 2, 2])) / np.abs(safe), np.inf)
+    slope = -contrast[band.sectors] * bell * distance / blur**2
+    good = seen[band.sectors] & (np.abs(offsets[band.sectors]) < blur)
+    down = float((weights * slope**2)[good].sum())
+    change = float((weights * slope * residuals)[good].sum()) / down if down > 0 else 0.0
+    blur = float(np.clip(blur + np.clip(change, -0.3, 0.3), 0.3, 4.0))
+    return _Edges(offsets, sigmas, contrast, noise), blur
+
+
+def _solve_sectors(columns: Array, band: _Band, weights: Array, count: int) -> tuple[Array, Array]:
+    """Solutions (k, 3) and inverse normal matrices (k, 3, 3); NaN where a sector has too few pixels."""
+    normal, right = np.zeros((count, 3, 3)), np.zeros((count, 3))
+    for i in range(3):
+        weighted = weights * columns[i]
+        right[:, i] = np.bincount(band.sectors, weighted * band.levels, count)
+        for j in range(i + 1):
+            total = np.bincount(band.sectors, weighted * columns[j], count)
+            normal[:, i, j] = normal[:, j, i] = total
+    poor = np.bincount(band.sectors, minlength=count) < _LEAST_PIXELS
+    poor |= np.linalg.cond(normal) > 1e8
+    normal[poor] = np.eye(3)
+    inverse = np.asarray(np.linalg.inv(normal), np.float64)
+    inverse[poor] = np.nan
+    return np.nan_to_num(np.einsum("kij,kj->ki", inverse, right)), inverse
+
+
+def _rim(band: _Band, edges: _Edges, circle: Circle, blur: float) -> tuple[Rim, float]:
+    """Robust circle through the edges, and how far it moved anywhere, px."""
+    seen = edges.seen
+    J = band.slopes[seen] / edges.sigmas[seen, None]
+    r = edges.offsets[seen] / edges.sigmas[seen]
+    step = _most_agreed(band.slopes[seen], edges.offsets[seen])
+    kept = np.ones(len(r))
+    for _ in range(8):
+        left = r - J @ step
+        scale = max(1.0, 1.4826 * float(np.median(np.abs(left))))
+        kept = np.maximum(1 - (left / (_TUKEY * scale)) ** 2, 0.0) ** 2
+        half = np.sqrt(kept)[:, None]
+        step = np.asarray(np.linalg.lstsq(J * half, r * half[:, 0], rcond=None)[0], np.float64)
+    chi2 = float((kept * (r - J @ step) ** 2).sum() / max(kept.sum() - 3, 1))
+    weights = np.zeros(len(seen))
+    weights[seen] = kept
+    found = Rim(
+        circle=Circle(circle.centre + step[:2], circle.radius + float(step[2])),
+        covariance=np.asarray(
+            np.linalg.pinv((J * kept[:, None]).T @ J) * max(chi2, 1.0), np.float64
+        ),
+        offsets_px=edges.offsets - band.slopes @ step,
+        sigmas_px=edges.sigmas,
+        weights=weights,
+        contrast=edges.contrast,
+        blur_px=blur,
+        noise=edges.noise,
+        chi2=chi2,
+    )
+    return found, float(np.abs(band.slopes @ step).max())
+
+
+def _most_agreed(slopes: Array, offsets: Array) -> Array:
+    """Robust start: least absolute deviations by reweighting."""
+    weights = np.ones(len(offsets))
+    step: Array = np.zeros(3)
+    for _ in range(15):
+        half = np.sqrt(weights)[:, None]
+        step = np.asarray(
+            np.linalg.lstsq(slopes * half, offsets * half[:, 0], rcond=None)[0], np.float64
+        )
+        weights = 1 / np.maximum(np.abs(offsets - slopes @ step), 1e-3)
+    return step
+
+
+def _slopes(view: PlaneView, circle: Circle, outline: Outline, angles: Array) -> Array:
+    """How far (k, 3), px, the rim moves outwards per mm of the circle's x, y and radius."""
+    _, J = view.image_of(on_circle(circle, angles))
+    normals = outline.normals(angles)
+    by_centre = np.einsum("ni,nij->nj", np.column_stack([normals.real, normals.imag]), J)
+    return np.column_stack([by_centre, (by_centre * ring(angles)).sum(1)])
+
+
+def _spread(residuals: Array) -> float:
+    """Robust variance."""
+    if residuals.size < _LEAST_PIXELS:
+        return 0.0
+    return float(1.4826 * np.median(np.abs(residuals))) ** 2

@@ -1,0 +1,255 @@
+"""What a picture holds, for a person: tags and boards, poses, and remarks that name the remedy."""
+
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from types import MappingProxyType
+
+import cv2
+import numpy as np
+
+from vgrd.devices import Grey
+from vgrd.errors import InputError
+from vgrd.geometry import Array, Pose
+from vgrd.geometry.camera import CameraModel
+from vgrd.model import Finding
+from vgrd.vision.alignment.quality import disturbance
+from vgrd.vision.alignment.refinement import Refined, refine
+from vgrd.vision.boards.fit import MeasurableBoard
+from vgrd.vision.boards.inspection import BoardReport, findings_json, inspect_board
+from vgrd.vision.images.drawing import TagMark, axes_px
+from vgrd.vision.images.pictures import Picture, as_8_bit
+from vgrd.vision.images.warp import lens_vector
+from vgrd.vision.print.codes import marker_cells, square_corners
+from vgrd.vision.print.raster import tag_raster
+from vgrd.vision.tags.detection import FoundTag, find_tags
+from vgrd.vision.tags.planar_pose import MOST_MISFIT_PX, PlanarPose, is_ambiguous, planar_poses
+
+_UNREFINED_SIGMA_PX = 0.3
+_LEAST_CELL_PX = 5.0
+_LEAST_CONTRAST = 40.0
+_LEAST_TILT_DEG = 10.0
+_MOST_BLUR_PX = 2.0
+_CLIPPED, _CLIPPED_SHARE = 254, 0.2
+_NO_BOARDS: Mapping[str, MeasurableBoard] = MappingProxyType({})
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class TagReport:
+    """A tag in a picture.
+
+    corners_px (4, 2) and corner_covariance (8, 8) px^2, order x0 y0 x1 y1 ...; refined: the fit they come
+    from, None where only the detection's are there; poses: both solutions, the better first, where
+    size and camera are known.
+    """
+
+    found: FoundTag
+    corners_px: Array
+    corner_covariance: Array
+    refined: Refined | None
+    poses: tuple[PlanarPose, ...]
+    findings: tuple[Finding, ...]
+
+    @property
+    def camera_from_tag(self) -> Pose | None:
+        """The better pose, mm."""
+        return self.poses[0].pose if self.poses else None
+
+    def to_json(self) -> dict[str, object]:
+        """As `vgrd detect --json` writes it."""
+        out: dict[str, object] = {
+            "dictionary": self.found.family,
+            "id": self.found.id,
+            "corners_px": self.corners_px.tolist(),
+            "corner_covariance_px2": self.corner_covariance.tolist(),
+            "quality": self._quality(),
+        }
+        if self.poses:
+            out["camera_from_tag"] = self.poses[0].pose.matrix().tolist()
+            out["covariance"] = self.poses[0].inflated_covariance.tolist()
+        return out
+
+    def _quality(self) -> dict[str, object]:
+        sigma = float(np.sqrt(np.diag(self.corner_covariance).max()))
+        out: dict[str, object] = {
+            "side_px": self.found.side_px,
+            "corner_sigma_px": sigma,
+            "contrast": self.found.contrast,
+            "method": "detection" if self.refined is None else str(self.refined.method),
+        }
+        fit = None if self.refined is None else self.refined.fit
+        if fit is not None:
+            out |= {"chi2": fit.chi2, "blur_px": _blur_px(fit.blur), "bloom_px": fit.bloom_px}
+        if self.poses:
+            out["tilt_deg"] = self.poses[0].tilt_deg
+        return out | {"findings": findings_json(self.findings)}
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PictureReport:
+    """All tags of a picture, its boards, and remarks on the whole of it."""
+
+    boards: tuple[BoardReport, ...]
+    tags: tuple[TagReport, ...]
+    findings: tuple[Finding, ...]
+    camera: CameraModel | None
+    size_mm: float | None
+
+    def to_json(self) -> dict[str, object]:
+        """As `vgrd detect --json` writes it."""
+        return {
+            "boards": [board.to_json() for board in self.boards],
+            "tags": [tag.to_json() for tag in self.tags],
+            "findings": findings_json(self.findings),
+        }
+
+    def marks(self) -> list[TagMark]:
+        """The boards and the tags as they are drawn."""
+        boards = [mark for board in self.boards if (mark := board.mark()) is not None]
+        return boards + [
+            TagMark(str(tag.found.id), tag.corners_px, self._axes(tag), bool(tag.findings))
+            for tag in self.tags
+        ]
+
+    def _axes(self, tag: TagReport) -> Array | None:
+        pose = tag.camera_from_tag
+        if self.camera is None or self.size_mm is None or pose is None:
+            return None
+        return axes_px(self.camera, pose, self.size_mm / 2)
+
+
+def inspect_picture(
+    picture: Picture,
+    families: Sequence[str],
+    size_mm: float | None,
+    camera: CameraModel | None,
+    boards: Mapping[str, MeasurableBoard] = _NO_BOARDS,
+) -> PictureReport:
+    """Find and measure all tags of the families; poses where size_mm and camera are given.
+
+    boards: by name, measured as wholes; the markers inside of one that is found are no tags of the
+    picture. Raises InputError for boards without a camera.
+    """
+    grey = as_8_bit(picture.pixels)
+    if boards and camera is None:
+        raise InputError("a board is measured through a known lens: give its camera")
+    reports = tuple(
+        inspect_board(grey, name, board, camera) for name, board in boards.items() if camera
+    )
+    everything = find_tags(grey, families) if families else []
+    found = [tag for tag in everything if not any(_is_within(tag, board) for board in reports)]
+    counts = Counter((tag.family, tag.id) for tag in found)
+    tags = tuple(
+        _measured(grey, tag, size_mm, camera, counts[tag.family, tag.id]) for tag in found
+    )
+    findings = []
+    if families and not everything:
+        findings.append(Finding("no_tag", f"no tag found; looked for {', '.join(families)}"))
+    if picture.turned:
+        findings.append(
+            Finding("turned", "the file asks viewers to turn it; pixels here are as stored")
+        )
+    return PictureReport(reports, tags, tuple(findings), camera, size_mm)
+
+
+def _measured(
+    grey: Grey, tag: FoundTag, size_mm: float | None, camera: CameraModel | None, count: int
+) -> TagReport:
+    raster = tag_raster(tag.family, tag.id, size_mm or 1.0)
+    refined = refine(grey, raster, tag.corners_px, lens_vector(camera))
+    corners, covariance = tag.corners_px, _UNREFINED_SIGMA_PX**2 * np.eye(8)
+    if refined is not None:
+        corners, covariance = refined.corners_px, refined.covariance
+    poses: tuple[PlanarPose, ...] = ()
+    misfit_px = 0.0
+    if size_mm is not None and camera is not None:
+        square = square_corners(size_mm)
+        poses = tuple(planar_poses(camera, square, corners, covariance))
+        if poses:
+            misfit_px = poses[0].misfit_px(camera, square, corners)
+    findings = tuple(
+        Finding(code, f"tag {tag.id}: {message}")
+        for code, message in [
+            *_place_remarks(tag, count),
+            *_light_remarks(grey, tag, refined),
+            *_pose_remarks(tag, poses, misfit_px),
+        ]
+    )
+    return TagReport(tag, corners, covariance, refined, poses, findings)
+
+
+def _place_remarks(tag: FoundTag, count: int) -> list[tuple[str, str]]:
+    out = []
+    if count > 1:
+        out.append(("repeated", f"in the picture {count} times: cover or remove the others"))
+    if tag.mirrored:
+        out.append(("mirrored", "seen as in a mirror: printed wrongly, or the picture is flipped"))
+    if _is_small(tag):
+        out.append(("small", f"{tag.side_px:.0f} px: too small, use a larger tag or come nearer"))
+    return out
+
+
+def _light_remarks(grey: Grey, tag: FoundTag, refined: Refined | None) -> list[tuple[str, str]]:
+    """Remarks on focus and light."""
+    out = []
+    if tag.contrast < _LEAST_CONTRAST:
+        out.append(("contrast", f"only {tag.contrast:.0f} grey levels: give it more light"))
+    if _clipped_share(grey, tag.corners_px) > _CLIPPED_SHARE:
+        out.append(("overexposed", "white is as bright as it can get: expose less"))
+    if refined is None:
+        return [
+            *out,
+            ("unmeasured", "corners are rough: is it half hidden, bent or out of focus?"),
+        ]
+    fit = refined.fit
+    if fit is not None and _blur_px(fit.blur) > _MOST_BLUR_PX:
+        blur = f"blurred by {_blur_px(fit.blur):.1f} px"
+        out.append(("blurred", f"{blur}: focus, or stand still"))
+    trouble = disturbance(refined)
+    if trouble is not None and not _is_small(tag):
+        out.append(trouble)
+    return out
+
+
+def _pose_remarks(
+    tag: FoundTag, poses: Sequence[PlanarPose], misfit_px: float
+) -> list[tuple[str, str]]:
+    if not poses:
+        return []
+    out = []
+    tilt = poses[0].tilt_deg
+    if misfit_px > MOST_MISFIT_PX:
+        off = f"its corners are off a square by {misfit_px:.2f} px"
+        out.append(("misfit", f"{off}: is the camera file right, the tag flat?"))
+    if is_ambiguous(poses):
+        remedy = "tilt it by 10" if tilt < _LEAST_TILT_DEG else "use a larger tag or come nearer"
+        out.append(("ambiguous", f"two poses fit (tilt {tilt:.0f} degrees): {remedy}"))
+    elif tilt < _LEAST_TILT_DEG:
+        side = f"{tag.side_px:.0f} px, tilt {tilt:.0f} degrees"
+        out.append(("frontal", f"{side}: too frontal, tilt it by 10"))
+    return out
+
+
+def _is_within(tag: FoundTag, board: BoardReport) -> bool:
+    """Whether a tag lies in the outline of a board that was measured."""
+    if board.fit is None:
+        return False
+    outline, (x, y) = board.fit.refined.corners_px.astype(np.float32), tag.corners_px.mean(0)
+    return cv2.pointPolygonTest(outline, (float(x), float(y)), measureDist=False) > 0
+
+
+def _clipped_share(grey: Grey, corners_px: Array) -> float:
+    """Share of the tag's pixels at the upper end of the range."""
+    low = np.maximum(np.floor(corners_px.min(0)).astype(int), 0)
+    high = np.ceil(corners_px.max(0)).astype(int) + 1
+    region = grey[low[1] : high[1], low[0] : high[0]]
+    return float(np.mean(region >= _CLIPPED)) if region.size else 0.0
+
+
+def _is_small(tag: FoundTag) -> bool:
+    return tag.side_px / len(marker_cells(tag.family, tag.id)) < _LEAST_CELL_PX
+
+
+def _blur_px(blur: Array) -> float:
+    """The larger standard deviation of the point spread."""
+    return float(np.sqrt(np.linalg.eigvalsh(blur)[-1]))

@@ -1,0 +1,165 @@
+"""Pictures of a board in a folder, as views of its numbered points; and a picture of the coverage."""
+
+from collections import Counter
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+from vgrd.devices import Grey
+from vgrd.errors import InputError, TagNotSeen
+from vgrd.geometry import Array
+from vgrd.vision.alignment.refinement import refine
+from vgrd.vision.images.drawing import BLUE, GOOD, RED, Colour, circle_at
+from vgrd.vision.images.pictures import SUFFIXES, as_8_bit, read_picture
+from vgrd.vision.images.warp import lens_vector
+from vgrd.vision.intrinsics.estimate import IntrinsicsResult
+from vgrd.vision.intrinsics.fit import View
+from vgrd.vision.print.boards import Charuco, Chessboard, CircleGrid, detect_board
+from vgrd.vision.print.raster import tag_raster
+from vgrd.vision.print.targets import TagGrid
+from vgrd.vision.tags.detection import FoundTag, find_tags
+
+Board = Charuco | Chessboard | CircleGrid | TagGrid
+COVERAGE_CELLS = (6, 4)  # columns, rows
+_WIDTH_PX = 1200
+_ARROW_PX = 14.0  # length at which a residual of the rms is drawn
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class BoardPictures:
+    """points_in_board: (m, 3) mm; views of pictures that show the board; unusable: why, by name."""
+
+    points_in_board: Array
+    views: tuple[View, ...]
+    size_px: tuple[int, int]
+    unusable: dict[str, str]
+
+
+def read_board_pictures(
+    folder: Path, board: Board, report: Callable[[int, int], None]
+) -> BoardPictures:
+    """Find the board in every picture of a folder; InputError when there is none, or another size."""
+    if not folder.is_dir():
+        raise InputError(f"{folder}: no such folder; name one with pictures of the board")
+    files = sorted(path for path in folder.iterdir() if path.suffix.lower() in SUFFIXES)
+    if not files:
+        raise InputError(f"{folder}: holds no pictures ({', '.join(SUFFIXES)})")
+    points = board_points(board)
+    views: dict[str, tuple[View, tuple[int, int]]] = {}
+    unusable = {}
+    for done, path in enumerate(files):
+        report(done, len(files))
+        try:
+            grey = as_8_bit(read_picture(path).pixels)
+            views[path.name] = (
+                _view(path.name, grey, board, points),
+                (grey.shape[1], grey.shape[0]),
+            )
+        except (InputError, TagNotSeen) as error:
+            unusable[path.name] = str(error).removeprefix(f"{path}: ")
+    sizes = Counter(size for _, size in views.values())
+    size = sizes.most_common(1)[0][0] if sizes else (1, 1)
+    for name, (_, other) in views.items():
+        if other != size:
+            unusable[name] = (
+                f"has {other[0]} x {other[1]} px, most have {size[0]} x {size[1]}: "
+                "pictures of one camera, uncropped, are needed"
+            )
+    kept = tuple(view for view, other in views.values() if other == size)
+    return BoardPictures(points, kept, size, unusable)
+
+
+def board_points(board: Board) -> Array:
+    """The board's points (m, 3), mm, in the order of their numbers."""
+    match board:
+        case TagGrid():
+            return np.concatenate(list(board.corners().values()))
+        case Charuco():
+            grid = _grid(board.columns - 1, board.rows - 1)
+            return np.asarray((grid + np.array([1, 1, 0])) * board.square_mm)
+        case Chessboard():
+            return _grid(board.columns, board.rows) * board.square_mm
+        case CircleGrid():
+            grid = _grid(board.columns, board.rows)
+            if board.asymmetric:
+                grid[:, 0] = 2 * grid[:, 0] + grid[:, 1] % 2
+            return grid * board.spacing_mm
+
+
+def _grid(columns: int, rows: int) -> Array:
+    y, x = np.divmod(np.arange(columns * rows), columns)
+    return np.stack([x, y, np.zeros_like(x)], axis=1).astype(np.float64)
+
+
+def _view(name: str, grey: Grey, board: Board, points: Array) -> View:
+    if isinstance(board, TagGrid):
+        return _tags_view(name, grey, board)
+    found = detect_board(grey, board)
+    off = np.linalg.norm(found.points_in_target[:, None] - points, axis=2)
+    return View(name, off.argmin(axis=1), found.pixels)
+
+
+def _tags_view(name: str, grey: Grey, board: TagGrid) -> View:
+    known = board.corners()
+    tags = [tag for tag in find_tags(grey, [board.dictionary]) if tag.id in known]
+    counts = Counter(tag.id for tag in tags)
+    corners = {tag.id: _exact_corners(grey, tag, board) for tag in tags if counts[tag.id] == 1}
+    measured = {tag_id: found for tag_id, found in corners.items() if found is not None}
+    if not measured:
+        raise TagNotSeen(f"none of the board's {len(known)} tags can be measured in the picture")
+    first = np.array([4 * (tag_id - board.first_id) for tag_id in measured])
+    ids = (first[:, None] + np.arange(4)).ravel()
+    return View(name, ids, np.concatenate(list(measured.values())))
+
+
+def _exact_corners(grey: Grey, tag: FoundTag, board: TagGrid) -> Array | None:
+    """Corners (4, 2) as all pixels of the tag tell them; a tag is small enough to see no distortion."""
+    refined = refine(
+        grey, tag_raster(tag.family, tag.id, board.size_mm), tag.corners_px, lens_vector(None)
+    )
+    return None if refined is None else refined.corners_px
+
+
+def coverage(views: tuple[View, ...], size_px: tuple[int, int]) -> Array:
+    """How many points lie in each cell of the picture, (rows, columns)."""
+    pixels = np.concatenate([view.pixels for view in views])
+    columns, rows = COVERAGE_CELLS
+    edges = (np.linspace(0, size_px[1], rows + 1), np.linspace(0, size_px[0], columns + 1))
+    return np.asarray(np.histogram2d(pixels[:, 1], pixels[:, 0], bins=edges)[0])
+
+
+def draw_coverage(result: IntrinsicsResult) -> Colour:
+    """Where the board was seen: outlines, points, residuals as arrows, cells without points red."""
+    width, height = result.camera.size_px
+    scale = _WIDTH_PX / width
+    out = np.full((round(height * scale), _WIDTH_PX, 3), 255, np.uint8)
+    counts = coverage(result.views, result.camera.size_px)
+    for row, column in np.argwhere(counts == 0).tolist():
+        low = (int(column * _WIDTH_PX / counts.shape[1]), int(row * len(out) / len(counts)))
+        high = (
+            int((column + 1) * _WIDTH_PX / counts.shape[1]),
+            int((row + 1) * len(out) / len(counts)),
+        )
+        cv2.rectangle(out, low, high, (225, 225, 250), -1)
+    for view in result.views:
+        hull = cv2.convexHull(view.pixels.astype(np.float32))
+        outline = np.rint(hull * scale).astype(np.int32)
+        cv2.polylines(out, [outline], True, (200, 200, 200), 1, cv2.LINE_AA)
+    arrow = _ARROW_PX / max(result.rms_px * np.sqrt(2), 1e-9)
+    for view, residuals in zip(result.views, result.bundle.residuals, strict=True):
+        for pixel, residual in zip(view.pixels * scale, residuals * arrow, strict=True):
+            tip = np.rint(pixel - residual).astype(int)
+            start = np.rint(pixel).astype(int)
+            cv2.line(out, tuple(start.tolist()), tuple(tip.tolist()), BLUE, 1, cv2.LINE_AA)
+            circle_at(out, pixel, 1.5, GOOD, -1)
+    centre = result.camera.matrix[:2, 2] * scale
+    cv2.drawMarker(out, tuple(np.rint(centre).astype(int).tolist()), RED, cv2.MARKER_CROSS, 24, 2)
+    text = (
+        f"{len(result.views)} pictures, rms {result.rms_px:.3g} px (arrows x {arrow / scale:.0f}), "
+        "cross: principal point, red: no points"
+    )
+    cv2.putText(out, text, (10, 24), cv2.FONT_HERSHEY_SIMPLEX, 0.6, (40, 40, 40), 1, cv2.LINE_AA)
+    return out

@@ -1,0 +1,237 @@
+"""Find square tags in any grey picture, without a camera model: which, where, how sure.
+
+Corners are good to a fraction of a pixel; `vgrd.vision.alignment.photometric` makes them exact.
+"""
+
+from collections.abc import Iterable, Sequence, Set
+from dataclasses import dataclass, replace
+from functools import cache
+
+import cv2
+import numpy as np
+import pyapriltags
+
+from vgrd.devices import Grey
+from vgrd.errors import InputError
+from vgrd.geometry import Array
+from vgrd.vision.print.codes import APRILTAG_FAMILIES, dictionary_of, family_named, marker_cells
+
+_COARSE_WIDTH_PX = 1300  # wider pictures are halved until they are not wider
+_FINEST_WIDTH_PX = 2600  # of the pictures that a fast search looks at
+_LEAST_REGION_PX = 16
+_CELL_PX = 6  # of the straightened tag that is read
+_LEAST_CONTRAST = 12.0  # grey levels between ink and paper
+_LEAST_SIDE_PX = 6.0
+_LEAST_PICTURE_PX = (
+    8  # a tag of 6 px and its white rim; pyapriltags crashes on pictures less than 3 px high
+)
+_PUBLISHED_BY_LIBRARY = ("16h5", "25h9", "36h11")
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class FoundTag:
+    """A tag in a picture.
+
+    corners_px: (4, 2) in the order (-,-), (+,-), (+,+), (-,+) of the tag's x right, y down, OpenCV pixel
+    convention (centre of the first pixel is 0, 0). hamming: cells of the code that read wrongly;
+    contrast: grey levels between its white and black cells.
+    """
+
+    family: str
+    id: int
+    corners_px: Array
+    hamming: int
+    contrast: float
+
+    @property
+    def mirrored(self) -> bool:
+        """Seen from behind, printed as in a mirror, or in a flipped picture: corners turn the other way."""
+        (ax, ay), (bx, by) = (
+            self.corners_px[2] - self.corners_px[0],
+            self.corners_px[3] - self.corners_px[1],
+        )
+        return bool(ax * by - ay * bx < 0)
+
+    @property
+    def side_px(self) -> float:
+        """Root of the area, px."""
+        return float(np.sqrt(abs(cv2.contourArea(self.corners_px.astype(np.float32)))))
+
+
+def find_tags(
+    grey: Grey, families: Sequence[str], *, max_hamming: int = 0, thorough: bool = True
+) -> list[FoundTag]:
+    """All tags of the families in a grey picture (h, w), one that appears twice twice; by family and id.
+
+    families: names as `family_named` takes them. thorough: search at full resolution too, with two
+    detectors; otherwise only a picture of at most 1300 px width made from this one. Raises
+    InputError for an unknown family or another kind of picture.
+    """
+    if grey.ndim != 2 or grey.dtype != np.uint8:
+        raise InputError(f"a grey 8-bit picture is needed, got {grey.dtype} {grey.shape}")
+    names = [family_named(name) for name in families]
+    grey = np.ascontiguousarray(grey)
+    levels = _pyramid(grey)
+    found: list[FoundTag] = []
+    for scale, level in reversed(levels) if thorough else levels[-1:]:
+        for name in names:
+            for tag_id, corners in _candidates(level, name, thorough=thorough):
+                full = scale * (corners + 0.5) - 0.5
+                tag = read_tag(grey, name, tag_id, full)
+                if tag is not None and tag.hamming <= max_hamming:
+                    _keep(found, tag)
+    if thorough:
+        _keep_mirrored(found, grey, names, levels[-1])
+    return sorted(found, key=lambda tag: (tag.family, tag.id, tag.corners_px[0].tolist()))
+
+
+def _keep_mirrored(
+    found: list[FoundTag], grey: Grey, names: Sequence[str], coarsest: tuple[int, Grey]
+) -> None:
+    """Add tags that can only be read in a mirror."""
+    scale, level = coarsest
+    flipped = np.ascontiguousarray(level[:, ::-1])
+    for name in names:
+        for tag_id, corners in _candidates(flipped, name, thorough=False):
+            back = np.column_stack([level.shape[1] - 1 - corners[:, 0], corners[:, 1]])
+            tag = read_tag(grey, name, tag_id, scale * (back + 0.5) - 0.5)
+            if tag is None or tag.hamming or _covers_another(found, tag):
+                continue
+            _keep(found, tag)
+
+
+def _covers_another(found: Sequence[FoundTag], tag: FoundTag) -> bool:
+    """Whether a tag lies where one was found that needs no mirror."""
+    middle = tag.corners_px.mean(0)
+    return any(
+        np.linalg.norm(other.corners_px.mean(0) - middle) < other.side_px / 2 for other in found
+    )
+
+
+def search_tags(grey: Grey, wanted: Set[tuple[str, int]]) -> list[FoundTag]:
+    """Look for some tags (family, id) fast: in a small picture, then in finer ones until all are there.
+
+    Damaged ones are listed too, and whatever appears twice.
+    """
+    found: list[FoundTag] = []
+    for scale, level in reversed(_pyramid(grey)):
+        if level.shape[1] > _FINEST_WIDTH_PX:
+            break
+        for family in sorted({family for family, _ in wanted}):
+            for tag_id, corners in _candidates(level, family, thorough=False):
+                if (family, tag_id) not in wanted:
+                    continue
+                tag = read_tag(grey, family, tag_id, scale * (corners + 0.5) - 0.5)
+                if tag is not None:
+                    _keep(found, tag)
+        if wanted <= {(tag.family, tag.id) for tag in found}:
+            break
+    return found
+
+
+def tags_within(
+    grey: Grey, wanted: Set[tuple[str, int]], corners_px: Array, margin: float
+) -> list[FoundTag]:
+    """Look for tags around a place (4, 2) px: within `margin` of its extent, at full resolution."""
+    low, high = corners_px.min(0), corners_px.max(0)
+    reach = margin * float((high - low).max()) + 8
+    x0, y0 = np.maximum(np.floor(low - reach), 0).astype(int).tolist()
+    x1, y1 = np.minimum(np.ceil(high + reach), grey.shape[::-1]).astype(int).tolist()
+    if x1 - x0 < _LEAST_REGION_PX or y1 - y0 < _LEAST_REGION_PX:
+        return []
+    origin = np.array([x0, y0], dtype=np.float64)
+    found = search_tags(np.ascontiguousarray(grey[y0:y1, x0:x1]), wanted)
+    return [replace(tag, corners_px=tag.corners_px + origin) for tag in found]
+
+
+def read_tag(grey: Grey, family: str, tag_id: int, corners_px: Array) -> FoundTag | None:
+    """Read a tag whose corners (4, 2) are known; None where no black square on white is."""
+    code = marker_cells(family, tag_id)
+    cells = read_cells(grey, corners_px, len(code))
+    inner = cells[1:-1, 1:-1]
+    ring = np.ones(inner.shape, dtype=bool)
+    ring[1:-1, 1:-1] = False
+    rim = np.ones(cells.shape, dtype=bool)
+    rim[1:-1, 1:-1] = False
+    black = float(np.median(inner[ring]))
+    bright = inner[code > 0.5]
+    white = float(np.median(bright)) if bright.size else float(np.median(cells[rim]))
+    contrast = white - black
+    if contrast < _LEAST_CONTRAST:
+        return None
+    level = (white + black) / 2
+    if np.mean(inner[ring] > level) > 0.1 or np.mean(cells[rim] < level) > 0.35:
+        return None
+    hamming = int(np.sum((inner > level) != (code > 0.5)))
+    return FoundTag(family, tag_id, np.asarray(corners_px, dtype=np.float64), hamming, contrast)
+
+
+def read_cells(grey: Grey, corners_px: Array, cells: int) -> Array:
+    """Mean grey levels (cells + 2, cells + 2) of a square's cells and of one ring around it."""
+    side = (cells + 2) * _CELL_PX
+    low, high = _CELL_PX - 0.5, side - _CELL_PX - 0.5
+    straight = np.array([[low, low], [high, low], [high, high], [low, high]], np.float32)
+    flat_from_picture = cv2.getPerspectiveTransform(corners_px.astype(np.float32), straight)
+    flat = cv2.warpPerspective(
+        grey,
+        flat_from_picture,
+        (side, side),
+        flags=cv2.INTER_AREA,
+        borderMode=cv2.BORDER_REPLICATE,
+    )
+    blocks = flat.reshape(cells + 2, _CELL_PX, cells + 2, _CELL_PX)
+    return np.asarray(blocks[:, 1:-1, :, 1:-1].mean((1, 3)))
+
+
+def _pyramid(grey: Grey) -> list[tuple[int, Grey]]:
+    """The picture and its halvings down to the coarse width, with their scales, finest first."""
+    levels, scale = [(1, grey)], 1
+    while grey.shape[1] > _COARSE_WIDTH_PX and grey.shape[0] >= 2 * _LEAST_PICTURE_PX:
+        half = (grey.shape[1] // 2, grey.shape[0] // 2)
+        even = grey[: 2 * half[1], : 2 * half[0]]
+        grey = np.asarray(cv2.resize(even, half, interpolation=cv2.INTER_AREA), np.uint8)
+        scale *= 2
+        levels.append((scale, grey))
+    return levels
+
+
+def _candidates(level: Grey, family: str, *, thorough: bool) -> Iterable[tuple[int, Array]]:
+    corners, ids, _ = _aruco(family, thorough).detectMarkers(level)
+    for marker, quad in zip([] if ids is None else np.ravel(ids), corners, strict=True):
+        square = np.asarray(quad, dtype=np.float64).reshape(4, 2)
+        yield int(marker), square[[2, 3, 0, 1]] if family in APRILTAG_FAMILIES else square
+    if thorough and family in _PUBLISHED_BY_LIBRARY and min(level.shape) >= _LEAST_PICTURE_PX:
+        for tag in _apriltag(family).detect(level):
+            # The library starts at (-,+) and counts pixels from their rim.
+            yield tag.tag_id, np.asarray(tag.corners, dtype=np.float64)[[3, 2, 1, 0]] - 0.5
+
+
+@cache
+def _aruco(family: str, thorough: bool) -> cv2.aruco.ArucoDetector:
+    parameters = cv2.aruco.DetectorParameters()
+    parameters.cornerRefinementMethod = cv2.aruco.CORNER_REFINE_SUBPIX
+    if thorough:
+        parameters.adaptiveThreshWinSizeMax = 53
+        parameters.minMarkerPerimeterRate = 0.01
+    else:
+        parameters.adaptiveThreshWinSizeMin = parameters.adaptiveThreshWinSizeMax = 13
+        parameters.cornerRefinementMethod = cv2.aruco.CORNER_REFINE_NONE
+    return cv2.aruco.ArucoDetector(dictionary_of(family), parameters)
+
+
+@cache
+def _apriltag(family: str) -> pyapriltags.Detector:
+    return pyapriltags.Detector(families=f"tag{family}", quad_decimate=1.0)
+
+
+def _keep(found: list[FoundTag], tag: FoundTag) -> None:
+    """Add a tag unless it is one that is already known, read at least as well."""
+    if tag.side_px < _LEAST_SIDE_PX:
+        return
+    for i, other in enumerate(found):
+        distance = np.linalg.norm(tag.corners_px.mean(0) - other.corners_px.mean(0))
+        if (tag.family, tag.id) == (other.family, other.id) and distance < other.side_px / 2:
+            if tag.hamming <= other.hamming:
+                found[i] = tag
+            return
+    found.append(tag)

@@ -1,0 +1,165 @@
+"""Poses of a planar target from its four corners and their covariance: both solutions, weighed.
+
+The corners of a photometric fit carry all that the pixels tell; a pose that fits them best by their
+covariance is the pose that fits the pixels best. Eight numbers for six unknowns: the cost of a true
+pose is chi-square with two degrees of freedom.
+"""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+
+from vgrd.geometry import Array, Pose, nearest_rotation
+from vgrd.geometry.camera import CameraModel
+from vgrd.geometry.covariance import whitener
+from vgrd.vision.images.compiling import compiled
+from vgrd.vision.images.warp import lens_vector, project, slopes
+
+_STEPS = 60
+_STILL = 1e-6  # chi-square
+_UNDAMPED = 1e-9  # a step with more damping is short for that alone: it shows no minimum
+_SAME_RAD = np.radians(0.01)
+MOST_MISFIT_PX = 0.5  # rms beyond which no pose fits the corners
+_BRANCH_MARGIN = 25.0  # chi-square by which the second solution must be worse: 5 sigma
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PlanarPose:
+    """camera_from_target, mm; cost: chi-square of its corners; covariance (6, 6), left tangent (v, w)."""
+
+    pose: Pose
+    cost: float
+    covariance: Array
+
+    @property
+    def inflation(self) -> float:
+        """By how much the corners scatter more than their covariance says, per degree of freedom; at least 1."""
+        return max(self.cost / 2, 1.0)
+
+    @property
+    def inflated_covariance(self) -> Array:
+        """The covariance (6, 6), with what the corners scatter more than theirs says."""
+        return self.covariance * self.inflation
+
+    @property
+    def tilt_deg(self) -> float:
+        """Angle between the target's normal and the line of sight to its origin."""
+        sight = self.pose.translation / np.linalg.norm(self.pose.translation)
+        cosine = abs(float(sight @ self.pose.rotation[:, 2]))
+        return float(np.degrees(np.arccos(min(cosine, 1.0))))
+
+    def misfit_px(self, camera: CameraModel, corners_in_target: Array, corners_px: Array) -> float:
+        """Root mean square of by how much the corners (4, 3) are off those that were seen (4, 2)."""
+        off = camera.project(self.pose @ corners_in_target) - corners_px
+        return float(np.sqrt(np.mean(off**2)))
+
+
+def is_ambiguous(poses: Sequence[PlanarPose]) -> bool:
+    """Whether two poses explain the picture; poses as `planar_poses` gives them."""
+    return len(poses) > 1 and poses[1].cost - poses[0].cost < _BRANCH_MARGIN * poses[0].inflation
+
+
+def planar_poses(
+    camera: CameraModel, corners_in_target: Array, corners_px: Array, covariance: Array
+) -> list[PlanarPose]:
+    """All poses, best first: two, or one where both run into the same minimum. Empty when none is in front.
+
+    corners_in_target: (4, 3) with z = 0, mm; corners_px (4, 2); covariance (8, 8) px^2.
+    """
+    W = whitener(covariance)
+    found: list[PlanarPose] = []
+    _, rotvecs, translations, _ = cv2.solvePnPGeneric(
+        corners_in_target, corners_px, camera.matrix, camera.distortion, flags=cv2.SOLVEPNP_IPPE
+    )
+    for rotvec, translation in zip(rotvecs, translations, strict=True):
+        if not (np.isfinite(rotvec).all() and translation[2, 0] > 0):
+            continue
+        start = Pose.from_rotvec(rotvec[:, 0], translation[:, 0])
+        candidate = _refined(camera, corners_in_target, corners_px, W, start)
+        if candidate is not None and not any(_same(candidate, other) for other in found):
+            found.append(candidate)
+    return sorted(found, key=lambda pose: pose.cost)
+
+
+def _same(one: PlanarPose, other: PlanarPose) -> bool:
+    return bool(one.pose.distance(other.pose)[1] < _SAME_RAD)
+
+
+def _refined(
+    camera: CameraModel, corners: Array, corners_px: Array, W: Array, start: Pose
+) -> PlanarPose | None:
+    """Damped Gauss-Newton; None when it ends behind the camera."""
+    R, t, cost, J = _descend(
+        lens_vector(camera),
+        corners,
+        corners_px,
+        W,
+        start.rotation.copy(),
+        start.translation.copy(),
+    )
+    if not (np.isfinite(cost) and t[2] > 0):
+        return None
+    spread = np.linalg.inv(np.linalg.qr(J).R)
+    return PlanarPose(Pose(nearest_rotation(R), t), cost, spread @ spread.T)
+
+
+@compiled
+def _linearized(
+    lens: Array, corners: Array, corners_px: Array, W: Array, R: Array, t: Array
+) -> tuple[Array, Array]:
+    """Whitened residuals (8,) and the derivative (8, 6) of the corners by a left perturbation."""
+    r, J = np.empty(8), np.empty((8, 6))
+    for i in range(4):
+        x, y, z = R @ corners[i] + t
+        u, v = project(lens, x / z, y / z)
+        a, b, c, d = slopes(lens, x / z, y / z)
+        r[2 * i], r[2 * i + 1] = corners_px[i, 0] - u, corners_px[i, 1] - v
+        for row, (p, q) in enumerate(((a, b), (c, d))):
+            gx, gy = p / z, q / z
+            gz = -(gx * x + gy * y) / z
+            k = 2 * i + row
+            J[k, 0], J[k, 1], J[k, 2] = gx, gy, gz
+            J[k, 3], J[k, 4], J[k, 5] = gz * y - gy * z, gx * z - gz * x, gy * x - gx * y
+    return W @ r, W @ J
+
+
+@compiled
+def _turned(w: Array) -> Array:
+    """Rotation (3, 3) by a vector."""
+    angle = math.sqrt(w[0] * w[0] + w[1] * w[1] + w[2] * w[2])
+    K = np.array([[0.0, -w[2], w[1]], [w[2], 0.0, -w[0]], [-w[1], w[0], 0.0]])
+    sine, versine = 1.0, 0.5
+    if angle > 1e-8:
+        sine, versine = math.sin(angle) / angle, 2 * (math.sin(angle / 2) / angle) ** 2
+    return np.asarray(np.eye(3) + K * sine + K @ K * versine)
+
+
+@compiled
+def _descend(
+    lens: Array, corners: Array, corners_px: Array, W: Array, R: Array, t: Array
+) -> tuple[Array, Array, float, Array]:
+    """Rotation, translation, cost and the whitened derivative at the minimum; infinite cost if lost."""
+    damping = 0.0
+    r, J = _linearized(lens, corners, corners_px, W, R, t)
+    cost = float(r @ r)
+    for _ in range(_STEPS):
+        scale = 1 / np.sqrt(np.sum(J * J, axis=0))
+        scaled = J * scale
+        A = scaled.T @ scaled + (damping + 1e-15) * np.eye(6)
+        step = scale * np.linalg.solve(A, scaled.T @ r)
+        turn = _turned(step[3:])
+        R_new, t_new = turn @ R, turn @ t + step[:3]
+        r_new, J_new = _linearized(lens, corners, corners_px, W, R_new, t_new)
+        trial = float(r_new @ r_new)
+        is_last = damping <= _UNDAMPED and abs(cost - trial) < _STILL * (1 + cost)
+        if trial <= cost:
+            R, t, r, J, cost = R_new, t_new, r_new, J_new, trial
+            damping /= 10
+        else:
+            damping = max(10 * damping, _UNDAMPED)
+        if is_last:
+            break
+    return R, t, cost, J
