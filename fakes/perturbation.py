@@ -46,12 +46,10 @@ DOORS: Mapping[str, tuple[str, ...]] = {
     "vgrd.calibration.planning.next_sample:rank_samples": ("taught",),
     "vgrd.calibration.hand_eye.pose_pairs:calibrate_hand_eye": ("problem",),
     "vgrd.calibration.hand_eye.published.registry:Method.solve": ("pairs",),
-    "vgrd.calibration.hand_eye.partial:calibrate_hand_eye_partial": ("problem",),
     "vgrd.calibration.hand_eye.points:calibrate_hand_eye_from_points": ("problem",),
-    "vgrd.calibration.hand_eye.points:estimate_target_scale": ("problem",),
-    "vgrd.calibration.hand_eye.certificate:certified_start": ("moves", "cameras"),
-    "vgrd.calibration.hand_eye.certificate:rotation_cost": ("moves", "cameras"),
-    "vgrd.calibration.hand_eye.park_martin:quick_start": ("moves", "cameras"),
+    "vgrd.calibration.hand_eye.certificate:certified_start": ("flange_motions", "cameras"),
+    "vgrd.calibration.hand_eye.certificate:rotation_cost": ("flange_motions", "cameras"),
+    "vgrd.calibration.hand_eye.park_martin:park_martin_start": ("flange_motions", "cameras"),
     "vgrd.calibration.joint.estimate:calibrate_joint": ("recording", "sightings"),
     "vgrd.calibration.joint.samples:gather": ("recording", "sightings"),
     "vgrd.calibration.touches.repeatability:repeatability": ("touches", "targets"),
@@ -254,9 +252,9 @@ def _taken(value: Any, order: Order) -> Any:
     if isinstance(value, np.ndarray):
         return value[order]
     if isinstance(value, TouchSet):
-        return value.some(order)
+        return value.subset(order)
     if isinstance(value, UniversalProblem):
-        return UniversalProblem(value.points_in_object[order], value.touches.some(order))
+        return UniversalProblem(value.points_in_object[order], value.touches.subset(order))
     if isinstance(value, HandEyeProblem | PointHandEyeProblem):
         return _with_samples(value, [value.samples[i] for i in order])
     return [value[i] for i in order]

@@ -15,7 +15,7 @@ Place = Literal["best", "upper right", "center right", "lower right"]
 _WIDTH, _HEIGHT, _DPI = 7.2, 4.5, 150
 
 
-def require_matplotlib() -> None:
+def check_matplotlib() -> None:
     """Raise InputError with the remedy where matplotlib is not installed."""
     try:
         import matplotlib.figure  # noqa: F401
@@ -27,7 +27,7 @@ def require_matplotlib() -> None:
 
 def panels(title: str, *labels: tuple[str, str]) -> "tuple[Drawing, list[Axes]]":
     """Drawing with one panel for each pair of axis labels, side by side."""
-    require_matplotlib()
+    check_matplotlib()
     from matplotlib.figure import Figure as Drawing
 
     width = _WIDTH if len(labels) == 1 else 0.72 * _WIDTH * len(labels)

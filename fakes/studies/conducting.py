@@ -7,7 +7,7 @@ from pathlib import Path
 from fakes.studies.catalogue import study_called
 from fakes.studies.runner import Report, run_trials
 from fakes.studies.study import REFUSED, Figure, Trials
-from vgrd.charts import require_matplotlib
+from vgrd.charts import check_matplotlib
 from vgrd.errors import InputError
 
 SEED = 20
@@ -61,7 +61,7 @@ def conduct(
     """
     study = study_called(name)
     if plot:
-        require_matplotlib()
+        check_matplotlib()
     try:
         out.mkdir(parents=True, exist_ok=True)
     except OSError as err:

@@ -30,7 +30,7 @@ from vgrd.calibration.joint.estimate import (
     result_at,
 )
 from vgrd.calibration.joint.expected import expected_by_joint
-from vgrd.calibration.joint.problem import JointData, Link
+from vgrd.calibration.joint.problem import EvidenceKind, JointData
 from vgrd.calibration.joint.samples import gather
 from vgrd.calibration.joint.state import JointState
 from vgrd.calibration.touches.touch_set import TouchSet
@@ -167,7 +167,9 @@ def _truth(cell: Simulation, recording: Recording, arm: ArmModel) -> tuple[Joint
     """The evidence, and the unknowns as they are."""
     data = gather(recording, arm=arm)
     camera_from_base = cell.base_from_camera.inverse()
-    angles = [cell.spin_angles[int(name.split()[1]) - 1] for name in data.names[Link.SPINS]]
+    angles = [
+        cell.spin_angles[int(name.split()[1]) - 1] for name in data.names[EvidenceKind.SPINS]
+    ]
     state = JointState(
         base_from_camera=cell.base_from_camera,
         wrist_from_tag_a=cell.wrist_from_tag_a,

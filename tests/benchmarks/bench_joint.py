@@ -109,4 +109,4 @@ def tags(R: np.ndarray, t: np.ndarray, seen: Tags) -> np.ndarray:
     shift = t - np.einsum("nij,nj->ni", turn, seen.translations)
     W = hat(w)
     v = np.einsum("nij,nj->ni", np.eye(3) - W / 2 + W @ W / 12, shift)
-    return np.einsum("nij,nj->ni", seen.whiteners, np.concatenate([v, w], axis=1)).ravel()
+    return np.einsum("nij,nj->ni", seen.sqrt_informations, np.concatenate([v, w], axis=1)).ravel()

@@ -13,9 +13,9 @@ from pymodbus.server import ModbusTcpServer
 from pymodbus.simulator import DataType, SimData, SimDevice
 
 from vgrd.clock import SystemClock
-from vgrd.gate.desk import Desk
 from vgrd.gate.image_feed import ImageFeed
 from vgrd.gate.modbus import Limits, ModbusServer
+from vgrd.gate.register_bank import RegisterBank
 from vgrd.ipc.ring import RingWriter
 from vgrd.registers import (
     PACKED_BYTES,
@@ -44,8 +44,8 @@ async def serve_ours(folder: Path) -> None:
     start = clock.monotonic()
     answer = Answer(Status.OK, seq=1, captured_s=start, valid_until_s=start + 3600)
     feed = ImageFeed(folder, clock)
-    desk = Desk(feed, clock, deadline_s=0.25, forward=lambda _: True, abort=lambda: None)
-    server = ModbusServer(desk, clock, Limits())
+    bank = RegisterBank(feed, clock, deadline_s=0.25, forward=lambda _: True, abort=lambda: None)
+    server = ModbusServer(bank, clock, Limits())
     tell(await server.listen(HOST, 0))
     while True:
         now = clock.monotonic()

@@ -5,14 +5,14 @@ import numpy as np
 import pytest
 
 from fakes.world.simulation import FINE, ArmErrors, Simulation
-from vgrd.calibration.joint.estimate import ArmModel, Refinement, calibrate_joint
+from vgrd.calibration.joint.estimate import ArmModel, PriorSigmas, calibrate_joint
 from vgrd.calibration.joint.expected import expected_by_joint
 from vgrd.calibration.planning.error_budget import Source, Systematic, error_budget
 from vgrd.geometry import Pose, exp_rotation
 from vgrd.model import Policy
 
 FIELD_ARM = ArmErrors(sigma_mm=0.04, field_mm=0.12)
-SYSTEMATIC = Systematic(Refinement(0.05, 0.05, 3.0, 2.0), 0.1)
+SYSTEMATIC = Systematic(PriorSigmas(0.05, 0.05, 3.0, 2.0), 0.1)
 
 
 def model(arm, **quanta):
@@ -84,7 +84,7 @@ def test_time_and_systematic_errors_count_once_they_are_given():
 
 def test_what_was_refined_counts_as_refined():
     sim, recording, _ = taught()
-    refinement = Refinement(tag_a_mm=0.05, tag_b_mm=0.05, focal_px=3.0)
+    refinement = PriorSigmas(tag_a_mm=0.05, tag_b_mm=0.05, focal_px=3.0)
     result = calibrate_joint(recording, arm=ArmModel(), refine=refinement)
     budget = error_budget(result, sim.request().seen.tag_b, systematic=SYSTEMATIC)
     for link in (Source.INTRINSICS, Source.PRINT):
@@ -126,7 +126,7 @@ def test_a_larger_print_moves_the_answer_as_the_budget_says():
     by_b = answer(again, replace(seen, tag_b=replace(tag, camera_from_tag=nearer)))
     by_b = by_b - answer(result, seen)
     sigma = 0.0001 * recording.facts.tag_a.size_mm
-    print_only = Systematic(Refinement(sigma, sigma))
+    print_only = Systematic(PriorSigmas(sigma, sigma))
     assert variance(result, tag, Source.PRINT, print_only) == pytest.approx(
         moved @ moved + by_b @ by_b, rel=0.1
     )

@@ -5,13 +5,14 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from vgrd.calibration.touches.touch_set import TouchSet
-from vgrd.calibration.universal.certificate import certify
+from vgrd.calibration.universal.certificate import certify_rotation
 from vgrd.calibration.universal.estimate import (
     Equations,
     UniversalProblem,
     calibrate_universal,
     retract,
 )
+from vgrd.calibration.universal.problem import checked_points
 from vgrd.calibration.universal.start import reduced_cost, rotation_candidates
 from vgrd.errors import DidNotConverge, NotObservable
 from vgrd.geometry import Pose
@@ -19,6 +20,11 @@ from vgrd.geometry.least_squares import minimize
 from vgrd.geometry.rotation_relaxation import prove, relax
 
 SIGMA = 0.233
+
+
+def certify(problem, object_from_base):
+    K = reduced_cost(checked_points(problem), problem.touches)
+    return certify_rotation(K.T @ K, object_from_base.rotation)
 
 
 def simulate(seed, m, spread_deg, planar, lateral=SIGMA, axial=SIGMA, noise=SIGMA):

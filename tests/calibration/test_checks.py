@@ -16,7 +16,7 @@ from vgrd.calibration.checks import (
     missing_motion,
     missing_motions,
 )
-from vgrd.calibration.checks.readings import Turns, reread_candidates
+from vgrd.calibration.checks.interpretations import Turns, reread_candidates
 from vgrd.calibration.observability.motion import turned_axes
 from vgrd.calibration.solve import calibrate_system
 from vgrd.errors import InputError

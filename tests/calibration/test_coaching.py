@@ -17,7 +17,7 @@ from vgrd.calibration.planning.next_sample import (
     plan_touches,
     rank_samples,
 )
-from vgrd.calibration.planning.predicted_error import Foresight
+from vgrd.calibration.planning.predicted_error import PredictedError
 from vgrd.calibration.planning.reach import (
     Box,
     camera_sees_tag_a,
@@ -211,13 +211,13 @@ def test_the_tcp_of_four_axes_is_named_unknown_and_irrelevant_until_a_tilt_is_as
     recording = sim.record(looks=4, spins=4, wrists=[sim.wrist(1.5) for _ in range(6)])
     result = calibrate_joint(recording)
     for job in (Job(), Job(Policy.FOLLOW), Job(Policy.REQUESTED, [sim.wrist(2.0)])):
-        open_directions = Foresight(result, job).undetermined()
+        open_directions = PredictedError(result, job).undetermined()
         assert [one.matters for one in open_directions] == [False, False]
         assert "the TCP along (0.00, 0.00, 1.00) of the flange" in [
             o.what for o in open_directions
         ]
     tilted_work = Simulation(1).wrist(0.4)
-    asked = Foresight(result, Job(Policy.REQUESTED, [tilted_work])).undetermined()
+    asked = PredictedError(result, Job(Policy.REQUESTED, [tilted_work])).undetermined()
     assert [one.matters for one in asked if "TCP" in one.what] == [True]
 
 

@@ -7,7 +7,6 @@ from vgrd.calibration.stepwise.equations import (
     flange_for,
     motion_about,
     moved_flange,
-    point_in_base_fixed,
     point_in_base_live,
     special_expected,
 )
@@ -78,7 +77,7 @@ def test_the_fixed_camera_and_the_live_tag_give_one_point(seed):
         cell.tag_b_now,
         cell.point,
     )
-    fixed = point_in_base_fixed(cell.base_from_camera, cell.tag_b_now, cell.point)
+    fixed = (cell.base_from_camera @ cell.tag_b_now) @ cell.point
     np.testing.assert_allclose(live, fixed, atol=1e-8)
 
 

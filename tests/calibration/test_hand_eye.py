@@ -1,13 +1,14 @@
+from dataclasses import replace
+
 import cv2
 import numpy as np
 import pytest
 
-from vgrd.calibration.hand_eye.park_martin import quick_start
+from vgrd.calibration.hand_eye.park_martin import park_martin_start
 from vgrd.calibration.hand_eye.points import (
     PointHandEyeProblem,
     PointSample,
     calibrate_hand_eye_from_points,
-    estimate_target_scale,
 )
 from vgrd.calibration.hand_eye.pose_pairs import HandEyeProblem, PoseSample, calibrate_hand_eye
 from vgrd.errors import CalibrationError, InputError, NotObservable, TooFewObservations
@@ -103,7 +104,7 @@ def test_the_closed_form_agrees_with_opencv_on_noisy_data(mount):
         s.base_from_wrist if mount is Mount.EYE_TO_HAND else s.base_from_wrist.inverse()
         for s in looks
     ]
-    X, _ = quick_start(moves, [s.camera_from_target for s in looks])
+    X, _ = park_martin_start(moves, [s.camera_from_target for s in looks])
     R, t = cv2.calibrateHandEye(
         [m.inverse().rotation for m in moves],
         [m.inverse().translation for m in moves],
@@ -128,7 +129,7 @@ def test_refinement_beats_the_closed_form_on_looks_of_unequal_quality(mount):
             (0.05, 1e-4),
             robust=False,
         )
-        X, _ = quick_start(
+        X, _ = park_martin_start(
             [
                 s.base_from_wrist if mount is Mount.EYE_TO_HAND else s.base_from_wrist.inverse()
                 for s in problem.samples
@@ -174,9 +175,9 @@ def test_intrinsics_are_found_again_from_wrong_ones(mount):
 @pytest.mark.parametrize("mount", MOUNTS)
 def test_the_size_of_the_board_is_measured_by_the_robots_motion(mount):
     problem = point_problem(mount, n=12, noise_px=0.05, scale=1.004, sigma_px=0.05)
-    scale = estimate_target_scale(problem)
-    assert scale.value == pytest.approx(1.004, abs=4 * scale.sigma)
-    assert 0 < scale.sigma < 1e-3
+    result = calibrate_hand_eye_from_points(replace(problem, estimate_scale=True))
+    assert result.target_scale == pytest.approx(1.004, abs=4 * result.target_scale_sigma)
+    assert 0 < result.target_scale_sigma < 1e-3
 
 
 @pytest.mark.parametrize("mount", MOUNTS)

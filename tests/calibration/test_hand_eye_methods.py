@@ -7,7 +7,7 @@ from vgrd.calibration.hand_eye.published.motions import Motions
 from vgrd.calibration.hand_eye.published.robot_world import li, shah
 from vgrd.calibration.hand_eye.published.separable import horaud_dornaika, park_martin, tsai_lenz
 from vgrd.calibration.hand_eye.published.simultaneous import andreff, daniilidis
-from vgrd.calibration.hand_eye.state import move_of
+from vgrd.calibration.hand_eye.state import flange_motion_of
 from vgrd.errors import InputError, NotObservable, TooFewObservations
 from vgrd.geometry import Pose
 from vgrd.geometry.covariance import covariance_from
@@ -105,7 +105,7 @@ def test_noise_costs_no_more_than_a_small_factor_of_the_cramer_rao_bound(name, m
 def _bound(cell, pairs):
     """Cramer-Rao bound of the variances of X (mm^2, rad^2)."""
     back = cell.X.inverse()
-    moves = [move_of(cell.mount, pair.base_from_wrist) for pair in pairs]
+    moves = [flange_motion_of(cell.mount, pair.base_from_wrist) for pair in pairs]
     rows = [
         np.hstack([-back.adjoint(), (back @ move).adjoint()]) / SIGMA[:, None] for move in moves
     ]

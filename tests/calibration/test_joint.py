@@ -8,7 +8,7 @@ from fakes.world.simulation import FINE, WORK_ROTATION, ArmErrors, Simulation, V
 from vgrd.calibration.joint.basis import basis_of
 from vgrd.calibration.joint.estimate import ArmModel, Sighting, Turntable, calibrate_joint
 from vgrd.calibration.joint.expected import expected_by_joint, predict, work_orientation
-from vgrd.calibration.joint.problem import Link
+from vgrd.calibration.joint.problem import EvidenceKind
 from vgrd.calibration.joint.rows import arm_jacobian, linearize
 from vgrd.calibration.joint.samples import gather
 from vgrd.errors import InputError, NotObservable, TagNotSeen, TooFewObservations
@@ -86,8 +86,8 @@ def test_perfect_samples_give_every_unknown():
         assert mm < 1e-4
         assert rad < 1e-6
     np.testing.assert_allclose(state.tcp_in_wrist, sim.tcp_in_wrist, atol=1e-4)
-    recorded = [int(name.split()[1]) - 1 for name in result.data.names[Link.SPINS]]
-    off = np.exp(1j * (state.planar[:, 2] - np.array(sim.spin_angles)[recorded]))
+    recorded = [int(name.split()[1]) - 1 for name in result.data.names[EvidenceKind.SPINS]]
+    off = np.exp(1j * (state.table_motion[:, 2] - np.array(sim.spin_angles)[recorded]))
     np.testing.assert_allclose(off, 1, atol=1e-6)
 
 
@@ -169,8 +169,10 @@ def test_derivatives_by_the_arm_are_those_of_a_deviated_flange():
     result = calibrate_joint(recording, arm=ArmModel(0.1))
     data, state = result.data, result.state
     G = arm_jacobian(state, data)
-    i = next(k for k, name in enumerate(data.names[Link.TOUCHES]) if name.startswith("touch 3 "))
-    stand = int(data.touch_stands[i])
+    i = next(
+        k for k, name in enumerate(data.names[EvidenceKind.TOUCHES]) if name.startswith("touch 3 ")
+    )
+    stand = int(data.touch_stations[i])
     for axis in range(6):
         deviation = np.zeros(6)
         deviation[axis] = 1e-4 if axis < 3 else 1e-7
@@ -373,4 +375,4 @@ def test_a_field_that_is_modelled_is_corrected_near_the_touches():
 def test_a_touch_and_its_picture_share_one_error_of_the_arm():
     data = gather(Simulation(11).record(looks=4, spins=5))
     assert len(data.flange_at) == len(data.looks.tags) == 6 + 4 + 5
-    np.testing.assert_array_equal(data.looks.stands[:6], data.touch_stands)
+    np.testing.assert_array_equal(data.looks.stations[:6], data.touch_stations)

@@ -5,7 +5,7 @@ import pytest
 
 from fakes.world.simulation import FINE, Simulation
 from vgrd.calibration.joint.camera_corrections import FOCAL, TAG_A, TAG_B
-from vgrd.calibration.joint.estimate import ArmModel, Refinement, calibrate_joint
+from vgrd.calibration.joint.estimate import ArmModel, PriorSigmas, calibrate_joint
 from vgrd.calibration.joint.expected import expected_by_joint
 from vgrd.calibration.joint.rows import linearize
 from vgrd.geometry import Pose, exp_rotation, log_rotation
@@ -14,7 +14,7 @@ from vgrd.geometry.resection import pose_from_points
 
 EXACT = ArmModel()
 SQUARE = np.array([(-0.5, -0.5, 0.0), (0.5, -0.5, 0.0), (0.5, 0.5, 0.0), (-0.5, 0.5, 0.0)])
-SIZES = Refinement(tag_a_mm=0.1, tag_b_mm=0.1)
+SIZES = PriorSigmas(tag_a_mm=0.1, tag_b_mm=0.1)
 EVERYTHING = replace(SIZES, focal_px=30.0, center_px=15.0, k1=0.03)
 
 
@@ -55,10 +55,10 @@ def worst_miss(sim, result):
 
 
 def refined_mm(result, tag):
-    optics = result.optics
-    column = result.layout.refined_columns.start + list(optics.optics.sigmas).index(tag)
-    sigma = np.sqrt(result.covariance[column, column]) * optics.optics.sigmas[tag]
-    return optics.optics.size_mm(tag, optics.values), sigma
+    corrections = result.corrections
+    column = result.layout.refined_columns.start + list(corrections.corrections.sigmas).index(tag)
+    sigma = np.sqrt(result.covariance[column, column]) * corrections.corrections.sigmas[tag]
+    return corrections.corrections.size_mm(tag, corrections.values), sigma
 
 
 def test_tags_printed_large_are_found_by_the_robots_motion_and_the_coordinate_is_right():
@@ -80,7 +80,7 @@ def test_a_camera_that_is_not_as_assumed_is_found():
     moved = np.array([20.0, 20.0, 8.0, -5.0, 0.02, 0.0])
     sim, recording = taught(4, moved=moved)
     result = calibrate_joint(recording, arm=EXACT, refine=EVERYTHING)
-    camera = result.optics.optics.camera_at(result.optics.values)
+    camera = result.corrections.corrections.camera_at(result.corrections.values)
     off = np.abs(camera.intrinsics() - sim.camera.intrinsics())
     assert (off <= [5, 5, 3, 3, 1e-3, 0]).all()
     assert worst_miss(sim, result) < 0.05
@@ -102,12 +102,12 @@ def test_a_corrected_tag_is_the_one_that_would_have_been_measured():
     sim, recording = taught(6, larger=(1.003, 0.998), moved=(15, 15, 4, 3, 0.01, 0), vision=FINE)
     result = calibrate_joint(recording, arm=EXACT, refine=EVERYTHING)
     values = np.zeros(6)
-    sigmas = result.optics.optics.sigmas
+    sigmas = result.corrections.corrections.sigmas
     truth = {TAG_A: 0.075, TAG_B: -0.05, FOCAL: 15.0, "cx": 4.0, "cy": 3.0, "k1": 0.01}
     for i, (name, sigma) in enumerate(sigmas.items()):
         values[i] = truth[name] / sigma
     tag = sim.observe(sim.standing, 0.7).tag_b
-    corrected = replace(result.optics, values=values).corrected(tag)
+    corrected = replace(result.corrections, values=values).corrected(tag)
     camera_from_base = sim.base_from_camera.inverse()
     there = camera_from_base @ sim.base_from_object(0.7) @ sim.object_from_tag_b
     mm, rad = corrected.camera_from_tag.distance(there)
@@ -119,12 +119,14 @@ def test_a_corrected_tag_is_the_one_that_would_have_been_measured():
 def test_derivatives_by_the_refined_numbers_are_true():
     _, recording = taught(7)
     result = calibrate_joint(recording, arm=EXACT, refine=EVERYTHING)
-    tag, optics, h = recording.spins[2].tag_b, result.optics, 1e-4
-    by = optics.by_refined(tag)
+    tag, corrections, h = recording.spins[2].tag_b, result.corrections, 1e-4
+    by = corrections.corrected_jacobian(tag)
     for i in range(by.shape[1]):
         step = h * np.eye(by.shape[1])[i]
         ends = [
-            replace(optics, values=optics.values + s * step).corrected(tag).camera_from_tag
+            replace(corrections, values=corrections.values + s * step)
+            .corrected(tag)
+            .camera_from_tag
             for s in (1, -1)
         ]
         turn = ends[0].rotation @ ends[1].rotation.T
@@ -139,7 +141,7 @@ def test_rows_follow_the_refined_numbers_as_pictures_do():
     result = calibrate_joint(recording, arm=EXACT, refine=EVERYTHING)
     J = linearize(result.state, result.data, result.layout)[1]
     raw = calibrate_joint(recording, arm=EXACT).data
-    raw = replace(raw, optics=result.data.optics)
+    raw = replace(raw, corrections=result.data.corrections)
     for i in range(result.layout.refined):
         step = np.zeros(result.layout.size)
         step[result.layout.refined_columns.start + i] = 1e-4

@@ -6,9 +6,9 @@ import pytest
 from fakes.world.simulation import FINE, Simulation
 from vgrd.calibration.joint.estimate import ArmModel, Sighting, calibrate_joint
 from vgrd.calibration.joint.expected import expected_by_joint
-from vgrd.calibration.joint.fit import settle
-from vgrd.calibration.joint.problem import SAMPLED, Link
-from vgrd.calibration.joint.robust import deletion
+from vgrd.calibration.joint.fit import fit_joint
+from vgrd.calibration.joint.problem import SAMPLED, EvidenceKind
+from vgrd.calibration.joint.robust import leave_one_out
 from vgrd.calibration.joint.samples import gather
 from vgrd.calibration.joint.state import guess, layout_of
 from vgrd.geometry import Pose
@@ -118,14 +118,14 @@ def test_holes_of_a_spin_that_is_left_out_go_with_it():
     holes = [Sighting(h.target, h.pixel, h.sigma_px, h.spin) for h in sim.holes([2, 5, 6])]
     data = gather(recording, holes, EXACT)
     weights = {link: np.ones(len(data.names[link])) for link in SAMPLED}
-    weights[Link.SPINS][list(data.names[Link.SPINS]).index("spin 6")] = 0
+    weights[EvidenceKind.SPINS][list(data.names[EvidenceKind.SPINS]).index("spin 6")] = 0
     left = data.weighted(weights)
-    kept = [data.names[Link.HOLES].index(name) for name in left.names[Link.HOLES]]
+    kept = [data.names[EvidenceKind.HOLES].index(name) for name in left.names[EvidenceKind.HOLES]]
     assert len(kept) == 12
     for i, k in enumerate(kept):
         np.testing.assert_array_equal(left.holes.pixels[i], data.holes.pixels[k])
-        spin = data.names[Link.SPINS][data.holes.spin[k]]
-        assert left.names[Link.SPINS][left.holes.spin[i]] == spin
+        spin = data.names[EvidenceKind.SPINS][data.holes.spin[k]]
+        assert left.names[EvidenceKind.SPINS][left.holes.spin[i]] == spin
 
 
 @pytest.mark.parametrize("arm", [EXACT, FIELD])
@@ -146,12 +146,12 @@ def test_scores_are_what_leaving_a_sample_out_says(arm):
     """Squared distance of a touch from the fit without it, by the covariance of both."""
     _, recording = taught(550, vision=FINE)
     data = gather(recording, (), arm)
-    whole = settle(data, layout_of(data), guess(data))
-    scores = deletion(whole)[Link.TOUCHES].scores
+    whole = fit_joint(data, layout_of(data), guess(data))
+    scores = leave_one_out(whole)[EvidenceKind.TOUCHES].scores
     weights = {link: np.ones(len(data.names[link])) for link in SAMPLED}
-    weights[Link.TOUCHES][2] = 0
+    weights[EvidenceKind.TOUCHES][2] = 0
     left = data.weighted(weights)
-    without = settle(left, layout_of(left), whole.state)
+    without = fit_joint(left, layout_of(left), whole.state)
     gained = 2 * (whole.report.cost - without.report.cost)
     cubic = ((gained / 3) ** (1 / 3) - (1 - 2 / 27)) / np.sqrt(2 / 27)
     assert scores[2] == pytest.approx(max(cubic, 0), abs=0.02)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from fakes.world.simulation import COARSE, Simulation
-from vgrd.calibration.checks.misread_points import rival_names
+from vgrd.calibration.checks.misinterpreted_points import rival_names
 from vgrd.calibration.joint.estimate import JointResult, calibrate_joint
 from vgrd.calibration.planning.pose_trust import MARGIN_MM, place_u95_mm, reason_against
 from vgrd.calibration.planning.reach import Looking, Reach, Spinning, Touching, flange_of

@@ -100,7 +100,7 @@ def test_a_direction_that_was_not_measured_does_not_count():
     )
     found = calibrate_plane(blind, PLANE)
     np.testing.assert_allclose(found.tcp_in_wrist, TCP, atol=1e-6)
-    assert found.freedom == 6
+    assert found.degrees_of_freedom == 6
 
 
 def turned_about(axis, m=16):

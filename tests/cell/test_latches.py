@@ -23,7 +23,7 @@ def folders(tmp_path: Path) -> tuple[Path, Path]:
 def kept(book: LatchBook) -> None:
     """Let what was noted come to the disk."""
 
-    async def settle() -> None:
+    async def fit_joint() -> None:
         task = asyncio.create_task(book.run())
         try:
             async with asyncio.timeout(LONG_S):
@@ -31,7 +31,7 @@ def kept(book: LatchBook) -> None:
         finally:
             task.cancel()
 
-    asyncio.run(settle())
+    asyncio.run(fit_joint())
 
 
 def test_nothing_is_latched_at_first(folders: tuple[Path, Path]) -> None:

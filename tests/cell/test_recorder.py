@@ -60,11 +60,11 @@ class Idle:
             self.recorder.on_readings(readings)
             self.recorder.on_sight(self.sight())
             self.recorder.tick()
-            await self.settle()
+            await self.fit_joint()
 
-    async def settle(self):
+    async def fit_joint(self):
         """Let the writer's thread catch up."""
-        await asyncio.get_running_loop().run_in_executor(self.recorder._pen, lambda: None)
+        await asyncio.get_running_loop().run_in_executor(self.recorder._executor, lambda: None)
 
     def sight(self, shift_px=0.0, wrist=None, seen=True):
         noise = np.random.default_rng(self.count).normal(0, 0.03, (4, 2))
@@ -133,7 +133,7 @@ def test_a_picture_is_recorded_once_for_each_place_of_a_rest(tmp_path):
             idle.recorder.on_sight(idle.sight(shift_px=shift_px))
         idle.recorder.on_sight(idle.sight(wrist=SAMPLES.pose()))
         idle.recorder.on_sight(idle.sight())
-        await idle.settle()
+        await idle.fit_joint()
 
     folder = recorded(idle, steps)
     # without the tag, with it, moved, moved on; elsewhere; back again: a new rest.

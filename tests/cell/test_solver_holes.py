@@ -13,7 +13,7 @@ from fakes.world.optics import Optics
 from fakes.world.poses import retracted_pose
 from fakes.world.world import World
 from vgrd.calibration.expected_coordinate import expected_coordinate
-from vgrd.calibration.joint.fit import information_inverse, settle
+from vgrd.calibration.joint.fit import fit_joint, information_inverse
 from vgrd.calibration.joint.problem import Sighting
 from vgrd.calibration.joint.samples import gather
 from vgrd.calibration.joint.state import guess, layout_of
@@ -46,7 +46,7 @@ def small_layout() -> Layout:
     return Layout(optics=small, targets=holes)
 
 
-class Taught:
+class FittedTouches:
     """A session of six touches with one wrist, its pictures, and what they showed of the holes."""
 
     def __init__(self, folder: Path) -> None:
@@ -76,11 +76,13 @@ class Taught:
 
 
 @pytest.fixture(scope="module")
-def taught(tmp_path_factory: pytest.TempPathFactory) -> Taught:
-    return Taught(tmp_path_factory.mktemp("taught"))
+def taught(tmp_path_factory: pytest.TempPathFactory) -> FittedTouches:
+    return FittedTouches(tmp_path_factory.mktemp("taught"))
 
 
-def stored(taught: Taught, state: Path, *, plan: Plan = Plan.JOINT, pictures: bool = True) -> Path:
+def stored(
+    taught: FittedTouches, state: Path, *, plan: Plan = Plan.JOINT, pictures: bool = True
+) -> Path:
     recording = taught.recording
     writer = SessionWriter(state, "taught", plan, recording.facts, SystemClock())
     with writer:
@@ -103,7 +105,7 @@ def test_what_one_wrist_leaves_open_keeps_its_first_value_and_costs_no_steps(see
     rehearsal = Rehearsal(world, facts_of(world, tmp_path))
     data = gather(rehearsal.teach(looks=LOOKS, spins=SPINS, tilted=0, points=0))
     layout, first = layout_of(data), guess(data)
-    found = settle(data, layout, first)
+    found = fit_joint(data, layout, first)
     _, undetermined = information_inverse(found.jacobian, layout)
     moved = found.state.tcp_in_wrist - first.tcp_in_wrist
     assert np.abs(undetermined).max() > 1
@@ -252,7 +254,7 @@ def test_holes_give_plan_special_its_centre_where_the_object_never_turned(taught
     assert (np.linalg.norm(misses, axis=1) <= told_mm).mean() > 0.9
 
 
-def still_ones(taught: Taught) -> list[Sighting]:
+def still_ones(taught: FittedTouches) -> list[Sighting]:
     return [one for one in taught.holes.sightings if one.spin is None]
 
 

@@ -6,8 +6,8 @@ from dataclasses import replace
 import pytest
 
 from fakes.testing import ManualClock
-from vgrd.gate.desk import Desk
 from vgrd.gate.image_feed import ImageFeed
+from vgrd.gate.register_bank import RegisterBank
 from vgrd.ipc.ring import RingWriter
 from vgrd.registers import (
     PACKED_BYTES,
@@ -38,7 +38,7 @@ class Bench:
         self.forwarded: list[Request] = []
         self.aborts = 0
         self.reachable = True
-        self.desk = Desk(
+        self.bank = RegisterBank(
             ImageFeed(runtime_dir, self.clock),
             self.clock,
             deadline_s=DEADLINE_S,
@@ -80,11 +80,11 @@ class Bench:
     def trigger(self, trig: int, command: int = Command.EC_FRESH, point=4, timeout_ms=0) -> None:
         """Write a request in one piece."""
         words = [trig, command, point, 0, 0, 0, 0, 0, 0, timeout_ms]
-        assert self.desk.write_registers(0, struct.pack(">10H", *words))
+        assert self.bank.write_registers(0, struct.pack(">10H", *words))
 
     def see(self) -> dict[str, float]:
         """Read the response."""
-        return RESPONSE.decode(self.desk.read_registers(100, 68))
+        return RESPONSE.decode(self.bank.read_registers(100, 68))
 
     def status(self) -> tuple[float, float]:
         """ECHO and STATUS."""
@@ -114,7 +114,7 @@ def test_before_the_cell_lives_the_daemon_is_starting_and_answers_so(tmp_path):
 
 
 def test_a_cell_that_does_not_live_finds_no_old_requests_when_it_starts(bench):
-    bench.desk.cell_lost()
+    bench.bank.cell_lost()
     for trig in range(1, 400):
         bench.trigger(trig)
         assert bench.status() == (trig, Status.INTERNAL_ERROR)
@@ -127,7 +127,7 @@ def test_a_cell_that_does_not_live_finds_no_old_requests_when_it_starts(bench):
 
 def test_a_request_is_busy_before_its_write_is_answered_and_then_holds_its_answer(bench):
     bench.trigger(7)
-    assert bench.desk._space[2 * 104 : 2 * 105] == struct.pack(">H", Status.BUSY)
+    assert bench.bank._space[2 * 104 : 2 * 105] == struct.pack(">H", Status.BUSY)
     assert [request.trig for request in bench.forwarded] == [7]
     assert bench.forwarded[0].point == 4
     bench.publish()
@@ -141,9 +141,9 @@ def test_the_same_trig_again_starts_nothing_and_a_change_by_one_register_does(be
     bench.trigger(7)
     bench.trigger(7)
     assert len(bench.forwarded) == 1
-    bench.desk.write_registers(0, struct.pack(">H", 8))
+    bench.bank.write_registers(0, struct.pack(">H", 8))
     assert [request.trig for request in bench.forwarded] == [7, 8]
-    assert bench.desk.counters["superseded"] == 1
+    assert bench.bank.counters["superseded"] == 1
 
 
 @pytest.mark.parametrize("answered", [True, False], ids=["answered", "pending"])
@@ -155,15 +155,15 @@ def test_the_same_trig_with_another_point_is_refused_and_shows_no_earlier_coordi
     if answered:
         bench.publish(bench.answer(1, seq=1))
         assert bench.status() == (1, Status.OK)
-    other = bytearray(bench.desk._request)
+    other = bytearray(bench.bank._request)
     other[2 * 2 : 2 * 3] = struct.pack(">H", 9)
-    bench.desk.write_registers(0, bytes(other))
+    bench.bank.write_registers(0, bytes(other))
     assert bench.status() == (1, Status.BAD_PARAMETER)
     assert bench.see()["DETAIL"] == 0
     assert bench.see()["POINT"] == 9
     bench.publish(bench.answer(1, seq=2))
     assert bench.status() == (1, Status.BAD_PARAMETER)
-    bench.desk.write_registers(0, bytes(other))
+    bench.bank.write_registers(0, bytes(other))
     assert bench.status() == (1, Status.BAD_PARAMETER)
     bench.trigger(2)
     assert bench.status() == (0, Status.BUSY)
@@ -324,7 +324,7 @@ def test_a_dead_cell_is_invalid_at_once(bench):
     bench.trigger(7)
     bench.publish(bench.answer(7, seq=1))
     assert bench.status() == (7, Status.OK)
-    bench.desk.cell_lost()
+    bench.bank.cell_lost()
     assert bench.see()["STATUS"] == Status.INTERNAL_ERROR
     bench.trigger(8)
     assert bench.status() == (8, Status.INTERNAL_ERROR)
@@ -361,7 +361,7 @@ def test_a_cell_that_comes_back_after_its_ring_was_deleted_is_seen(bench, monkey
     bench.publish(bench.answer(7, seq=1))
     assert bench.status() == (7, Status.OK)
     (bench.runtime_dir / REGISTER_RING).unlink()
-    bench.desk.cell_lost()
+    bench.bank.cell_lost()
     bench.start_cell()
     bench.publish()
     bench.clock.now_s += 0.06
@@ -382,7 +382,7 @@ def test_clearing_drops_answer_and_request_and_tells_the_cell(bench, how):
     elif how == "command":
         bench.trigger(echo := 7, command=Command.CLEAR)
     else:
-        bench.desk.write_coils(1, [True])
+        bench.bank.write_coils(1, [True])
     assert bench.status() == (echo, Status.IDLE)
     assert bench.aborts == 1
     assert len(bench.forwarded) == 1
@@ -411,15 +411,15 @@ def test_a_continuous_answer_that_nobody_asked_for_is_shown_also_after_a_clear(b
 
 
 def test_a_rising_edge_of_the_coil_is_the_next_trig(bench):
-    bench.desk.write_registers(0, struct.pack(">3H", 0, Command.EC_NEWEST, 9))
-    bench.desk.write_coils(0, [True])
+    bench.bank.write_registers(0, struct.pack(">3H", 0, Command.EC_NEWEST, 9))
+    bench.bank.write_coils(0, [True])
     assert (bench.forwarded[-1].trig, bench.forwarded[-1].point) == (1, 9)
-    bench.desk.write_coils(0, [True])
+    bench.bank.write_coils(0, [True])
     assert len(bench.forwarded) == 1
-    bench.desk.write_coils(0, [False])
-    bench.desk.write_coils(0, [True])
+    bench.bank.write_coils(0, [False])
+    bench.bank.write_coils(0, [True])
     assert bench.forwarded[-1].trig == 2
-    assert bench.desk.read_coils(0, 2) == [True, False]
+    assert bench.bank.read_coils(0, 2) == [True, False]
 
 
 @pytest.mark.parametrize("scale", Scale16)
@@ -442,62 +442,62 @@ POLICY_3 = 3 << 8
 
 def test_the_orientation_counts_only_if_all_of_it_was_written_since_the_last_trig(bench):
     def oriented(trig: int) -> bool:
-        bench.desk.write_registers(0, struct.pack(">4H", trig, Command.EC_FRESH, 4, POLICY_3))
+        bench.bank.write_registers(0, struct.pack(">4H", trig, Command.EC_FRESH, 4, POLICY_3))
         return bench.forwarded[-1].orientation_written
 
     assert not oriented(1)
-    bench.desk.write_registers(23, ORIENTATION)
+    bench.bank.write_registers(23, ORIENTATION)
     assert oriented(2)
     assert not oriented(3)
-    bench.desk.write_registers(23, ORIENTATION[:10])
+    bench.bank.write_registers(23, ORIENTATION[:10])
     assert not oriented(4)
-    bench.desk.write_registers(28, ORIENTATION[10:])
+    bench.bank.write_registers(28, ORIENTATION[10:])
     assert not oriented(5)
     for register in range(23, 29):
-        bench.desk.write_registers(register, ORIENTATION[2 * register - 46 : 2 * register - 44])
+        bench.bank.write_registers(register, ORIENTATION[2 * register - 46 : 2 * register - 44])
     assert oriented(6)
-    bench.desk.write_registers(23, ORIENTATION)
+    bench.bank.write_registers(23, ORIENTATION)
     bench.trigger(0)
     assert not oriented(7)
-    bench.desk.write_registers(23, ORIENTATION)
-    bench.desk.write_coils(1, [True])
+    bench.bank.write_registers(23, ORIENTATION)
+    bench.bank.write_coils(1, [True])
     assert not oriented(8)
     whole = struct.pack(">4H", 9, Command.EC_FRESH, 4, POLICY_3) + bytes(38) + ORIENTATION
-    bench.desk.write_registers(0, whole)
+    bench.bank.write_registers(0, whole)
     assert bench.forwarded[-1].trig == 9
     assert bench.forwarded[-1].orientation_written
 
 
 def test_the_coil_with_policy_3_is_refused_by_name_and_without_it_works_on(bench):
-    bench.desk.write_registers(1, struct.pack(">3H", Command.EC_FRESH, 4, POLICY_3))
-    bench.desk.write_registers(23, ORIENTATION)
-    bench.desk.write_coils(0, [True])
+    bench.bank.write_registers(1, struct.pack(">3H", Command.EC_FRESH, 4, POLICY_3))
+    bench.bank.write_registers(23, ORIENTATION)
+    bench.bank.write_coils(0, [True])
     assert bench.forwarded == []
     assert bench.status() == (1, Status.BAD_PARAMETER)
     assert bench.see()["DETAIL"] == 3
-    bench.desk.write_registers(3, bytes(2))
-    bench.desk.write_coils(0, [False])
-    bench.desk.write_coils(0, [True])
+    bench.bank.write_registers(3, bytes(2))
+    bench.bank.write_coils(0, [False])
+    bench.bank.write_coils(0, [True])
     assert bench.status() == (0, Status.BUSY)
 
 
 def test_trig_by_coil_goes_round_without_zero(bench):
     bench.trigger(0xFFFF)
-    bench.desk.write_coils(0, [True])
+    bench.bank.write_coils(0, [True])
     assert bench.forwarded[-1].trig == 1
 
 
 def test_inputs_show_the_state_and_a_toggle_of_the_heartbeat(bench):
     bench.publish(state=State.READY | State.TAG_B_SEEN, beat=5)
-    inputs = bench.desk.read_inputs(0, 17)
+    inputs = bench.bank.read_inputs(0, 17)
     assert [i for i, value in enumerate(inputs) if value] == [0, 10, 16]
     bench.publish(state=State.READY, beat=10)
-    assert bench.desk.read_inputs(16, 1) == [False]
+    assert bench.bank.read_inputs(16, 1) == [False]
 
 
 def test_a_closed_desk_answers_every_trig_with_the_reason(bench):
     bench.trigger(7)
-    bench.desk.close(Status.SHUTTING_DOWN)
+    bench.bank.close(Status.SHUTTING_DOWN)
     assert bench.status() == (7, Status.SHUTTING_DOWN)
     bench.publish(bench.answer(7, seq=1))
     bench.trigger(8)
@@ -521,14 +521,14 @@ def test_a_closed_desk_answers_every_trig_with_the_reason(bench):
     ],
 )
 def test_a_read_must_lie_inside_one_block(bench, address, count, there):
-    registers = bench.desk.read_registers(address, count)
+    registers = bench.bank.read_registers(address, count)
     assert (registers is not None) == there
     assert not there or len(registers) == 2 * count
 
 
 def test_only_the_request_can_be_written(bench):
-    assert not bench.desk.write_registers(100, b"\0\1")
-    assert not bench.desk.write_registers(31, bytes(4))
-    assert not bench.desk.write_coils(1, [True, True])
-    assert bench.desk.write_registers(31, b"\1\2")
-    assert bench.desk.read_registers(31, 1) == b"\1\2"
+    assert not bench.bank.write_registers(100, b"\0\1")
+    assert not bench.bank.write_registers(31, bytes(4))
+    assert not bench.bank.write_coils(1, [True, True])
+    assert bench.bank.write_registers(31, b"\1\2")
+    assert bench.bank.read_registers(31, 1) == b"\1\2"

@@ -11,8 +11,8 @@ from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, rule
 
 from fakes.testing import ManualClock
-from vgrd.gate.desk import Desk
 from vgrd.gate.image_feed import ImageFeed
+from vgrd.gate.register_bank import RegisterBank
 from vgrd.ipc.ring import RingWriter
 from vgrd.registers import (
     PACKED_BYTES,
@@ -52,7 +52,7 @@ class Handshake(RuleBasedStateMachine):
         self.settled = False  # the cell answered it
         self.ring: RingWriter | None = None
         feed = ImageFeed(Path(self.folder.name), self.clock)
-        self.desk = Desk(
+        self.bank = RegisterBank(
             feed,
             self.clock,
             deadline_s=DEADLINE_S,
@@ -88,7 +88,7 @@ class Handshake(RuleBasedStateMachine):
 
     @rule()
     def lose_cell(self) -> None:
-        self.desk.cell_lost()
+        self.bank.cell_lost()
 
     @rule(reachable=st.booleans())
     def link(self, reachable: bool) -> None:
@@ -102,16 +102,16 @@ class Handshake(RuleBasedStateMachine):
 
     @rule(trig=trigs, point=st.integers(1, 3))
     def ask(self, trig: int, point: int) -> None:
-        before = struct.unpack(">H", self.desk.read_registers(0, 1))[0]
-        self.desk.write_registers(0, struct.pack(">3H", trig, Command.EC_FRESH, point))
+        before = struct.unpack(">H", self.bank.read_registers(0, 1))[0]
+        self.bank.write_registers(0, struct.pack(">3H", trig, Command.EC_FRESH, point))
         if trig != before:
             self.asked, self.asked_s = (trig, point) if trig else None, self.clock.now_s
             self.settled = False
 
     @rule()
     def clear(self) -> None:
-        self.desk.write_coils(1, [False])
-        self.desk.write_coils(1, [True])
+        self.bank.write_coils(1, [False])
+        self.bank.write_coils(1, [True])
         self.asked = None
 
     @rule(which=st.integers(0, 5), point=st.sampled_from((None, 9)), ok=st.booleans())
@@ -144,7 +144,7 @@ class Handshake(RuleBasedStateMachine):
 
     @invariant()
     def what_is_valid_is_the_answer_to_what_was_asked(self) -> None:
-        v = RESPONSE.decode(self.desk.read_registers(100, 68))
+        v = RESPONSE.decode(self.bank.read_registers(100, 68))
         if v["STATUS"] in (Status.OK, Status.OK_DEGRADED):
             assert self.asked == (v["ECHO"], v["POINT"])
             assert v["EC32_X"] == self.got[-1].nonce % 1000
@@ -155,7 +155,7 @@ class Handshake(RuleBasedStateMachine):
     @invariant()
     def a_request_ends(self) -> None:
         self.clock.now_s += TICK_S / 20  # whatever it is, time goes on
-        v = RESPONSE.decode(self.desk.read_registers(100, 68))
+        v = RESPONSE.decode(self.bank.read_registers(100, 68))
         if v["STATUS"] == Status.BUSY:
             assert self.asked is not None
             assert self.clock.now_s - self.asked_s < TIMEOUT_S
@@ -181,7 +181,7 @@ def test_whatever_the_cell_does_a_request_ends_after_its_time(tmp_path, cell):
             machine.start_cell()
         else:
             machine.publish()
-        machine.desk.refresh()
-    v = RESPONSE.decode(machine.desk.read_registers(100, 68))
+        machine.bank.refresh()
+    v = RESPONSE.decode(machine.bank.read_registers(100, 68))
     assert (v["ECHO"], v["STATUS"], v["POINT"]) == (2, Status.TIMEOUT, 2)
     machine.teardown()

@@ -16,9 +16,9 @@ from pymodbus.client import ModbusTcpClient
 from fakes.controllers.raw_modbus import RawModbus
 from vgrd.clock import SystemClock
 from vgrd.errors import ServingError
-from vgrd.gate.desk import Desk
 from vgrd.gate.image_feed import ImageFeed
 from vgrd.gate.modbus import ACCEPTS_PER_TURN, Limits, ModbusServer
+from vgrd.gate.register_bank import RegisterBank
 from vgrd.registers import Status
 
 LIMITS = Limits(
@@ -32,8 +32,10 @@ class ServerThread:
     def __init__(self, runtime_dir, limits=LIMITS):
         clock = SystemClock()
         feed = ImageFeed(runtime_dir, clock)
-        self.desk = Desk(feed, clock, deadline_s=0.25, forward=lambda _: True, abort=lambda: None)
-        self.server = ModbusServer(self.desk, clock, limits)
+        self.bank = RegisterBank(
+            feed, clock, deadline_s=0.25, forward=lambda _: True, abort=lambda: None
+        )
+        self.server = ModbusServer(self.bank, clock, limits)
         self.loop = asyncio.new_event_loop()
         self.port = self.loop.run_until_complete(self.server.listen("127.0.0.1", 0))
         self.sweep()
@@ -151,7 +153,7 @@ def test_a_refused_request_gets_its_function_and_the_right_code(serving, pdu, co
     with serving.client() as client:
         assert client.call(pdu) == bytes((pdu[0] | 0x80, code))
         assert client.read(100, 1) == b"\x01\x00"
-        assert serving.desk.read_registers(0, 32) == bytes(64)
+        assert serving.bank.read_registers(0, 32) == bytes(64)
 
 
 def test_every_one_of_many_pipelined_requests_is_answered_in_order(serving):
@@ -212,7 +214,7 @@ def test_garbage_closes_its_connection_at_once_and_no_other(serving, garbage):
         bad.socket.sendall(garbage)
         assert is_closed(bad, 0.5)
         assert good.read(100, 1) == b"\x01\x00"
-        assert serving.desk.read_registers(0, 32) == bytes(64)
+        assert serving.bank.read_registers(0, 32) == bytes(64)
 
 
 def test_what_comes_before_garbage_is_not_answered_half(serving):
@@ -339,7 +341,7 @@ class Turns:
 
     def __init__(self, runtime_dir):
         clock = SystemClock()
-        desk = Desk(
+        bank = RegisterBank(
             ImageFeed(runtime_dir, clock),
             clock,
             deadline_s=0.25,
@@ -347,7 +349,7 @@ class Turns:
             abort=lambda: None,
         )
         self.loop = asyncio.new_event_loop()
-        self.server = ModbusServer(desk, clock, LIMITS)
+        self.server = ModbusServer(bank, clock, LIMITS)
         self.port = self.loop.run_until_complete(self.server.listen("127.0.0.1", 0))
 
     def turn(self) -> None:
@@ -389,10 +391,10 @@ def test_a_listed_robot_behind_a_crowd_of_strangers_is_let_in_after_a_few_turns(
 def test_a_socket_that_listens_already_is_served_with_a_queue_of_our_length(tmp_path):
     clock = SystemClock()
     feed = ImageFeed(tmp_path, clock)
-    desk = Desk(feed, clock, deadline_s=0.25, forward=lambda _: True, abort=lambda: None)
+    bank = RegisterBank(feed, clock, deadline_s=0.25, forward=lambda _: True, abort=lambda: None)
 
     async def serve() -> None:
-        server = ModbusServer(desk, clock, LIMITS)
+        server = ModbusServer(bank, clock, LIMITS)
         given = socket.create_server(("127.0.0.1", 0), backlog=1)
         port = given.getsockname()[1]
         assert await server.listen("127.0.0.1", port, given) == port
@@ -457,7 +459,7 @@ def test_a_robot_that_comes_back_takes_the_place_of_its_silent_connections(servi
 
 
 def test_a_port_that_is_taken_is_named_with_the_remedy(serving):
-    second = ModbusServer(serving.desk, SystemClock(), LIMITS)
+    second = ModbusServer(serving.bank, SystemClock(), LIMITS)
     with pytest.raises(ServingError, match=rf"127.0.0.1:{serving.port}.*\[serving\] port"):
         asyncio.run(second.listen("127.0.0.1", serving.port))
     with pytest.raises(ServingError, match=r"does not have that address.*\[serving\] host"):

@@ -8,7 +8,7 @@ from vgrd.geometry.covariance import (
     mean_pose,
     observability,
     radius95,
-    whitener,
+    sqrt_information,
 )
 
 
@@ -47,14 +47,14 @@ def test_the_undetermined_direction_is_told():
 def test_a_whitener_makes_the_covariance_one():
     A = np.random.default_rng(2).normal(size=(6, 6))
     C = A @ A.T + np.eye(6)
-    W = whitener(C)
+    W = sqrt_information(C)
     np.testing.assert_allclose(W @ C @ W.T, np.eye(6), atol=1e-9)
 
 
 @pytest.mark.parametrize("bad", [np.zeros((6, 6)), -np.eye(6), np.full((6, 6), np.nan)])
 def test_what_is_no_covariance_is_refused(bad):
     with pytest.raises(InputError, match="positive definite"):
-        whitener(bad)
+        sqrt_information(bad)
     with pytest.raises(InputError, match="positive definite"):
         mean_pose([Pose.identity()], [bad])
 

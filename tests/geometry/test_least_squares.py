@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from vgrd.errors import DidNotConverge
-from vgrd.geometry.least_squares import minimize, require_convergence
+from vgrd.geometry.least_squares import check_convergence, minimize
 
 
 def test_the_iteration_finds_the_valley_of_rosenbrock():
@@ -23,7 +23,7 @@ def test_an_iteration_without_minimum_says_so():
 
     found = minimize(linearize, np.add, np.zeros(1), max_steps=3)
     with pytest.raises(DidNotConverge, match="hand-eye: no minimum after 3 steps"):
-        require_convergence(found.report, "hand-eye")
+        check_convergence(found.report, "hand-eye")
 
 
 def test_a_start_that_is_not_finite_is_refused():
@@ -70,7 +70,7 @@ def test_a_jacobian_of_wrong_sign_is_not_taken_for_a_minimum(column):
     found = minimize(linearize, np.add, np.array([-1.2, 1.0]))
     assert not found.report.converged
     with pytest.raises(DidNotConverge):
-        require_convergence(found.report, "wrong")
+        check_convergence(found.report, "wrong")
 
 
 def test_the_gradient_at_a_minimum_is_small_with_a_margin():

@@ -54,12 +54,12 @@ def confidence_of(
         return 1.0
     if not np.isfinite(predicted_u95_mm):
         return 0.0
-    freedom = _DIRECTIONS
+    degrees_of_freedom = _DIRECTIONS
     if covariance is not None:
         squares = float(np.einsum("ij,ji->", covariance, covariance))
-        freedom = float(np.trace(covariance)) ** 2 / squares
-    g = predicted_u95_mm**2 / (2 * gammaincinv(freedom / 2, _95))
-    return float(gammainc(freedom / 2, float(tolerance_mm**2 / g / 2)))
+        degrees_of_freedom = float(np.trace(covariance)) ** 2 / squares
+    g = predicted_u95_mm**2 / (2 * gammaincinv(degrees_of_freedom / 2, _95))
+    return float(gammainc(degrees_of_freedom / 2, float(tolerance_mm**2 / g / 2)))
 
 
 def _percent(share: float) -> str:

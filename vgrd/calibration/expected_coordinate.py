@@ -63,15 +63,15 @@ def expected_coordinate(
         basis = stored_basis(calibration.joint, calibration.facts)
         return expected_from(basis, target_name, camera_from_tag_b, policy, R_work)
     if calibration.tcp_in_wrist is None:
-        _require_taught_orientation(taught, R_work)
-        moved, by_touches = _special(calibration, taught, camera_from_tag_b, policy)
+        _check_taught_orientation(taught, R_work)
+        moved, J_touches = _special(calibration, taught, camera_from_tag_b, policy)
         flange = moved.position
     else:
-        moved, by_touches = _universal(calibration, taught, camera_from_tag_b, policy, R_work)
+        moved, J_touches = _universal(calibration, taught, camera_from_tag_b, policy, R_work)
         flange = moved.position - _wrist(policy, moved, R_work) @ _tip_in_wrist(calibration)
     R_now = _wrist(policy, moved, R_work)
     robot = calibration.facts.robot_sigma_mm**2 * _EYE
-    covariance = _touch_covariance(taught, by_touches) + moved.covariance + robot
+    covariance = _touch_covariance(taught, J_touches) + moved.covariance + robot
     turned = _rotation_covariance(calibration, camera_from_tag_b, moved.rotation)
     return ExpectedCoordinate(
         target=taught.target,
@@ -90,7 +90,7 @@ def _taught(calibration: Calibration, target_name: str) -> TaughtPoint:
         raise InputError(f"target {target_name!r} was not taught; there are: {known}") from None
 
 
-def _require_taught_orientation(taught: TaughtPoint, R_work: Array) -> None:
+def _check_taught_orientation(taught: TaughtPoint, R_work: Array) -> None:
     off = float(np.linalg.norm(log_rotation(R_work @ taught.base_from_work.T)))
     if off > SAME_ORIENTATION_RAD:
         raise InputError(
@@ -120,14 +120,14 @@ def _universal(
     the hand-eye then needs no TCP, while the pivot's place in the base would.
     """
     tip = taught.flange_in_base + taught.base_from_work @ _tip_in_wrist(calibration)
-    by_pivot = np.zeros((3, 3))
+    J_pivot = np.zeros((3, 3))
     if policy is not Policy.FOLLOW and calibration.pivot_in_base is not None:
         moved = _about_pivot(calibration, tip, now)
-        by_pivot = _EYE - moved.rotation
+        J_pivot = _EYE - moved.rotation
     else:
         moved = _with_hand_eye(calibration, tip, now)
-    by_tcp = moved.rotation @ taught.base_from_work - _wrist(policy, moved, R_work)
-    return moved, np.hstack([moved.rotation, by_pivot, by_tcp])
+    J_tcp = moved.rotation @ taught.base_from_work - _wrist(policy, moved, R_work)
+    return moved, np.hstack([moved.rotation, J_pivot, J_tcp])
 
 
 def _special(
@@ -147,11 +147,11 @@ def _special(
     return moved, np.hstack([moved.rotation, _EYE - moved.rotation])
 
 
-def _touch_covariance(taught: TaughtPoint, by_touches: Array) -> Array:
+def _touch_covariance(taught: TaughtPoint, J_touches: Array) -> Array:
     joint = taught.joint_covariance
-    if joint is None or by_touches.shape[1] == 3:
+    if joint is None or J_touches.shape[1] == 3:
         joint = taught.covariance
-    return np.asarray(by_touches @ joint @ by_touches.T)
+    return np.asarray(J_touches @ joint @ J_touches.T)
 
 
 def _about_pivot(calibration: Calibration, point: Array, now: TagObservation) -> _Moved:
@@ -166,16 +166,16 @@ def _about_pivot(calibration: Calibration, point: Array, now: TagObservation) ->
     turn = R_bc @ R_Q @ R_bc.T
     shift = R_bc @ (pivot_now - pivot_ref)
     u, v = R_bc @ arm, R_bc @ (R_Q @ arm)
-    by_now = R_bc @ np.hstack([_EYE, -hat(pivot_now + R_Q @ arm)])
-    by_ref = -R_bc @ np.hstack([_EYE, -hat(pivot_ref) - R_Q @ hat(arm)])
-    by_hand_eye = turn @ hat(u) - hat(v) - hat(shift)
-    by_pivot = R_bc @ (C.rotation - ref.rotation)
+    J_now = R_bc @ np.hstack([_EYE, -hat(pivot_now + R_Q @ arm)])
+    J_ref = -R_bc @ np.hstack([_EYE, -hat(pivot_ref) - R_Q @ hat(arm)])
+    J_hand_eye = turn @ hat(u) - hat(v) - hat(shift)
+    J_pivot = R_bc @ (C.rotation - ref.rotation)
     pivot = calibration.pivot_covariance
     covariance = (
-        _quadratic(by_now, now.covariance)
-        + _quadratic(by_ref, calibration.reference_covariance)
-        + _quadratic(by_hand_eye, calibration.hand_eye_covariance[3:, 3:])
-        + _quadratic(by_pivot, pivot)
+        _quadratic(J_now, now.covariance)
+        + _quadratic(J_ref, calibration.reference_covariance)
+        + _quadratic(J_hand_eye, calibration.hand_eye_covariance[3:, 3:])
+        + _quadratic(J_pivot, pivot)
     )
     return _Moved(calibration.pivot_in_base + v + shift, turn, covariance)
 
@@ -188,13 +188,13 @@ def _with_hand_eye(calibration: Calibration, point: Array, now: TagObservation) 
     in_camera_now = M @ in_camera_ref
     position = B @ in_camera_now
     turn = B.rotation @ M.rotation @ B.rotation.T
-    by_now = B.rotation @ np.hstack([_EYE, -hat(in_camera_now)])
-    by_ref = -B.rotation @ M.rotation @ np.hstack([_EYE, -hat(in_camera_ref)])
-    by_hand_eye = np.hstack([_EYE - turn, turn @ hat(point) - hat(position)])
+    J_now = B.rotation @ np.hstack([_EYE, -hat(in_camera_now)])
+    J_ref = -B.rotation @ M.rotation @ np.hstack([_EYE, -hat(in_camera_ref)])
+    J_hand_eye = np.hstack([_EYE - turn, turn @ hat(point) - hat(position)])
     covariance = (
-        _quadratic(by_now, now.covariance)
-        + _quadratic(by_ref, calibration.reference_covariance)
-        + _quadratic(by_hand_eye, calibration.hand_eye_covariance)
+        _quadratic(J_now, now.covariance)
+        + _quadratic(J_ref, calibration.reference_covariance)
+        + _quadratic(J_hand_eye, calibration.hand_eye_covariance)
     )
     return _Moved(position, turn, covariance)
 

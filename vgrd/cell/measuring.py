@@ -115,7 +115,7 @@ class Measuring:
         self.on_readings: list[Callable[[Sequence[FlangeReading]], None]] = []
         self.on_sight: list[Callable[[Sight], None]] = []
         self.on_watch: list[Callable[[Sight], None]] = []
-        self._eyes = ThreadPoolExecutor(1, thread_name_prefix="vision")
+        self._executor = ThreadPoolExecutor(1, thread_name_prefix="vision")
         self._evaluating_since_s: float | None = None
         self._evaluation: asyncio.Task[None] | None = None
         self._unusable = ""
@@ -261,7 +261,7 @@ class Measuring:
             if image.region is not None:
                 near = {i: tag for i, tag in near.items() if i == self.facts.tag_b.id}
             tags = await loop.run_in_executor(
-                self._eyes, self.detector.detect, image.pixels, near, image.region
+                self._executor, self.detector.detect, image.pixels, near, image.region
             )
             self._last_tags = tags if image.region is None else {**self._last_tags, **tags}
             if image.region is None:

@@ -81,7 +81,7 @@ def intrinsics(
         raise InputError(f"--print-mm {print_mm:g}: give a positive number, or leave it out")
     with progress("finding the board") as report:
         pictures = read_board_pictures(folder, chosen, report)
-    _require_views(pictures)
+    _check_views(pictures)
     result = calibrate_intrinsics(
         pictures.points_in_board,
         pictures.views,
@@ -130,7 +130,7 @@ def camera(
     print_result(_camera_json(found), json_to, show_fields(str(source)))
 
 
-def _require_views(pictures: "BoardPictures") -> None:
+def _check_views(pictures: "BoardPictures") -> None:
     from vgrd.vision.intrinsics.estimate import MIN_VIEWS
 
     if len(pictures.views) < MIN_VIEWS:

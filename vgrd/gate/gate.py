@@ -16,10 +16,10 @@ from vgrd import logs
 from vgrd.clock import Clock
 from vgrd.errors import AlreadyRunning
 from vgrd.gate import systemd
-from vgrd.gate.desk import Desk
 from vgrd.gate.image_feed import ImageFeed
 from vgrd.gate.link import CellLink
 from vgrd.gate.modbus import Limits, ModbusServer
+from vgrd.gate.register_bank import RegisterBank
 from vgrd.gate.settings import GateSettings
 from vgrd.gate.supervisor import CONFIG_EXIT, Supervisor
 from vgrd.gate.wanted import WantedTable
@@ -120,8 +120,8 @@ class Gate:
         self._failure = self._failure or error or RuntimeError(context["message"])
         self._stop.set()
 
-    def _new_desk(self) -> Desk:
-        return Desk(
+    def _new_desk(self) -> RegisterBank:
+        return RegisterBank(
             ImageFeed(self._runtime_dir, self._clock),
             self._clock,
             deadline_s=self._settings.deadline_s,

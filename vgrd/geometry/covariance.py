@@ -63,7 +63,7 @@ def covariance_from(jacobian: Array) -> Array:
     return out
 
 
-def whitener(covariance: Array) -> Array:
+def sqrt_information(covariance: Array) -> Array:
     """Matrices W (..., n, n) with `W.T @ W == inverse(covariance)`.
 
     Raises InputError on a covariance that is not finite and positive definite.
@@ -87,8 +87,8 @@ def radius95(covariance: Array) -> float:
     if total <= 0:
         return 0.0
     squares = float(np.einsum("ij,ji->", covariance, covariance))
-    g, freedom = squares / total, total * total / squares
-    return float(np.sqrt(g * 2 * gammaincinv(freedom / 2, 0.95)))
+    g, degrees_of_freedom = squares / total, total * total / squares
+    return float(np.sqrt(g * 2 * gammaincinv(degrees_of_freedom / 2, 0.95)))
 
 
 def rms(values: ArrayLike) -> float:
@@ -98,8 +98,8 @@ def rms(values: ArrayLike) -> float:
 
 def mean_pose(poses: Sequence[Pose], covariances: Sequence[Array]) -> tuple[Pose, Array]:
     """Weighted mean in the tangent space and its covariance (6, 6)."""
-    whiteners = [whitener(c) for c in covariances]
-    informations = [W.T @ W for W in whiteners]
+    sqrt_informations = [sqrt_information(c) for c in covariances]
+    informations = [W.T @ W for W in sqrt_informations]
     covariance = np.linalg.inv(np.sum(informations, axis=0))
     mean = poses[0]
     for _ in range(4):

@@ -70,7 +70,7 @@ def minimize(
     return Minimum(here.state, here.residuals, here.jacobian, report)
 
 
-def require_convergence(report: Report, what: str) -> None:
+def check_convergence(report: Report, what: str) -> None:
     """Raise DidNotConverge naming `what` unless the iteration found a minimum."""
     if not report.converged:
         raise DidNotConverge(

@@ -46,8 +46,8 @@ def pose_from_points(
         raise DidNotConverge("no pose puts the target in front of the camera: check the points")
     best = min(minima, key=lambda minimum: minimum.report.cost)
     squares = 2 * best.report.cost
-    freedom = max(best.residuals.size - 6, 1)
-    variance = squares / freedom if sigma_px is None else sigma_px**2
+    degrees_of_freedom = max(best.residuals.size - 6, 1)
+    variance = squares / degrees_of_freedom if sigma_px is None else sigma_px**2
     return PointsPose(
         best.state,
         covariance_from(best.jacobian) * variance,

@@ -149,15 +149,15 @@ _calibrated = lru_cache(maxsize=4)(calibrate_system)
 
 
 @lru_cache(maxsize=4)
-def _hand_eye(recording: Recording, may_be_free: int = 0) -> HandEyeResult:
+def _hand_eye(recording: Recording, allow_unobservable: int = 0) -> HandEyeResult:
     samples = hand_eye_samples(recording)
-    problem = HandEyeProblem(recording.facts.mount, samples, may_be_free=may_be_free)
+    problem = HandEyeProblem(recording.facts.mount, samples, allow_unobservable=allow_unobservable)
     return calibrate_hand_eye(problem)
 
 
 def _rotation(recording: Recording) -> HandEyeResult:
     """All that Eq. 19 needs of the hand-eye is its rotation."""
-    return _hand_eye(recording, may_be_free=1)
+    return _hand_eye(recording, allow_unobservable=1)
 
 
 def _cad_fit(recording: Recording) -> CadFit:

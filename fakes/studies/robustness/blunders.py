@@ -20,7 +20,7 @@ from fakes.world.simulation import COARSE, WORK_ROTATION, Request, Simulation
 from vgrd.calibration.expected_coordinate import expected_coordinate
 from vgrd.calibration.joint.estimate import JointResult, calibrate_joint
 from vgrd.calibration.joint.expected import expected_by_joint
-from vgrd.calibration.joint.problem import Link
+from vgrd.calibration.joint.problem import EvidenceKind
 from vgrd.calibration.solve import calibrate_system
 from vgrd.charts import COLORS, legend, panels
 from vgrd.errors import CalibrationError
@@ -112,7 +112,7 @@ def _named(calibration: Calibration) -> set[int]:
 
 def _left_out(result: JointResult) -> set[int]:
     """Indices of the touches that the joint estimate names."""
-    names = [s.name for s in result.samples if s.kind == Link.TOUCHES and not s.used]
+    names = [s.name for s in result.samples if s.kind == EvidenceKind.TOUCHES and not s.used]
     return {int(match[1]) - 1 for name in names if (match := _NUMBER.match(name))}
 
 

@@ -28,7 +28,7 @@ from vgrd.calibration.planning.next_sample import (
     plan_samples,
     plan_touches,
 )
-from vgrd.calibration.planning.predicted_error import Foresight
+from vgrd.calibration.planning.predicted_error import PredictedError
 from vgrd.charts import COLORS, legend, panels
 from vgrd.errors import TagNotSeen
 from vgrd.geometry import Array, exp_rotation
@@ -149,14 +149,14 @@ def _square_floor(
     known = np.zeros((3, result.layout.size))
     known[:, result.layout.TCP] = 1e3 * np.eye(3)
     N = result.undetermined
-    P = Foresight.with_rows(result.covariance + N @ N.T, known)
+    P = PredictedError.with_rows(result.covariance + N @ N.T, known)
     basis, squares = basis_of(result), []
     for request, work in zip(requests, works, strict=True):
         tag = request.seen.tag_b
         if tag is None:
             raise TagNotSeen("tag B is not in the picture")
         made = predict(basis, request.target, tag, Policy.REQUESTED, work)
-        seen = made.by_picture @ tag.covariance @ made.by_picture.T
+        seen = made.J_picture @ tag.covariance @ made.J_picture.T
         squares.append(np.trace(made.by_unknowns @ P @ made.by_unknowns.T + seen))
     return float(np.mean(squares))
 

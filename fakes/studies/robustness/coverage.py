@@ -117,8 +117,8 @@ def _draw(trials: Trials) -> "Drawing":
     )
     stated = np.linspace(0.02, 0.995, 120)
     for axes, (region, words) in zip(all_axes, _REGIONS.items(), strict=True):
-        freedom = {"tcp": 3, "xy": 2, "z": 1}[region]
-        at = chdtri(freedom, 1 - stated) / chdtri(freedom, 1 - _LEVEL)
+        degrees_of_freedom = {"tcp": 3, "xy": 2, "z": 1}[region]
+        at = chdtri(degrees_of_freedom, 1 - stated) / chdtri(degrees_of_freedom, 1 - _LEVEL)
         axes.plot((0, 100), (0, 100), color=PAPER, linewidth=1, label="as stated")
         for color, (estimate, arm) in zip(
             COLORS, [(e, a) for e in ("joint", "system") for a in _ARMS], strict=False

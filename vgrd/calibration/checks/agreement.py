@@ -69,16 +69,16 @@ class Agreement:
         return self.deg <= deg and self.mm <= mm
 
 
-def agreement(moves: Poses, cameras: Poses, *, unit_known: bool = False) -> Agreement:
+def agreement(flange_motions: Poses, cameras: Poses, *, unit_known: bool = False) -> Agreement:
     """Fit of all samples; at least three are needed for it to mean anything."""
-    R_X, R_Y, deg = _rotations(moves, cameras)
-    t_X, t_Y, unit, mm = _translations(moves, cameras, R_X, unit_known=unit_known)
+    R_X, R_Y, deg = _rotations(flange_motions, cameras)
+    t_X, t_Y, unit, mm = _translations(flange_motions, cameras, R_X, unit_known=unit_known)
     return Agreement(deg, mm, unit, Pose(R_X, t_X), Pose(R_Y, t_Y))
 
 
-def _rotations(moves: Poses, cameras: Poses) -> tuple[Array, Array, float]:
+def _rotations(flange_motions: Poses, cameras: Poses) -> tuple[Array, Array, float]:
     """R_X, R_Y and the median misfit, degrees, of `M R_Y = R_X C`."""
-    M, C, n = moves.rotations, cameras.rotations, len(moves)
+    M, C, n = flange_motions.rotations, cameras.rotations, len(flange_motions)
     steps = range(1, min(_NEIGHBOURS, n - 1) + 1)
     first = np.concatenate([np.arange(n) for _ in steps])
     second = np.concatenate([np.roll(np.arange(n), -k) for k in steps])
@@ -91,7 +91,7 @@ def _rotations(moves: Poses, cameras: Poses) -> tuple[Array, Array, float]:
     by_places = np.zeros((3, 3))
     if spread[1] < _ONE_AXIS_RAD:
         share = _FAINT if spread[0] > _ONE_AXIS_RAD else 1 / _FAINT
-        turn = from_positions(moves.translations, cameras)[0]
+        turn = from_positions(flange_motions.translations, cameras)[0]
         by_places = share * (spread[0] + _LEAST_RAD) ** 2 * turn
     for _ in range(_ROUNDS):
         R_X = nearest((alpha * weights[:, None]).T @ beta / len(beta) + by_places)
@@ -108,19 +108,19 @@ def _rotations(moves: Poses, cameras: Poses) -> tuple[Array, Array, float]:
 
 
 def _translations(
-    moves: Poses, cameras: Poses, R_X: Array, *, unit_known: bool
+    flange_motions: Poses, cameras: Poses, R_X: Array, *, unit_known: bool
 ) -> tuple[Array, Array, float, float]:
     """t_X, t_Y, unit and the median misfit, mm, of `unit t_M + R_M t_Y - t_X = R_X t_C`."""
-    n = len(moves)
+    n = len(flange_motions)
     rows = np.concatenate(
         [
-            moves.rotations,
+            flange_motions.rotations,
             np.broadcast_to(-np.eye(3), (n, 3, 3)),
-            np.zeros((n, 3, 0)) if unit_known else moves.translations[:, :, None],
+            np.zeros((n, 3, 0)) if unit_known else flange_motions.translations[:, :, None],
         ],
         axis=2,
     )
-    right = cameras.translations @ R_X.T - (moves.translations if unit_known else 0.0)
+    right = cameras.translations @ R_X.T - (flange_motions.translations if unit_known else 0.0)
     weights = np.ones(n)
     for _ in range(_ROUNDS):
         A = (rows * weights[:, None, None]).reshape(3 * n, -1)

@@ -26,7 +26,7 @@ class _Fitted:
     off_mm: Array
     whitened: Array
     scores: Array
-    freedom: int
+    degrees_of_freedom: int
 
 
 def bad_touches(recording: Recording) -> tuple[Finding, ...]:
@@ -61,10 +61,10 @@ def bad_touches(recording: Recording) -> tuple[Finding, ...]:
 
 def _rigid(points: Array, touches: TouchSet) -> _Fitted:
     fit = fit_cad(points, touches)
-    whitened = np.einsum("mij,mj->mi", touches.base_whiteners(), fit.residuals_mm)
+    whitened = np.einsum("mij,mj->mi", touches.base_sqrt_informations(), fit.residuals_mm)
     return _Fitted(fit.residuals_mm, whitened, fit.scores, touches.equations() - 6)
 
 
 def _universal(points: Array, touches: TouchSet) -> _Fitted:
     fit = calibrate_universal(UniversalProblem(points, touches))
-    return _Fitted(fit.residuals_mm, fit.whitened, fit.scores, fit.freedom)
+    return _Fitted(fit.residuals_mm, fit.whitened, fit.scores, fit.degrees_of_freedom)

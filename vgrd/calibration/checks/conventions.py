@@ -10,9 +10,9 @@ from types import MappingProxyType
 import numpy as np
 
 from vgrd.calibration.checks.agreement import Agreement, Poses, agreement, noise_of
-from vgrd.calibration.checks.readings import (
+from vgrd.calibration.checks.interpretations import (
     Fitted,
-    Reading,
+    Interpretation,
     best_of,
     degrees_as_radians,
     other_readings,
@@ -42,7 +42,7 @@ _TURNED_DEG = 2.0
 _SHIFTED_MM = 20.0
 
 
-def misread_poses(
+def misinterpreted_poses(
     recording: Recording, *, read_as: RotationFormat | None = None
 ) -> Finding | None:
     """The mistake in the robot's poses with which they fit the pictures of tag A; None without one.
@@ -55,12 +55,12 @@ def misread_poses(
         return None
     wrists = Poses.of([sample.base_from_wrist for sample in samples])
     cameras = Poses.of([sample.camera_from_target for sample in samples])
-    moves = wrists if recording.facts.mount is Mount.EYE_TO_HAND else wrists.inverted()
+    flange_motions = wrists if recording.facts.mount is Mount.EYE_TO_HAND else wrists.inverted()
     deg, mm = _limits(samples, cameras, recording.facts.robot_sigma_mm)
-    own = agreement(moves, cameras)
+    own = agreement(flange_motions, cameras)
     if own.within(deg, mm):
-        return _unit_finding(own, moves, cameras, mm)
-    found = explain(moves, cameras, deg=deg, mm=mm, read_as=read_as)
+        return _unit_finding(own, flange_motions, cameras, mm)
+    found = explain(flange_motions, cameras, deg=deg, mm=mm, read_as=read_as)
     if found:
         return _finding(found, own, recording)
     if own.within(_CONTRADICTORY_DEG, _CONTRADICTORY_MM):
@@ -75,7 +75,7 @@ def misread_poses(
 
 
 def explain(
-    moves: Poses,
+    flange_motions: Poses,
     cameras: Poses,
     *,
     deg: float,
@@ -91,8 +91,8 @@ def explain(
         return agreement(poses, cameras)
 
     for readings in (
-        other_readings(moves, cameras, deg=deg, read_as=read_as),
-        degrees_as_radians(moves, cameras, mm=mm),
+        other_readings(flange_motions, cameras, deg=deg, read_as=read_as),
+        degrees_as_radians(flange_motions, cameras, mm=mm),
     ):
         found = best_of(list(readings), fit, deg=deg, mm=mm)
         if found:
@@ -136,10 +136,12 @@ def mistaken_unit(fit: Agreement) -> str | None:
     return None
 
 
-def _unit_finding(own: Agreement, moves: Poses, cameras: Poses, mm: float) -> Finding | None:
+def _unit_finding(
+    own: Agreement, flange_motions: Poses, cameras: Poses, mm: float
+) -> Finding | None:
     """A wrong unit is a scale of about 1000 that the pictures insist on."""
     words = mistaken_unit(own)
-    if words is None or agreement(moves, cameras, unit_known=True).within(np.inf, mm):
+    if words is None or agreement(flange_motions, cameras, unit_known=True).within(np.inf, mm):
         return None
     return Finding(
         "unit_misread",
@@ -164,25 +166,27 @@ def _finding(found: Sequence[Fitted], own: Agreement, recording: Recording) -> F
     return Finding(_code(best.reading, recording), message, fatal=True)
 
 
-def _code(reading: Reading, recording: Recording) -> str:
+def _code(reading: Interpretation, recording: Recording) -> str:
     if reading.meant is not None:
         return "rotation_misread"
-    moves = _camera_moves(recording)
-    if moves is None:
+    flange_motions = _camera_moves(recording)
+    if flange_motions is None:
         return "poses_inverted_or_mount"
-    return "mount_wrong" if moves else "poses_inverted"
+    return "mount_wrong" if flange_motions else "poses_inverted"
 
 
-def _words(reading: Reading, recording: Recording) -> str:
+def _words(reading: Interpretation, recording: Recording) -> str:
     parts = []
     if reading.meant is not None:
         parts.append(f"numbers read as {reading.read_as} are taken for {reading.meant}")
     if reading.inverted:
-        moves = _camera_moves(recording)
+        flange_motions = _camera_moves(recording)
         mounts = [mount for mount in Mount if mount is not recording.facts.mount]
         other = f"the camera's mount is {mounts[0]}"
         poses = "poses are inverted (base seen from the flange)"
-        parts.append(f"{poses} or {other}" if moves is None else other if moves else poses)
+        parts.append(
+            f"{poses} or {other}" if flange_motions is None else other if flange_motions else poses
+        )
     return " and ".join(parts)
 
 

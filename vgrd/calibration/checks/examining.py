@@ -4,8 +4,8 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from vgrd.calibration.checks.conventions import misread_poses
-from vgrd.calibration.checks.misread_points import misread_points
+from vgrd.calibration.checks.conventions import misinterpreted_poses
+from vgrd.calibration.checks.misinterpreted_points import misinterpreted_points
 from vgrd.calibration.checks.missing_motion import missing_motions
 from vgrd.calibration.checks.repeats import moved_object, repeated_poses
 from vgrd.calibration.checks.size_and_time import tag_size, time_offset
@@ -36,7 +36,7 @@ def _findings(
     repeated = list(repeated_poses(recording))
     yield from repeated
     late = time_offset(recording)
-    mistake = late or misread_poses(recording, read_as=read_as)
+    mistake = late or misinterpreted_poses(recording, read_as=read_as)
     moved = moved_object(recording)
     if mistake is not None:
         yield mistake
@@ -54,6 +54,6 @@ def _findings(
         size = tag_size(samples, recording)
         if size is not None:
             yield size
-    points = None if moved is not None else misread_points(recording)
+    points = None if moved is not None else misinterpreted_points(recording)
     if points is not None:
         yield points

@@ -13,7 +13,7 @@ from vgrd.calibration.checks.agreement import Poses, agreement
 from vgrd.calibration.hand_eye.pose_pairs import PoseSample
 from vgrd.errors import NotObservable
 from vgrd.geometry import Array, hat, log_rotation
-from vgrd.geometry.covariance import covariance_from, whitener
+from vgrd.geometry.covariance import covariance_from, sqrt_information
 from vgrd.model import Finding, Mount, Observation, Recording
 
 _REACH_MM = 500.0
@@ -174,12 +174,12 @@ class _Step:
 
     def _whiteners(self, covariances: Array, sigma_mm: float) -> Array:
         n, R_X = len(self._moves), self._fit.X.rotation
-        by_camera = np.zeros((n, 6, 6))
-        by_camera[:, :3, :3] = by_camera[:, 3:, 3:] = R_X
-        by_camera[:, :3, 3:] = -R_X @ hat(self._cameras.translations)
+        J_camera = np.zeros((n, 6, 6))
+        J_camera[:, :3, :3] = J_camera[:, 3:, 3:] = R_X
+        J_camera[:, :3, 3:] = -R_X @ hat(self._cameras.translations)
         by_robot = np.zeros((n, 6, 6))
         by_robot[:, :3, :3] = by_robot[:, 3:, 3:] = np.eye(3)
         by_robot[:, :3, 3:] = -hat(self._moves.rotations @ self._fit.Y.translation)
         S = np.diag([sigma_mm**2] * 3 + [(sigma_mm / _REACH_MM) ** 2] * 3)
-        noise = by_camera @ covariances @ np.swapaxes(by_camera, 1, 2)
-        return whitener(noise + by_robot @ S @ np.swapaxes(by_robot, 1, 2))
+        noise = J_camera @ covariances @ np.swapaxes(J_camera, 1, 2)
+        return sqrt_information(noise + by_robot @ S @ np.swapaxes(by_robot, 1, 2))

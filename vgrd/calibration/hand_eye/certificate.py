@@ -39,9 +39,9 @@ class RotationCost:
     """
 
     root: Array
-    moves: Sequence[Pose]
+    flange_motions: Sequence[Pose]
     cameras: Sequence[Pose]
-    free: Array
+    null_space: Array
 
     def __call__(self, R: Array) -> float:
         """Cost of a rotation (3, 3)."""
@@ -60,29 +60,29 @@ class RotationCost:
 
     def poses(self, R_X: Array) -> tuple[Pose, Pose]:
         """X, Y for a rotation of X."""
-        R_Mt = np.array([move.rotation.T for move in self.moves])
-        t_M = np.array([move.translation for move in self.moves])
+        R_Mt = np.array([move.rotation.T for move in self.flange_motions])
+        t_M = np.array([move.translation for move in self.flange_motions])
         R_C = np.array([camera.rotation for camera in self.cameras])
         t_C = np.array([camera.translation for camera in self.cameras])
         R_Y = nearest_rotation((R_Mt @ R_X @ R_C).mean(axis=0), tolerance=np.inf)
-        rows = _without(translation_rows(R_Mt), self.free)
+        rows = _without(translation_rows(R_Mt), self.null_space)
         right = np.einsum("nij,nj->ni", R_Mt, t_M - t_C @ R_X.T).ravel()
         t = np.linalg.lstsq(rows, right, rcond=_RANK)[0]
         return Pose(R_X, t[:3]), Pose(R_Y, t[3:])
 
 
 def rotation_cost(
-    moves: Sequence[Pose],
+    flange_motions: Sequence[Pose],
     cameras: Sequence[Pose],
     *,
     sigma_mm: float,
     sigma_rad: float,
-    free: Array = _NOTHING,
+    null_space: Array = _NOTHING,
 ) -> RotationCost:
     """The cost of a rotation with all that is linear eliminated; sigmas of one camera pose."""
-    n = len(moves)
-    R_Mt = np.array([move.rotation.T for move in moves])
-    t_M = np.array([move.translation for move in moves])
+    n = len(flange_motions)
+    R_Mt = np.array([move.rotation.T for move in flange_motions])
+    t_M = np.array([move.translation for move in flange_motions])
     R_C = np.array([camera.rotation for camera in cameras])
     t_C = np.array([camera.translation for camera in cameras])
     turned = np.einsum("nij,nkl->niljk", R_Mt, R_C).reshape(n, 9, 9)
@@ -90,12 +90,12 @@ def rotation_cost(
     carried = np.einsum("nij,nk->nijk", R_Mt, t_C).reshape(n, 3, 9)
     offset = -np.einsum("nij,nj->ni", R_Mt, t_M)[:, :, None]
     shifted = np.concatenate([carried, offset], axis=2).reshape(3 * n, 10)
-    U, s, _ = np.linalg.svd(_without(translation_rows(R_Mt), free), full_matrices=False)
+    U, s, _ = np.linalg.svd(_without(translation_rows(R_Mt), null_space), full_matrices=False)
     U = U[:, s > _RANK * s[0]]
     shifted = (shifted - U @ (U.T @ shifted)) / sigma_mm
     rotated = np.concatenate([turned.reshape(9 * n, 9), np.zeros((9 * n, 1))], axis=1)
     root = np.linalg.qr(np.concatenate([rotated, shifted]), mode="r")
-    return RotationCost(np.asarray(root), moves, cameras, free)
+    return RotationCost(np.asarray(root), flange_motions, cameras, null_space)
 
 
 def translation_rows(R_Mt: Array) -> Array:
@@ -103,18 +103,18 @@ def translation_rows(R_Mt: Array) -> Array:
     return np.concatenate([R_Mt, np.broadcast_to(-np.eye(3), R_Mt.shape)], axis=2).reshape(-1, 6)
 
 
-def _without(rows: Array, free: Array) -> Array:
+def _without(rows: Array, null_space: Array) -> Array:
     """The rows with no part along orthonormal directions (k, 6)."""
-    return np.asarray(rows - rows @ free.T @ free)
+    return np.asarray(rows - rows @ null_space.T @ null_space)
 
 
 def certified_start(
-    moves: Sequence[Pose],
+    flange_motions: Sequence[Pose],
     cameras: Sequence[Pose],
     *,
     sigma_mm: float,
     sigma_rad: float,
-    free: Array = _NOTHING,
+    null_space: Array = _NOTHING,
 ) -> CertifiedStart:
     """The best rotation of all and the poses that go with it; works for one axis of rotation too.
 
@@ -122,7 +122,9 @@ def certified_start(
     (k, 6), what the motion leaves open of (t_X, t_Y), orthonormal rows; X and Y have no part along
     it. The caller makes sure that the motion determines a rotation.
     """
-    cost = rotation_cost(moves, cameras, sigma_mm=sigma_mm, sigma_rad=sigma_rad, free=free)
+    cost = rotation_cost(
+        flange_motions, cameras, sigma_mm=sigma_mm, sigma_rad=sigma_rad, null_space=null_space
+    )
     C = cost.root.T @ cost.root
     relaxed = relax(C)
     R_X = cost.descend(relaxed.rotation)

@@ -15,12 +15,12 @@ from vgrd.calibration.hand_eye.null_space import (
     open_translations,
     without_part_along,
 )
-from vgrd.calibration.hand_eye.state import HandEye, move_of
-from vgrd.calibration.observability.motion import refuse_repeats
+from vgrd.calibration.hand_eye.state import HandEye, flange_motion_of
+from vgrd.calibration.observability.motion import check_distinct
 from vgrd.errors import DidNotConverge, NotObservable, TooFewObservations
 from vgrd.geometry import Array, Pose
 from vgrd.geometry.covariance import covariance_from
-from vgrd.geometry.least_squares import Minimum, minimize, require_convergence
+from vgrd.geometry.least_squares import Minimum, check_convergence, minimize
 from vgrd.model import Mount
 
 Mask = NDArray[np.bool_]
@@ -75,7 +75,7 @@ class Fit:
     noise_scale: float
     used: tuple[bool, ...]
     reasons: tuple[str, ...]
-    free: Array
+    null_space: Array
 
 
 def fit_hand_eye(
@@ -86,24 +86,26 @@ def fit_hand_eye(
     robot_sigma_rad: float,
     robust: bool,
     start: HandEye | None = None,
-    may_be_free: int = 0,
+    allow_unobservable: int = 0,
 ) -> Fit:
     """Maximum likelihood; robust: samples that fit no common pose are left out with the reason.
 
     `start` says what is refined beside the two poses; where it holds none, they start from the
     certified optimum of a simpler cost. may_be_free: how many translations may stay open.
     """
-    refuse_repeats([s.name for s in samples], [s.base_from_wrist for s in samples])
+    check_distinct([s.name for s in samples], [s.base_from_wrist for s in samples])
     engine = _Engine(mount, samples, robot_sigma_mm, robot_sigma_rad)
     start = start or HandEye()
-    free = engine.block(np.ones(len(samples), dtype=np.bool_), start.extra, may_be_free)
+    null_space = engine.block(
+        np.ones(len(samples), dtype=np.bool_), start.extra, allow_unobservable
+    )
     if start.is_blank:
         best = certified_start(
-            engine.moves,
+            engine.flange_motions,
             [s.camera_from_target for s in samples],
             sigma_mm=_START_SIGMA_MM,
             sigma_rad=_START_SIGMA_RAD,
-            free=free,
+            null_space=null_space,
         )
         start = replace(start, X=best.X, Y=best.Y, is_blank=False, certificate=best.certificate)
     unknowns = 12 + start.extra - start.points.size
@@ -114,13 +116,13 @@ def fit_hand_eye(
         )
     everything = np.ones(len(samples), dtype=np.bool_)
     if not robust:
-        return engine.finish(engine.settle(start, everything, robust=False), everything)
-    weighted = engine.settle(start, everything, robust=True)
+        return engine.finish(engine.fit_weighted(start, everything, robust=False), everything)
+    weighted = engine.fit_weighted(start, everything, robust=True)
     misfits = engine.misfits(weighted.state)
     limit = _CHI2_6_REJECT * engine.variance_of(misfits)
     kept = misfits <= limit
-    engine.block(kept, start.extra, may_be_free)
-    return engine.finish(engine.settle(weighted.state, kept, robust=False), kept)
+    engine.block(kept, start.extra, allow_unobservable)
+    return engine.finish(engine.fit_weighted(weighted.state, kept, robust=False), kept)
 
 
 class _Engine:
@@ -129,27 +131,31 @@ class _Engine:
     ) -> None:
         self.mount = mount
         self.samples = samples
-        self.moves = [move_of(mount, s.base_from_wrist) for s in samples]
+        self.flange_motions = [flange_motion_of(mount, s.base_from_wrist) for s in samples]
         self.robot_sigmas = np.array([sigma_mm] * 3 + [sigma_rad] * 3)
 
-    def block(self, kept: Mask, extra: int, may_be_free: int) -> Array:
+    def block(self, kept: Mask, extra: int, allow_unobservable: int) -> Array:
         """Take no steps along what the samples kept leave open, which is returned."""
         chosen = [i for i, is_kept in enumerate(kept) if is_kept]
         wrists = [self.samples[i].base_from_wrist for i in chosen]
-        self.free = open_translations(wrists, [self.moves[i] for i in chosen], may_be_free)
-        self.basis = determined_steps(self.free, extra)
-        return self.free
+        self.null_space = open_translations(
+            wrists, [self.flange_motions[i] for i in chosen], allow_unobservable
+        )
+        self.basis = determined_steps(self.null_space, extra)
+        return self.null_space
 
-    def settle(self, state: HandEye, kept: Mask, *, robust: bool) -> Minimum[HandEye]:
+    def fit_weighted(self, state: HandEye, kept: Mask, *, robust: bool) -> Minimum[HandEye]:
         """Minimise, renew whitening and weights, until neither changes."""
         weights: Array = kept.astype(np.float64)
         state = self._on_zero(state)
         for _ in range(_ROUNDS):
-            whiteners, misfits = self._weigh(state)
+            sqrt_informations, misfits = self._weigh(state)
             if robust:
                 ratio = misfits / (self.variance_of(misfits) * _CHI2_6_95)
                 weights = 1 / (1 + ratio)
-            linearize = partial(self._linearize, whiteners=whiteners, weights=weights)
+            linearize = partial(
+                self._linearize, sqrt_informations=sqrt_informations, weights=weights
+            )
             minimum = minimize(
                 linearize,
                 lambda at, step: at.retract(self.basis @ step),
@@ -167,7 +173,7 @@ class _Engine:
                     "contradict each other or belong to different set-ups"
                 )
         if not robust:
-            require_convergence(minimum.report, "hand-eye")
+            check_convergence(minimum.report, "hand-eye")
         return minimum
 
     def misfits(self, state: HandEye) -> Array:
@@ -181,8 +187,10 @@ class _Engine:
     def finish(self, minimum: Minimum[HandEye], kept: Mask) -> Fit:
         state = self._on_zero(minimum.state)
         misfits = self.misfits(state)
-        freedom = 6 * int(kept.sum()) - self.basis.shape[1] + state.points.size
-        variance = float(misfits[kept].sum()) / freedom if freedom > 0 else 1.0
+        degrees_of_freedom = 6 * int(kept.sum()) - self.basis.shape[1] + state.points.size
+        variance = (
+            float(misfits[kept].sum()) / degrees_of_freedom if degrees_of_freedom > 0 else 1.0
+        )
         try:
             covariance = covariance_from(minimum.jacobian)
         except NotObservable as fault:
@@ -197,26 +205,26 @@ class _Engine:
             float(np.sqrt(variance)),
             tuple(bool(k) for k in kept),
             tuple("" if kept[i] else self._reason(i, state) for i in range(len(kept))),
-            self.free,
+            self.null_space,
         )
 
     def _on_zero(self, state: HandEye) -> HandEye:
-        X, Y = without_part_along(state.X, state.Y, self.free)
+        X, Y = without_part_along(state.X, state.Y, self.null_space)
         return replace(state, X=X, Y=Y)
 
     def _reason(self, i: int, state: HandEye) -> str:
-        predicted = state.X.inverse() @ self.moves[i] @ state.Y
+        predicted = state.X.inverse() @ self.flange_motions[i] @ state.Y
         mm, rad = predicted.distance(self.samples[i].rows.own(state))
         return f"{mm:.1f} mm and {np.degrees(rad):.2f} deg off what the others say"
 
     def _linearize(
-        self, state: HandEye, whiteners: Sequence[tuple[Array, Array]], weights: Array
+        self, state: HandEye, sqrt_informations: Sequence[tuple[Array, Array]], weights: Array
     ) -> tuple[Array, Array]:
         camera_from_mount = state.X.inverse()
         by_X = -camera_from_mount.adjoint()
         residuals, jacobians = [], []
         for sample, move, W, weight in zip(
-            self.samples, self.moves, whiteners, weights, strict=True
+            self.samples, self.flange_motions, sqrt_informations, weights, strict=True
         ):
             if weight == 0:
                 continue
@@ -236,21 +244,21 @@ class _Engine:
         A whitener is the low-rank form of (I + G S G^T)^-1/2, G S G^T being what robot noise adds.
         """
         camera_from_mount = state.X.inverse()
-        whiteners, misfits = [], np.empty(len(self.samples))
-        for i, (sample, move) in enumerate(zip(self.samples, self.moves, strict=True)):
+        sqrt_informations, misfits = [], np.empty(len(self.samples))
+        for i, (sample, move) in enumerate(zip(self.samples, self.flange_motions, strict=True)):
             turn = camera_from_mount @ move
             r, D, _ = sample.rows.linearize(state, turn @ state.Y)
             lever = turn if self.mount is Mount.EYE_TO_HAND else camera_from_mount
             G = D @ lever.adjoint() * self.robot_sigmas
             U, s, _ = np.linalg.svd(G, full_matrices=False)
             kept = 1 / np.sqrt(1 + s * s)
-            whiteners.append((U, 1 - kept))
+            sqrt_informations.append((U, 1 - kept))
             misfits[i] = np.sum((kept * (U.T @ r)) ** 2)
-        return whiteners, misfits
+        return sqrt_informations, misfits
 
 
-def _apply(whitener: tuple[Array, Array], rows: Array) -> Array:
-    U, shrink = whitener
+def _apply(sqrt_information: tuple[Array, Array], rows: Array) -> Array:
+    U, shrink = sqrt_information
     weighted = (U * shrink) @ (U.T @ rows)
     return np.asarray(rows - weighted)
 

@@ -9,12 +9,16 @@ from vgrd.calibration.hand_eye.published.separable import park_martin
 from vgrd.geometry import Pose, nearest_rotation
 
 
-def quick_start(moves: Sequence[Pose], cameras: Sequence[Pose]) -> tuple[Pose, Pose]:
+def park_martin_start(
+    flange_motions: Sequence[Pose], cameras: Sequence[Pose]
+) -> tuple[Pose, Pose]:
     """(X, Y) with `cameras[i] ~ X^-1 moves[i] Y`, Y from the median of the places.
 
     Raises NotObservable when nearly all turns are half turns.
     """
-    X = park_martin(Motions.between_all(moves, cameras))
-    seen = [move.inverse() @ X @ camera for move, camera in zip(moves, cameras, strict=True)]
+    X = park_martin(Motions.between_all(flange_motions, cameras))
+    seen = [
+        move.inverse() @ X @ camera for move, camera in zip(flange_motions, cameras, strict=True)
+    ]
     R_Y = nearest_rotation(np.mean([pose.rotation for pose in seen], axis=0), tolerance=np.inf)
     return X, Pose(R_Y, np.median([pose.translation for pose in seen], axis=0))

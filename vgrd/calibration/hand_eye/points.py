@@ -57,7 +57,7 @@ class PointHandEyeProblem:
     robot_sigma_rad: float = 2e-4
     robust: bool = True
     start: HandEyeResult | None = None
-    may_be_free: int = 0
+    allow_unobservable: int = 0
     places: Mapping[str, Place] = field(default_factory=dict)
 
 
@@ -94,7 +94,7 @@ def calibrate_hand_eye_from_points(problem: PointHandEyeProblem) -> HandEyeResul
         robot_sigma_rad=problem.robot_sigma_rad,
         robust=problem.robust,
         start=_start(problem, list(places.values())),
-        may_be_free=problem.may_be_free,
+        allow_unobservable=problem.allow_unobservable,
     )
     sigmas = np.sqrt(np.diag(fit.covariance))
     return replace(
@@ -105,12 +105,6 @@ def calibrate_hand_eye_from_points(problem: PointHandEyeProblem) -> HandEyeResul
         target_scale_sigma=fit.state.scale * float(sigmas[-1]) if problem.estimate_scale else 0.0,
         features=dict(zip(places, fit.state.points, strict=True)),
     )
-
-
-def estimate_target_scale(problem: PointHandEyeProblem) -> TargetScale:
-    """Fit once more with the size of the target free; the other settings as in `problem`."""
-    result = calibrate_hand_eye_from_points(replace(problem, estimate_scale=True))
-    return TargetScale(result.target_scale, result.target_scale_sigma)
 
 
 def _start(problem: PointHandEyeProblem, places: Sequence[Place]) -> HandEye:
@@ -142,8 +136,8 @@ def _guesses(problem: PointHandEyeProblem) -> tuple[list[Pose], float]:
     own = [_own_pose(sample, problem.camera) for sample in problem.samples]
     sizes = [sample.pixels.size for sample in problem.samples]
     squares = sum(rms**2 * size for (_, rms), size in zip(own, sizes, strict=True))
-    freedom = max(sum(size - 6 for size in sizes), 1)
-    sigma = problem.sigma_px or max(float(np.sqrt(squares / freedom)), _MIN_SIGMA_PX)
+    degrees_of_freedom = max(sum(size - 6 for size in sizes), 1)
+    sigma = problem.sigma_px or max(float(np.sqrt(squares / degrees_of_freedom)), _MIN_SIGMA_PX)
     return [pose for pose, _ in own], sigma
 
 

@@ -11,10 +11,10 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from vgrd.calibration.hand_eye.fit import Fit, Rows, Sample, fit_hand_eye
-from vgrd.calibration.hand_eye.state import HandEye, move_of
+from vgrd.calibration.hand_eye.state import HandEye, flange_motion_of
 from vgrd.geometry import Array, Pose
 from vgrd.geometry.camera import CameraModel
-from vgrd.geometry.covariance import whitener
+from vgrd.geometry.covariance import sqrt_information
 from vgrd.geometry.rotation_relaxation import Certificate
 from vgrd.model import Mount
 
@@ -51,7 +51,7 @@ class HandEyeProblem:
     robust: bool = True
     estimate_scale: bool = False
     start: "HandEyeResult | None" = None
-    may_be_free: int = 0
+    allow_unobservable: int = 0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -95,14 +95,14 @@ class HandEyeResult:
     target_scale: float = 1.0
     target_scale_sigma: float = 0.0
     certificate: Certificate | None = None
-    free: Array = field(default_factory=lambda: np.zeros((0, 6)))
+    null_space: Array = field(default_factory=lambda: np.zeros((0, 6)))
     features: Mapping[str, Array] = field(default_factory=dict)
 
     def predict(self, base_from_wrist: Pose) -> Pose:
         """camera_from_target that this calibration expects at a flange pose."""
         return (
             self.mount_from_camera.inverse()
-            @ move_of(self.mount, base_from_wrist)
+            @ flange_motion_of(self.mount, base_from_wrist)
             @ self.mount_from_target
         )
 
@@ -124,7 +124,7 @@ def calibrate_hand_eye(problem: HandEyeProblem) -> HandEyeResult:
         robot_sigma_rad=problem.robot_sigma_rad,
         robust=problem.robust,
         start=_start(problem),
-        may_be_free=problem.may_be_free,
+        allow_unobservable=problem.allow_unobservable,
     )
     sigma = float(np.sqrt(fit.covariance[-1, -1])) if problem.estimate_scale else 0.0
     return replace(
@@ -151,7 +151,7 @@ class _PoseRows(Rows):
     def __init__(self, sample: PoseSample) -> None:
         self._measured = sample.camera_from_target
         self._inverse = self._measured.inverse()
-        self._W = whitener(sample.covariance)
+        self._W = sqrt_information(sample.covariance)
 
     def linearize(self, state: HandEye, predicted: Pose) -> tuple[Array, Array, Array]:
         nearer = predicted.translation / state.scale
@@ -187,5 +187,5 @@ def result_of(mount: Mount, samples: Sequence[Sample], fit: Fit) -> HandEyeResul
         noise_scale=fit.noise_scale,
         samples=tuple(residuals),
         certificate=fit.state.certificate,
-        free=fit.free,
+        null_space=fit.null_space,
     )

@@ -10,7 +10,7 @@ from vgrd.geometry.rotation_relaxation import Certificate
 from vgrd.model import Mount
 
 
-def move_of(mount: Mount, base_from_wrist: Pose) -> Pose:
+def flange_motion_of(mount: Mount, base_from_wrist: Pose) -> Pose:
     """M of the module's equation."""
     return base_from_wrist if mount is Mount.EYE_TO_HAND else base_from_wrist.inverse()
 
@@ -42,7 +42,7 @@ class HandEye:
 
     def predict(self, mount: Mount, base_from_wrist: Pose) -> Pose:
         """camera_from_target at a flange pose."""
-        return self.X.inverse() @ move_of(mount, base_from_wrist) @ self.Y
+        return self.X.inverse() @ flange_motion_of(mount, base_from_wrist) @ self.Y
 
     def retract(self, step: Array) -> "HandEye":
         """Left perturbations of X and Y; intrinsics and points added; scale multiplied."""

@@ -45,7 +45,7 @@ def stored_basis(estimate: JointEstimate, facts: CellFacts) -> Basis:
         base_from_object=estimate.base_from_object,
         camera_from_tag_b=estimate.camera_from_tag_b,
         camera_from_axis=estimate.camera_from_axis,
-        planar=np.zeros((0, 3)),
+        table_motion=np.zeros((0, 3)),
         fixed_point_in_base=np.zeros(3),
     )
     layout = Layout(estimate.axis, estimate.moves, spins=0, has_point=False)
@@ -64,7 +64,7 @@ def to_store(basis: Basis) -> JointEstimate:
         camera_from_tag_b=state.camera_from_tag_b,
         camera_from_axis=state.camera_from_axis,
         axis=basis.layout.axis,
-        moves=basis.layout.moves,
+        moves=basis.layout.object_motions,
         covariance=_frozen(basis.covariance[:n, :n]),
         undetermined=_frozen(basis.undetermined[:n]),
         arm=ArmKnowledge(
@@ -86,7 +86,7 @@ def _arm_knowledge(result: JointResult) -> ArmKnowledge:
     if model.field_mm == 0:
         nothing = np.zeros((0, 0))
         return ArmKnowledge(model, np.zeros((0, 3)), np.zeros(0), np.zeros((0, n)), nothing)
-    by = whiten_arm(result.arm_factor, result.arm_by)
+    by = whiten_arm(result.arm_factor, result.J_deviations)
     k = len(by)
     return ArmKnowledge(
         model,

@@ -8,8 +8,8 @@ from vgrd.calibration.acceptance import accept
 from vgrd.calibration.joint.basis import Basis, basis_of, to_store
 from vgrd.calibration.joint.estimate import JointResult, Sighting, calibrate_joint
 from vgrd.calibration.joint.expected import expected_from, work_orientation
-from vgrd.calibration.joint.problem import Link
-from vgrd.calibration.joint.rows import by_left
+from vgrd.calibration.joint.problem import EvidenceKind
+from vgrd.calibration.joint.rows import left_jacobian
 from vgrd.calibration.joint.state import Layout
 from vgrd.calibration.turntable.usable_spins import without_useless_spins
 from vgrd.errors import NotObservable
@@ -30,12 +30,15 @@ _KNOWN_MM = 0.25
 _NOISY = 3.0
 WRONG_SIGMA = 6.0  # residuals so large are a mistake, not noise: 3 sigma is met by chance
 _OUTLIERS: Mapping[str, tuple[str, str]] = {
-    Link.HAND_EYE.value: ("look_outlier", "tag A does not fit there: look again"),
-    Link.TOUCHES.value: ("touch_outlier", "undo it and touch that target again"),
-    Link.POINTS.value: ("point_outlier", "undo it and touch the point again"),
-    Link.REFERENCE.value: ("reference_outlier", "hold the object still while touching"),
-    Link.SPINS.value: ("spin_outlier", "the object slipped or the picture was bad: spin again"),
-    Link.HOLES.value: ("hole_outlier", "check its CAD point and hole_diameter_mm"),
+    EvidenceKind.HAND_EYE.value: ("look_outlier", "tag A does not fit there: look again"),
+    EvidenceKind.TOUCHES.value: ("touch_outlier", "undo it and touch that target again"),
+    EvidenceKind.POINTS.value: ("point_outlier", "undo it and touch the point again"),
+    EvidenceKind.REFERENCE.value: ("reference_outlier", "hold the object still while touching"),
+    EvidenceKind.SPINS.value: (
+        "spin_outlier",
+        "the object slipped or the picture was bad: spin again",
+    ),
+    EvidenceKind.HOLES.value: ("hole_outlier", "check its CAD point and hole_diameter_mm"),
 }
 
 
@@ -103,7 +106,7 @@ def _taught(basis: Basis, recording: Recording, name: str) -> TaughtPoint:
     state, n = basis.state, basis.layout.size
     at = state.base_from_object @ np.asarray(target.point_in_object)
     by = np.zeros((3, n))
-    by[:, Layout.OBJECT] = by_left(at[None])[0]
+    by[:, Layout.OBJECT] = left_jacobian(at[None])[0]
     by[:, Layout.TCP] = -R_work
     open_mm = float(np.abs(by @ basis.undetermined).max(initial=0.0))
     if open_mm > _KNOWN_MM:
@@ -170,7 +173,7 @@ def _findings(result: JointResult) -> Iterator[Finding]:
 
 
 def _residuals(result: JointResult, worst_u95_mm: float) -> dict[str, float]:
-    touches = [s.score for s in result.samples if s.kind == Link.TOUCHES.value and s.used]
+    touches = [s.score for s in result.samples if s.kind == EvidenceKind.TOUCHES.value and s.used]
     return {
         "touch_rms_mm": result.residuals["touches_rms_mm"],
         "touch_worst_sigma": max(touches, default=0.0),

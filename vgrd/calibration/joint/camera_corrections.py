@@ -28,7 +28,7 @@ _INTRINSIC: Mapping[str, tuple[int, ...]] = MappingProxyType(
 
 
 @dataclass(frozen=True, slots=True)
-class Refinement:
+class PriorSigmas:
     """Sigma of what is known beforehand of the numbers to refine; None holds one at its value.
 
     tag_a_mm, tag_b_mm: of the printed edge; focal_px, center_px (both cx and cy), k1.
@@ -62,12 +62,12 @@ class Seen:
 
     rotations: Array
     translations: Array
-    by_refined: Array
+    J_refined: Array
     shifts: Array
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Optics:
+class CameraCorrections:
     """camera: as assumed; sizes_mm: by name of the tag; sigmas: of what is refined, by name."""
 
     camera: CameraModel
@@ -75,11 +75,11 @@ class Optics:
     sigmas: Mapping[str, float]
 
     @classmethod
-    def of(cls, facts: CellFacts, refinement: Refinement | None) -> "Optics":
+    def of(cls, facts: CellFacts, refinement: PriorSigmas | None) -> "CameraCorrections":
         """What a cell says, and what is to be refined of it."""
         camera = CameraModel(facts.camera_matrix, facts.distortion, facts.image_size_px)
         sizes = {TAG_A: (facts.tag_a or facts.tag_b).size_mm, TAG_B: facts.tag_b.size_mm}
-        return cls(camera, sizes, (refinement or Refinement()).sigmas())
+        return cls(camera, sizes, (refinement or PriorSigmas()).sigmas())
 
     @property
     def count(self) -> int:
@@ -130,16 +130,16 @@ class Optics:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class RefinedOptics:
+class RefinedCorrections:
     """Tag sizes and intrinsics as a calibration refined them; values: (e,) in sigmas."""
 
-    optics: Optics
+    corrections: CameraCorrections
     values: Array
     tags: Mapping[TagSpec, str]
 
     def corrected(self, tag: TagObservation) -> TagObservation:
         """The same tag as seen with the refined numbers, its noise carried along."""
-        if not self.optics.count:
+        if not self.corrections.count:
             return tag
         seen = self._seen(tag)
         A = seen.shifts[0]
@@ -147,14 +147,14 @@ class RefinedOptics:
         covariance = frozen_array(A @ tag.covariance @ A.T, 6, 6)
         return replace(tag, camera_from_tag=pose, covariance=covariance)
 
-    def by_refined(self, tag: TagObservation) -> Array:
+    def corrected_jacobian(self, tag: TagObservation) -> Array:
         """(6, e): left tangent by which `corrected(tag)` moves, per sigma of every number."""
-        return np.asarray(self._seen(tag).by_refined[0])
+        return np.asarray(self._seen(tag).J_refined[0])
 
     def _seen(self, tag: TagObservation) -> Seen:
         C = tag.camera_from_tag
         name = self.tags[tag.tag]
-        return self.optics.seen(C.rotation[None], C.translation[None], name, self.values)
+        return self.corrections.seen(C.rotation[None], C.translation[None], name, self.values)
 
 
 def adjoints(R: Array, t: Array) -> Array:
@@ -193,5 +193,5 @@ def _by_pose(camera: CameraModel, corners: Array) -> Array:
 def _by_intrinsics(R: Array, t: Array, camera: CameraModel, size_mm: float) -> Array:
     """Left tangents (n, 6, 6) by which tags are seen elsewhere per fx, fy, cx, cy, k1, k2."""
     corners = _corners(R, t, size_mm)
-    by_camera = camera.intrinsics_jacobian(corners).reshape(-1, 8, 6)
-    return np.asarray(-np.linalg.pinv(_by_pose(camera, corners)) @ by_camera)
+    J_camera = camera.intrinsics_jacobian(corners).reshape(-1, 8, 6)
+    return np.asarray(-np.linalg.pinv(_by_pose(camera, corners)) @ J_camera)

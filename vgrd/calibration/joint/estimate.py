@@ -12,16 +12,16 @@ from types import MappingProxyType
 import numpy as np
 from scipy.special import gammaincinv
 
-from vgrd.calibration.joint.camera_corrections import TAG_A, TAG_B, RefinedOptics, Refinement
+from vgrd.calibration.joint.camera_corrections import TAG_A, TAG_B, PriorSigmas, RefinedCorrections
 from vgrd.calibration.joint.fit import (
     Optimum,
     fit_at,
+    fit_joint,
     information_inverse,
-    settle,
     unknown_in_words,
 )
 from vgrd.calibration.joint.height import near_tag_plane
-from vgrd.calibration.joint.problem import JointData, Link, Sighting, Turntable
+from vgrd.calibration.joint.problem import EvidenceKind, JointData, Sighting, Turntable
 from vgrd.calibration.joint.robust import JointSample, screen
 from vgrd.calibration.joint.rows import predicted_tag_a
 from vgrd.calibration.joint.samples import gather
@@ -36,7 +36,7 @@ __all__ = [
     "ArmModel",
     "JointResult",
     "JointSample",
-    "Refinement",
+    "PriorSigmas",
     "Sighting",
     "Turntable",
     "calibrate_joint",
@@ -56,7 +56,7 @@ class JointResult:
     sigmas promise; where that is more than chance the covariance was enlarged by its square.
     cost: half the sum of squares. residuals: rms per kind, in mm, deg and sigmas. whitened,
     jacobian: residuals (r,) and derivative (r, n) at the optimum, in sigmas, noise of the arm
-    included by `arm_factor` (lower triangle of I + G S G^T) of `arm_by`: G. data: the samples in
+    included by `arm_factor` (lower triangle of I + G S G^T) of `J_deviations`: G. data: the samples in
     use; samples: all of them, the bad ones named.
     """
 
@@ -67,12 +67,12 @@ class JointResult:
     covariance: Array
     undetermined: Array
     cost: float
-    freedom: int
+    degrees_of_freedom: int
     noise_scale: float
     residuals: Mapping[str, float]
     whitened: Array
     jacobian: Array
-    arm_by: Array
+    J_deviations: Array
     arm_factor: Array
     report: Report
     samples: tuple[JointSample, ...]
@@ -80,18 +80,20 @@ class JointResult:
     @property
     def variance_scale(self) -> float:
         """What the covariance was multiplied by."""
-        return enlargement(2 * self.cost, self.freedom)
+        return variance_inflation(2 * self.cost, self.degrees_of_freedom)
 
     @property
-    def optics(self) -> RefinedOptics:
+    def corrections(self) -> RefinedCorrections:
         """Refined tag sizes and intrinsics: what corrects a new picture."""
         facts = self.recording.facts
         tags = {facts.tag_a or facts.tag_b: TAG_A, facts.tag_b: TAG_B}
-        return RefinedOptics(self.data.optics, self.state.refined, MappingProxyType(tags))
+        return RefinedCorrections(
+            self.data.corrections, self.state.refined, MappingProxyType(tags)
+        )
 
     def corrected(self, tag: TagObservation) -> TagObservation:
         """A tag in a new picture, as seen with the refined tag sizes and intrinsics."""
-        return self.optics.corrected(tag)
+        return self.corrections.corrected(tag)
 
     def unknown_in_words(self) -> str:
         """Which unknowns the data leave undetermined."""
@@ -104,7 +106,7 @@ def calibrate_joint(
     *,
     arm: ArmModel | None = None,
     turntable: Turntable | None = None,
-    refine: Refinement | None = None,
+    refine: PriorSigmas | None = None,
     robust: bool = True,
 ) -> JointResult:
     """Most likely values of all unknowns; verifications are held out.
@@ -117,10 +119,10 @@ def calibrate_joint(
     data = gather(recording, sightings, arm, turntable, refine)
     if len(data.holes.cad):
         seen = start_near_tag_plane(recording, data.holes.cad)
-        start = replace(seen, refined=np.zeros(data.optics.count))
+        start = replace(seen, refined=np.zeros(data.corrections.count))
     else:
         start = guess(data)
-    optimum = settle(data, layout_of(data), start)
+    optimum = fit_joint(data, layout_of(data), start)
     if not robust:
         return _result(recording, optimum, ())
     return _result(recording, *screen(data, optimum))
@@ -147,11 +149,13 @@ def result_at(recording: Recording, data: JointData, state: JointState) -> Joint
     return _result(recording, fit, ())
 
 
-def enlargement(squares: float, freedom: int) -> float:
+def variance_inflation(squares: float, degrees_of_freedom: int) -> float:
     """1, or squares / freedom where that is beyond chance."""
-    if freedom <= 0 or squares <= 2 * gammaincinv(freedom / 2, _NOISE_CONFIDENCE):
+    if degrees_of_freedom <= 0 or squares <= 2 * gammaincinv(
+        degrees_of_freedom / 2, _NOISE_CONFIDENCE
+    ):
         return 1.0
-    return squares / freedom
+    return squares / degrees_of_freedom
 
 
 def _result(
@@ -160,21 +164,21 @@ def _result(
     data, layout = optimum.data, optimum.layout
     covariance, undetermined = information_inverse(optimum.jacobian, layout)
     squares = 2 * optimum.report.cost
-    freedom = max(data.measured() - (layout.size - undetermined.shape[1]), 0)
+    degrees_of_freedom = max(data.measured() - (layout.size - undetermined.shape[1]), 0)
     return JointResult(
         recording=recording,
         data=data,
         layout=layout,
         state=optimum.state,
-        covariance=covariance * enlargement(squares, freedom),
+        covariance=covariance * variance_inflation(squares, degrees_of_freedom),
         undetermined=undetermined,
         cost=optimum.report.cost,
-        freedom=freedom,
-        noise_scale=float(np.sqrt(squares / freedom)) if freedom else 1.0,
+        degrees_of_freedom=degrees_of_freedom,
+        noise_scale=float(np.sqrt(squares / degrees_of_freedom)) if degrees_of_freedom else 1.0,
         residuals=_residuals(data, optimum),
         whitened=optimum.whitened,
         jacobian=optimum.jacobian,
-        arm_by=optimum.arm_by,
+        J_deviations=optimum.J_deviations,
         arm_factor=optimum.arm_factor,
         report=optimum.report,
         samples=samples,
@@ -195,7 +199,7 @@ def _residuals(data: JointData, optimum: Optimum) -> dict[str, float]:
     seen = data.looks.tags
     turns = log_rotation(R @ np.swapaxes(seen.rotations, 1, 2)).reshape(-1, 3)
     if len(data.holes.cad):
-        whitened = optimum.whitened[data.rows_of(Link.HOLES)].reshape(-1, 2)
+        whitened = optimum.whitened[data.rows_of(EvidenceKind.HOLES)].reshape(-1, 2)
         out["holes_rms_px"] = rms(np.linalg.norm(whitened, axis=1) * data.holes.sigma_px)
     out["hand_eye_rms_mm"] = rms(np.linalg.norm(t - seen.translations, axis=1))
     out["hand_eye_rms_deg"] = float(np.degrees(rms(np.linalg.norm(turns, axis=1))))

@@ -9,12 +9,12 @@ from vgrd.calibration.joint.basis import Basis, basis_of
 from vgrd.calibration.joint.estimate import JointResult
 from vgrd.calibration.joint.fit import unknown_in_words
 from vgrd.calibration.joint.problem import Tags, target_of
-from vgrd.calibration.joint.rows import Moves, by_left, moved_tag, moves
-from vgrd.calibration.joint.state import planar_part
+from vgrd.calibration.joint.rows import ObjectMotions, left_jacobian, moved_tag, object_motions
+from vgrd.calibration.joint.state import table_motion_of
 from vgrd.calibration.touches.recorded import touched_orientation
 from vgrd.errors import InputError, NotObservable, TagNotSeen
 from vgrd.geometry import Array, Pose, hat
-from vgrd.geometry.covariance import radius95, whitener
+from vgrd.geometry.covariance import radius95, sqrt_information
 from vgrd.model import (
     ExpectedCoordinate,
     Observation,
@@ -40,11 +40,11 @@ class Prediction:
 
     base_from_wrist: Pose
     by_unknowns: Array
-    by_picture: Array
-    by_arm: Array
+    J_picture: Array
+    J_arm: Array
     arm_covariance: Array
-    turn_by_unknowns: Array
-    turn_by_picture: Array
+    J_turn_unknowns: Array
+    J_turn_picture: Array
     fits_model: bool
 
 
@@ -75,12 +75,12 @@ def expected_from(
     covariance = (
         made.by_unknowns @ basis.covariance @ made.by_unknowns.T
         + unknown @ unknown.T
-        + made.by_picture @ tag.covariance @ made.by_picture.T
-        + made.by_arm @ made.arm_covariance @ made.by_arm.T
+        + made.J_picture @ tag.covariance @ made.J_picture.T
+        + made.J_arm @ made.arm_covariance @ made.J_arm.T
     )
     turned = (
-        made.turn_by_unknowns @ basis.covariance @ made.turn_by_unknowns.T
-        + made.turn_by_picture @ tag.covariance @ made.turn_by_picture.T
+        made.J_turn_unknowns @ basis.covariance @ made.J_turn_unknowns.T
+        + made.J_turn_picture @ tag.covariance @ made.J_turn_picture.T
     )
     return ExpectedCoordinate(
         target=target_of(basis.facts, target),
@@ -110,22 +110,22 @@ def predict(
     seen = seen or _anywhere(basis, tag)
     flange, R, by, turn = _flange(basis, target, seen, policy, R_work)
     tip = R @ _tip(basis)
-    by_arm = -np.hstack([_EYE, -hat(tip)])
-    correction, by_field, arm_covariance = basis.arm.deviation(flange)
+    J_arm = -np.hstack([_EYE, -hat(tip)])
+    correction, J_field, arm_covariance = basis.arm.deviation(flange)
     n = basis.layout.size
-    by[:, :n] += by_arm @ by_field
-    flange = flange + by_arm @ correction - by @ (seen.gain @ seen.residual)
+    by[:, :n] += J_arm @ J_field
+    flange = flange + J_arm @ correction - by @ (seen.gain @ seen.residual)
     by_unknowns = by[:, :n] - by @ seen.gain @ seen.by_unknowns
     if refuse:
-        _require_determined(basis, by_unknowns)
+        _check_determined(basis, by_unknowns)
     return Prediction(
         base_from_wrist=Pose(R, flange),
         by_unknowns=by_unknowns,
-        by_picture=by @ seen.gain @ seen.whitener,
-        by_arm=by_arm,
+        J_picture=by @ seen.gain @ seen.sqrt_information,
+        J_arm=J_arm,
         arm_covariance=arm_covariance,
-        turn_by_unknowns=turn[:, :n] - turn @ seen.gain @ seen.by_unknowns,
-        turn_by_picture=turn @ seen.gain @ seen.whitener,
+        J_turn_unknowns=turn[:, :n] - turn @ seen.gain @ seen.by_unknowns,
+        J_turn_picture=turn @ seen.gain @ seen.sqrt_information,
         fits_model=fits,
     )
 
@@ -138,16 +138,16 @@ class _Seen:
     motion) per residual; at: Moves of one.
     """
 
-    at: Moves
+    at: ObjectMotions
     residual: Array
     by_unknowns: Array
     gain: Array
-    whitener: Array
+    sqrt_information: Array
 
 
 def _tags_of(tag: TagObservation) -> Tags:
     C = tag.camera_from_tag
-    return Tags(C.rotation[None], C.translation[None], whitener(tag.covariance)[None])
+    return Tags(C.rotation[None], C.translation[None], sqrt_information(tag.covariance)[None])
 
 
 def _on_model(basis: Basis, tag: TagObservation) -> _Seen | None:
@@ -157,18 +157,18 @@ def _on_model(basis: Basis, tag: TagObservation) -> _Seen | None:
         return None
     tags = _tags_of(tag)
     motion = tag.camera_from_tag @ state.camera_from_tag_b.inverse()
-    planar = planar_part(state.camera_from_axis, motion, basis.facts.object.motion)[None]
-    at = moves(state, planar, layout)
-    r, J, by_move = (part[0] for part in moved_tag(state, tags, at, layout))
+    table_motion = table_motion_of(state.camera_from_axis, motion, basis.facts.object.motion)[None]
+    at = object_motions(state, table_motion, layout)
+    r, J, J_motion = (part[0] for part in moved_tag(state, tags, at, layout))
     S = np.eye(6) + J @ basis.covariance @ J.T
     S_inv = np.linalg.inv(S)
-    of_move = np.linalg.solve(by_move.T @ S_inv @ by_move, by_move.T @ S_inv)
-    left = np.eye(6) - by_move @ of_move
+    of_move = np.linalg.solve(J_motion.T @ S_inv @ J_motion, J_motion.T @ S_inv)
+    left = np.eye(6) - J_motion @ of_move
     misfit = float((left @ r) @ S_inv @ (left @ r))
-    if misfit > 2 * gammaincinv((6 - len(layout.moves)) / 2, _FITS_MODEL):
+    if misfit > 2 * gammaincinv((6 - len(layout.object_motions)) / 2, _FITS_MODEL):
         return None
     gain = np.vstack([basis.covariance @ J.T @ S_inv @ left, of_move])
-    return _Seen(at, r, J, gain, tags.whiteners[0])
+    return _Seen(at, r, J, gain, tags.sqrt_informations[0])
 
 
 def _anywhere(basis: Basis, tag: TagObservation) -> _Seen:
@@ -176,11 +176,11 @@ def _anywhere(basis: Basis, tag: TagObservation) -> _Seen:
     state, layout = basis.state, basis.layout
     tags = _tags_of(tag)
     M = tag.camera_from_tag @ state.camera_from_tag_b.inverse()
-    by_axis = np.zeros((1, 6, len(layout.axis)))
-    at = Moves(M.rotation[None], M.translation[None], by_axis, np.eye(6)[None])
-    r, J, by_move = (part[0] for part in moved_tag(state, tags, at, layout))
-    gain = np.vstack([np.zeros((layout.size, 6)), np.linalg.inv(by_move)])
-    return _Seen(at, r, J, gain, tags.whiteners[0])
+    J_axis = np.zeros((1, 6, len(layout.axis)))
+    at = ObjectMotions(M.rotation[None], M.translation[None], J_axis, np.eye(6)[None])
+    r, J, J_motion = (part[0] for part in moved_tag(state, tags, at, layout))
+    gain = np.vstack([np.zeros((layout.size, 6)), np.linalg.inv(J_motion)])
+    return _Seen(at, r, J, gain, tags.sqrt_informations[0])
 
 
 def _flange(
@@ -194,13 +194,13 @@ def _flange(
     in_camera = N @ (X.inverse() @ taught)
     point = X @ in_camera
     turn = X.rotation @ N.rotation @ X.rotation.T
-    n, k = layout.size, at.by_move.shape[2]
+    n, k = layout.size, at.J_motion.shape[2]
     by, turned = np.zeros((3, n + k)), np.zeros((3, n + k))
     motion = np.zeros((6, n + k))
-    motion[:, layout.axis_columns], motion[:, n:] = at.by_axis[0], at.by_move[0]
-    by += X.rotation @ by_left(in_camera[None])[0] @ motion
-    by[:, layout.OBJECT] = turn @ by_left(taught[None])[0]
-    by[:, layout.CAMERA] = by_left(point[None])[0] - by[:, layout.OBJECT]
+    motion[:, layout.axis_columns], motion[:, n:] = at.J_axis[0], at.J_motion[0]
+    by += X.rotation @ left_jacobian(in_camera[None])[0] @ motion
+    by[:, layout.OBJECT] = turn @ left_jacobian(taught[None])[0]
+    by[:, layout.CAMERA] = left_jacobian(point[None])[0] - by[:, layout.OBJECT]
     R = R_work
     if policy is Policy.FOLLOW:
         R = turn @ R_work
@@ -216,7 +216,7 @@ def _tip(basis: Basis) -> Array:
     return np.asarray(basis.state.tcp_in_wrist + basis.facts.tool.work_from_touch_mm)
 
 
-def _require_determined(basis: Basis, by_unknowns: Array) -> None:
+def _check_determined(basis: Basis, by_unknowns: Array) -> None:
     moved = np.linalg.norm(by_unknowns @ basis.undetermined, axis=0)
     if moved.size and float(moved.max()) > _REFUSED_MM:
         raise NotObservable(

@@ -15,7 +15,7 @@ from vgrd.calibration.joint.rows import arm_jacobian, linearize
 from vgrd.calibration.joint.state import JointState, Layout
 from vgrd.errors import DidNotConverge
 from vgrd.geometry import Array
-from vgrd.geometry.least_squares import Report, minimize, require_convergence
+from vgrd.geometry.least_squares import Report, check_convergence, minimize
 
 _UNDETERMINED_MM = 500.0
 _UNDETERMINED_RAD = 1.0
@@ -30,7 +30,7 @@ class Optimum:
     """Evidence as seen with the refined numbers, the state, and the fit around it.
 
     whitened (r,), jacobian (r, n): in sigmas, noise of the arm included by `arm_factor`, the lower
-    triangle of I + G S G^T of `arm_by`: G.
+    triangle of I + G S G^T of `J_deviations`: G.
     """
 
     data: JointData
@@ -38,12 +38,12 @@ class Optimum:
     state: JointState
     whitened: Array
     jacobian: Array
-    arm_by: Array
+    J_deviations: Array
     arm_factor: Array
     report: Report
 
 
-def settle(raw: JointData, layout: Layout, state: JointState) -> Optimum:
+def fit_joint(raw: JointData, layout: Layout, state: JointState) -> Optimum:
     """Most likely state near the one given, which keeps what nothing determines as it was.
 
     Raises DidNotConverge.
@@ -68,7 +68,7 @@ def settle(raw: JointData, layout: Layout, state: JointState) -> Optimum:
             f"joint estimate: not settled after {_ROUNDS} rounds of weighing; the samples contradict "
             "each other or belong to different set-ups"
         )
-    require_convergence(minimum.report, "joint estimate")
+    check_convergence(minimum.report, "joint estimate")
     return fit_at(raw, layout, state, minimum.report)
 
 

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from vgrd.calibration.joint.rows import by_left
+from vgrd.calibration.joint.rows import left_jacobian
 from vgrd.calibration.joint.state import JointState, Layout
 from vgrd.geometry import Array
 
@@ -21,9 +21,9 @@ def near_tag_plane(
     tag_b_from_camera = state.camera_from_tag_b.inverse()
     down = tag_b_from_camera.rotation[2]
     H = np.zeros((len(in_base), layout.size))
-    H[:, Layout.OBJECT] = (down @ state.base_from_camera.rotation.T) @ by_left(in_base)
+    H[:, Layout.OBJECT] = (down @ state.base_from_camera.rotation.T) @ left_jacobian(in_base)
     H[:, Layout.CAMERA] = -H[:, Layout.OBJECT]
-    H[:, Layout.TAG_B] = -down @ by_left(in_camera)
+    H[:, Layout.TAG_B] = -down @ left_jacobian(in_camera)
     spread = H @ covariance @ H.T + HEIGHT_SIGMA_MM**2 * np.eye(len(H))
     heights = (tag_b_from_camera @ in_camera)[:, 2]
     return state.retract(-covariance @ H.T @ np.linalg.solve(spread, heights), layout)

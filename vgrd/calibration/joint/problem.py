@@ -8,7 +8,7 @@ from types import MappingProxyType
 import numpy as np
 from numpy.typing import NDArray
 
-from vgrd.calibration.joint.camera_corrections import TAG_A, TAG_B, Optics
+from vgrd.calibration.joint.camera_corrections import TAG_A, TAG_B, CameraCorrections
 from vgrd.calibration.touches.touch_set import TouchSet
 from vgrd.errors import InputError
 from vgrd.geometry import Array, Pose
@@ -17,10 +17,10 @@ from vgrd.model import CellFacts, Motion, Target
 from vgrd.model.estimate import ArmModel
 
 __all__ = [
+    "EvidenceKind",
     "Holes",
     "Indices",
     "JointData",
-    "Link",
     "Looks",
     "Sighting",
     "Tags",
@@ -31,7 +31,7 @@ __all__ = [
 Indices = NDArray[np.intp]
 
 
-class Link(StrEnum):
+class EvidenceKind(StrEnum):
     """Kinds of evidence, in the order of their rows."""
 
     HAND_EYE = "tag A"
@@ -44,14 +44,14 @@ class Link(StrEnum):
     REFINED = "print and intrinsics"
 
 
-SAMPLED: Mapping[Link, int] = MappingProxyType(
+SAMPLED: Mapping[EvidenceKind, int] = MappingProxyType(
     {
-        Link.HAND_EYE: 6,
-        Link.TOUCHES: 3,
-        Link.POINTS: 3,
-        Link.REFERENCE: 6,
-        Link.SPINS: 6,
-        Link.HOLES: 2,
+        EvidenceKind.HAND_EYE: 6,
+        EvidenceKind.TOUCHES: 3,
+        EvidenceKind.POINTS: 3,
+        EvidenceKind.REFERENCE: 6,
+        EvidenceKind.SPINS: 6,
+        EvidenceKind.HOLES: 2,
     }
 )
 """Kinds that are measured sample by sample, and the rows of one sample."""
@@ -94,28 +94,30 @@ class Tags:
 
     rotations: Array
     translations: Array
-    whiteners: Array
-    by_refined: Array | None = None
+    sqrt_informations: Array
+    J_refined: Array | None = None
 
     def __len__(self) -> int:
         return len(self.rotations)
 
-    def some(self, chosen: Indices) -> "Tags":
+    def subset(self, chosen: Indices) -> "Tags":
         """Those with the given indices."""
-        by = None if self.by_refined is None else self.by_refined[chosen]
-        return Tags(self.rotations[chosen], self.translations[chosen], self.whiteners[chosen], by)
+        by = None if self.J_refined is None else self.J_refined[chosen]
+        return Tags(
+            self.rotations[chosen], self.translations[chosen], self.sqrt_informations[chosen], by
+        )
 
     def weighted(self, weights: Array) -> "Tags":
         """Variances divided by weights (n,); those of weight 0 are left out."""
-        some = self.some(np.flatnonzero(weights))
+        some = self.subset(np.flatnonzero(weights))
         root = np.sqrt(weights[weights > 0])[:, None, None]
-        return replace(some, whiteners=root * some.whiteners)
+        return replace(some, sqrt_informations=root * some.sqrt_informations)
 
-    def refined(self, optics: Optics, size_of: str, values: Array) -> "Tags":
+    def refined(self, corrections: CameraCorrections, size_of: str, values: Array) -> "Tags":
         """As seen with refined tag sizes and intrinsics, values (e,)."""
-        seen = optics.seen(self.rotations, self.translations, size_of, values)
-        whiteners = self.whiteners @ np.linalg.inv(seen.shifts)
-        return Tags(seen.rotations, seen.translations, whiteners, seen.by_refined)
+        seen = corrections.seen(self.rotations, self.translations, size_of, values)
+        sqrt_informations = self.sqrt_informations @ np.linalg.inv(seen.shifts)
+        return Tags(seen.rotations, seen.translations, sqrt_informations, seen.J_refined)
 
     def poses(self) -> list[Pose]:
         """camera_from_tag of all."""
@@ -129,24 +131,24 @@ class Looks:
     tags: Tags
     rotations: Array
     translations: Array
-    stands: Indices
+    stations: Indices
 
     def poses(self) -> list[Pose]:
         """base_from_wrist of all."""
         return [Pose(R, t) for R, t in zip(self.rotations, self.translations, strict=True)]
 
-    def some(self, chosen: Indices) -> "Looks":
+    def subset(self, chosen: Indices) -> "Looks":
         """Those with the given indices."""
         return Looks(
-            self.tags.some(chosen),
+            self.tags.subset(chosen),
             self.rotations[chosen],
             self.translations[chosen],
-            self.stands[chosen],
+            self.stations[chosen],
         )
 
     def weighted(self, weights: Array) -> "Looks":
         """Variances divided by weights (n,); those of weight 0 are left out."""
-        some = self.some(np.flatnonzero(weights))
+        some = self.subset(np.flatnonzero(weights))
         return replace(some, tags=self.tags.weighted(weights))
 
 
@@ -183,9 +185,9 @@ class JointData:
     looks: Looks
     touches: TouchSet
     cad: Array
-    touch_stands: Indices
+    touch_stations: Indices
     points: TouchSet
-    point_stands: Indices
+    point_stations: Indices
     reference: Tags
     spins: Tags
     holes: Holes
@@ -193,8 +195,8 @@ class JointData:
     turntable: Turntable
     flange_at: Array
     arm: ArmModel
-    names: Mapping[Link, tuple[str, ...]]
-    optics: Optics
+    names: Mapping[EvidenceKind, tuple[str, ...]]
+    corrections: CameraCorrections
     refined_at: Array = field(default_factory=lambda: np.zeros(0))
 
     @property
@@ -204,20 +206,20 @@ class JointData:
         return self.turntable.axis_in_object if turns else None
 
     @property
-    def counts(self) -> Mapping[Link, int]:
+    def counts(self) -> Mapping[EvidenceKind, int]:
         """Rows of every kind, in their order."""
         return {
-            Link.HAND_EYE: 6 * len(self.looks.tags),
-            Link.TOUCHES: 3 * len(self.touches),
-            Link.POINTS: 3 * len(self.points),
-            Link.REFERENCE: 6 * len(self.reference),
-            Link.SPINS: 6 * len(self.spins),
-            Link.HOLES: 2 * len(self.holes.cad),
-            Link.TURNTABLE: 2 * (self.center is not None) + 2 * (self.axis is not None),
-            Link.REFINED: self.optics.count,
+            EvidenceKind.HAND_EYE: 6 * len(self.looks.tags),
+            EvidenceKind.TOUCHES: 3 * len(self.touches),
+            EvidenceKind.POINTS: 3 * len(self.points),
+            EvidenceKind.REFERENCE: 6 * len(self.reference),
+            EvidenceKind.SPINS: 6 * len(self.spins),
+            EvidenceKind.HOLES: 2 * len(self.holes.cad),
+            EvidenceKind.TURNTABLE: 2 * (self.center is not None) + 2 * (self.axis is not None),
+            EvidenceKind.REFINED: self.corrections.count,
         }
 
-    def rows_of(self, link: Link) -> slice:
+    def rows_of(self, link: EvidenceKind) -> slice:
         """Where the rows of one kind stand."""
         kinds = list(self.counts)
         start = sum(self.counts[kind] for kind in kinds[: kinds.index(link)])
@@ -226,7 +228,7 @@ class JointData:
     @property
     def arm_rows(self) -> int:
         """How many rows, the first ones, feel the errors of the arm."""
-        return int(self.rows_of(Link.POINTS).stop)
+        return int(self.rows_of(EvidenceKind.POINTS).stop)
 
     def measured(self) -> int:
         """Rows that measured something (a sigma may be infinite)."""
@@ -234,23 +236,25 @@ class JointData:
         seen = self.touches.equations() + self.points.equations()
         return sum(self.counts.values()) - blind + seen
 
-    def weighted(self, weights: Mapping[Link, Array]) -> "JointData":
+    def weighted(self, weights: Mapping[EvidenceKind, Array]) -> "JointData":
         """Variances divided by the weights of the samples of every kind; 0 leaves one out.
 
         A hole seen in a spin goes with it.
         """
-        touched, pointed, spun = (weights[k] for k in (Link.TOUCHES, Link.POINTS, Link.SPINS))
-        holes = weights[Link.HOLES] * (np.append(spun, 1)[self.holes.spin] > 0)
-        weights = {**weights, Link.HOLES: holes}
+        touched, pointed, spun = (
+            weights[k] for k in (EvidenceKind.TOUCHES, EvidenceKind.POINTS, EvidenceKind.SPINS)
+        )
+        holes = weights[EvidenceKind.HOLES] * (np.append(spun, 1)[self.holes.spin] > 0)
+        weights = {**weights, EvidenceKind.HOLES: holes}
         return replace(
             self,
-            looks=self.looks.weighted(weights[Link.HAND_EYE]),
-            touches=self.touches.weighted(touched).some(np.flatnonzero(touched)),
+            looks=self.looks.weighted(weights[EvidenceKind.HAND_EYE]),
+            touches=self.touches.weighted(touched).subset(np.flatnonzero(touched)),
             cad=self.cad[touched > 0],
-            touch_stands=self.touch_stands[touched > 0],
-            points=self.points.weighted(pointed).some(np.flatnonzero(pointed)),
-            point_stands=self.point_stands[pointed > 0],
-            reference=self.reference.weighted(weights[Link.REFERENCE]),
+            touch_stations=self.touch_stations[touched > 0],
+            points=self.points.weighted(pointed).subset(np.flatnonzero(pointed)),
+            point_stations=self.point_stations[pointed > 0],
+            reference=self.reference.weighted(weights[EvidenceKind.REFERENCE]),
             spins=self.spins.weighted(spun),
             holes=self.holes.weighted(holes, spun),
             names={
@@ -263,14 +267,14 @@ class JointData:
         """The same, gathered with nothing refined, as seen with refined values (e,)."""
         if not len(values):
             return self
-        optics = self.optics
-        seen = self.looks.tags.refined(optics, TAG_A, values)
+        corrections = self.corrections
+        seen = self.looks.tags.refined(corrections, TAG_A, values)
         return replace(
             self,
             looks=replace(self.looks, tags=seen),
-            reference=self.reference.refined(optics, TAG_B, values),
-            spins=self.spins.refined(optics, TAG_B, values),
-            holes=replace(self.holes, camera=optics.camera_at(values)),
+            reference=self.reference.refined(corrections, TAG_B, values),
+            spins=self.spins.refined(corrections, TAG_B, values),
+            holes=replace(self.holes, camera=corrections.camera_at(values)),
             refined_at=values,
         )
 

@@ -11,8 +11,8 @@ from types import MappingProxyType
 
 import numpy as np
 
-from vgrd.calibration.joint.fit import Optimum, settle, units
-from vgrd.calibration.joint.problem import SAMPLED, JointData, Link
+from vgrd.calibration.joint.fit import Optimum, fit_joint, units
+from vgrd.calibration.joint.problem import SAMPLED, EvidenceKind, JointData
 from vgrd.calibration.joint.state import JointState, layout_of
 from vgrd.calibration.observability.leave_one_out import OUTLIER_SIGMA, fit_without_outliers
 from vgrd.calibration.touches.touch_set import TouchSet, equivalent_sigmas
@@ -22,7 +22,7 @@ _SWEEPS = 3
 _LEVERAGE_FLOOR = 1e-9
 _PICTURE_SIGMA = 4.5
 
-Weights = Mapping[Link, Array]
+Weights = Mapping[EvidenceKind, Array]
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,7 +45,7 @@ class KindFit:
 
     whitened: Array
     scores: Array
-    freedom: int
+    degrees_of_freedom: int
 
 
 def screen(data: JointData, optimum: Optimum) -> tuple[Optimum, tuple[JointSample, ...]]:
@@ -58,7 +58,7 @@ def screen(data: JointData, optimum: Optimum) -> tuple[Optimum, tuple[JointSampl
     return search.optimum, search.samples()
 
 
-def deletion(optimum: Optimum) -> dict[Link, KindFit]:
+def leave_one_out(optimum: Optimum) -> dict[EvidenceKind, KindFit]:
     """Every sample against all others: squared deleted residuals, noise of the arm included."""
     k, J = len(optimum.arm_factor), optimum.jacobian * units(optimum.layout)
     U, s, _ = np.linalg.svd(J, full_matrices=False)
@@ -91,9 +91,12 @@ def _kind_fit(own: Array, seen: Array, left: Array, blind: Array) -> KindFit:
     return KindFit(whitened, scores, round(float(values.sum() - blind.sum())))
 
 
-def _blind(data: JointData, link: Link) -> Array:
+def _blind(data: JointData, link: EvidenceKind) -> Array:
     """Rows of every sample that measure nothing."""
-    of: Mapping[Link, TouchSet] = {Link.TOUCHES: data.touches, Link.POINTS: data.points}
+    of: Mapping[EvidenceKind, TouchSet] = {
+        EvidenceKind.TOUCHES: data.touches,
+        EvidenceKind.POINTS: data.points,
+    }
     if link not in of:
         return np.zeros(len(data.names[link]), dtype=np.intp)
     lateral = np.isinf(of[link].lateral_sigma_mm)
@@ -108,7 +111,7 @@ class _Screening:
         self._all = optimum
         self.optimum = optimum
         self._weights = {link: np.ones(len(data.names[link])) for link in SAMPLED}
-        fits = deletion(optimum)
+        fits = leave_one_out(optimum)
         self._scores = {link: fit.scores.copy() for link, fit in fits.items()}
         self._solved = {_key(self._weights): (optimum, fits)}
 
@@ -132,10 +135,10 @@ class _Screening:
                 out.append(JointSample(name, link.value, used, score, reason))
         return tuple(out)
 
-    def _worst(self, link: Link) -> float:
+    def _worst(self, link: EvidenceKind) -> float:
         return -float(self._scores[link].max(initial=0))
 
-    def _search(self, link: Link) -> None:
+    def _search(self, link: EvidenceKind) -> None:
         count = len(self._weights[link])
         found = fit_without_outliers(partial(self._fit, link), count, _limit(link))
         self._weights[link] = found.used.astype(np.float64)
@@ -145,19 +148,21 @@ class _Screening:
             self._scores[other][used] = fits[other].scores
         self._scores[link] = found.scores.copy()
 
-    def _fit(self, link: Link, weights: Array) -> KindFit:
+    def _fit(self, link: EvidenceKind, weights: Array) -> KindFit:
         fit = self._solve({**self._weights, link: weights})[1][link]
         whitened = _spread(fit.whitened, weights)
-        return KindFit(whitened, _spread(fit.scores, weights), fit.freedom)
+        return KindFit(whitened, _spread(fit.scores, weights), fit.degrees_of_freedom)
 
-    def _solve(self, weights: Weights) -> tuple[Optimum, Mapping[Link, KindFit]]:
+    def _solve(self, weights: Weights) -> tuple[Optimum, Mapping[EvidenceKind, KindFit]]:
         """Fit with these weights, and its samples against all others; solved once."""
         key = _key(weights)
         if key not in self._solved:
             data, start = self._data.weighted(weights), self._all.state
-            start = replace(start, planar=start.planar[weights[Link.SPINS] > 0])
-            optimum = settle(data, layout_of(data), start)
-            self._solved[key] = optimum, deletion(optimum)
+            start = replace(
+                start, table_motion=start.table_motion[weights[EvidenceKind.SPINS] > 0]
+            )
+            optimum = fit_joint(data, layout_of(data), start)
+            self._solved[key] = optimum, leave_one_out(optimum)
         return self._solved[key]
 
 
@@ -165,9 +170,9 @@ def _key(weights: Weights) -> bytes:
     return np.concatenate([weights[link] for link in SAMPLED]).tobytes()
 
 
-def _limit(link: Link) -> float:
+def _limit(link: EvidenceKind) -> float:
     """Pictures are many, and their noise is known: a good one is never as far off as this."""
-    return OUTLIER_SIGMA if link in (Link.TOUCHES, Link.POINTS) else _PICTURE_SIGMA
+    return OUTLIER_SIGMA if link in (EvidenceKind.TOUCHES, EvidenceKind.POINTS) else _PICTURE_SIGMA
 
 
 def _spread(values: Array, weights: Array) -> Array:
@@ -177,12 +182,12 @@ def _spread(values: Array, weights: Array) -> Array:
     return out
 
 
-def _off_mm(data: JointData, state: JointState) -> Mapping[Link, Array]:
+def _off_mm(data: JointData, state: JointState) -> Mapping[EvidenceKind, Array]:
     """How far the tips were from what they touched."""
     out = {}
     for link, touches, at in (
-        (Link.TOUCHES, data.touches, state.base_from_object @ data.cad),
-        (Link.POINTS, data.points, state.fixed_point_in_base),
+        (EvidenceKind.TOUCHES, data.touches, state.base_from_object @ data.cad),
+        (EvidenceKind.POINTS, data.points, state.fixed_point_in_base),
     ):
         tips = touches.rotations @ state.tcp_in_wrist + touches.translations
         out[link] = np.linalg.norm(tips - at, axis=1)

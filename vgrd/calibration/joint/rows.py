@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from vgrd.calibration.joint.camera_corrections import adjoints
-from vgrd.calibration.joint.problem import Indices, JointData, Link, Tags
+from vgrd.calibration.joint.problem import EvidenceKind, Indices, JointData, Tags
 from vgrd.calibration.joint.state import JointState, Layout
 from vgrd.calibration.touches.touch_set import TouchSet
 from vgrd.geometry import Array, hat, log_rotation
@@ -15,7 +15,7 @@ _BERNOULLI = (1 / 12, -1 / 720, 1 / 30240)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Moves:
+class ObjectMotions:
     """How the object moved, in the camera: (n, 3, 3), (n, 3), and what that depends on.
 
     by_axis (n, 6, a), by_move (n, 6, k): left derivatives by the axis and by the planar motion.
@@ -23,8 +23,8 @@ class Moves:
 
     rotations: Array
     translations: Array
-    by_axis: Array
-    by_move: Array
+    J_axis: Array
+    J_motion: Array
 
 
 def linearize(state: JointState, data: JointData, layout: Layout) -> tuple[Array, Array]:
@@ -64,20 +64,20 @@ def arm_jacobian(state: JointState, data: JointData) -> Array:
     looks = data.looks
     D = _tag_residuals(*predicted_tag_a(state, data), looks.tags)[1] @ X_inv.adjoint()
     D[:, :, 3:] += D[:, :, :3] @ hat(looks.translations)
-    _put(G, data.rows_of(Link.HAND_EYE), D, looks.stands)
-    for link, touches, stands in (
-        (Link.TOUCHES, data.touches, data.touch_stands),
-        (Link.POINTS, data.points, data.point_stands),
+    _put(G, data.rows_of(EvidenceKind.HAND_EYE), D, looks.stations)
+    for link, touches, stations in (
+        (EvidenceKind.TOUCHES, data.touches, data.touch_stations),
+        (EvidenceKind.POINTS, data.points, data.point_stations),
     ):
         lever = -hat(touches.rotations @ state.tcp_in_wrist)
         D = np.concatenate([np.broadcast_to(_EYE, lever.shape), lever], axis=2)
-        _put(G, data.rows_of(link), touches.base_whiteners() @ D, stands)
+        _put(G, data.rows_of(link), touches.base_sqrt_informations() @ D, stations)
     return G.reshape(data.arm_rows, -1)
 
 
-def _put(G: Array, rows: slice, blocks: Array, stands: Indices) -> None:
+def _put(G: Array, rows: slice, blocks: Array, stations: Indices) -> None:
     part = G[rows].reshape(*blocks.shape[:2], *G.shape[1:])
-    part[np.arange(len(blocks)), :, stands] = blocks
+    part[np.arange(len(blocks)), :, stations] = blocks
 
 
 def _tag_residuals(R: Array, t: Array, tags: Tags) -> tuple[Array, Array, Array]:
@@ -93,11 +93,11 @@ def _tag_residuals(R: Array, t: Array, tags: Tags) -> tuple[Array, Array, Array]
     ad[:, :3, :3] = ad[:, 3:, 3:] = W
     v = np.einsum("nij,nj->ni", _inverse_jacobian(W), shift)
     ad[:, :3, 3:] = hat(v)
-    D = tags.whiteners @ _inverse_jacobian(ad)
+    D = tags.sqrt_informations @ _inverse_jacobian(ad)
     E = np.zeros((len(w), 6, 0))
-    if tags.by_refined is not None:
-        E = -D @ tags.by_refined
-    return np.einsum("nij,nj->ni", tags.whiteners, np.concatenate([v, w], axis=1)), D, E
+    if tags.J_refined is not None:
+        E = -D @ tags.J_refined
+    return np.einsum("nij,nj->ni", tags.sqrt_informations, np.concatenate([v, w], axis=1)), D, E
 
 
 def _inverse_jacobian(ad: Array) -> Array:
@@ -144,17 +144,17 @@ def _tips(state: JointState, touches: TouchSet) -> Array:
 
 def _touches(state: JointState, data: JointData, layout: Layout) -> tuple[Array, Array]:
     touches = data.touches
-    W = touches.base_whiteners()
+    W = touches.base_sqrt_informations()
     at = state.base_from_object @ data.cad
     J = _rows(len(W), 3, layout)
     J[:, :, layout.TCP] = W @ touches.rotations
-    J[:, :, layout.OBJECT] = -W @ by_left(at)
+    J[:, :, layout.OBJECT] = -W @ left_jacobian(at)
     return _flat(np.einsum("nij,nj->ni", W, _tips(state, touches) - at), J)
 
 
 def _points(state: JointState, data: JointData, layout: Layout) -> tuple[Array, Array]:
     points = data.points
-    W = points.base_whiteners()
+    W = points.base_sqrt_informations()
     J = _rows(len(W), 3, layout)
     if len(W):
         J[:, :, layout.TCP] = W @ points.rotations
@@ -163,7 +163,7 @@ def _points(state: JointState, data: JointData, layout: Layout) -> tuple[Array, 
     return _flat(np.einsum("nij,nj->ni", W, off), J)
 
 
-def by_left(points: Array) -> Array:
+def left_jacobian(points: Array) -> Array:
     """Derivative (n, 3, 6) of points (n, 3) by a left perturbation of the pose they came by."""
     lever = -hat(points)
     return np.concatenate([np.broadcast_to(_EYE, lever.shape), lever], axis=2)
@@ -179,23 +179,25 @@ def _reference(state: JointState, data: JointData, layout: Layout) -> tuple[Arra
     return _flat(r, J)
 
 
-def moves(state: JointState, planar: Array, layout: Layout) -> Moves:
+def object_motions(state: JointState, table_motion: Array, layout: Layout) -> ObjectMotions:
     """How the object moved since it was touched; planar: (n, 3) x, y, angle."""
     G = state.camera_from_axis
-    c, s = np.cos(planar[:, 2]), np.sin(planar[:, 2])
+    c, s = np.cos(table_motion[:, 2]), np.sin(table_motion[:, 2])
     P = np.zeros((len(c), 3, 3))
     P[:, 0, 0], P[:, 0, 1], P[:, 1, 0], P[:, 1, 1], P[:, 2, 2] = c, -s, s, c, 1.0
-    shift = np.column_stack([planar[:, :2], np.zeros(len(c))])
+    shift = np.column_stack([table_motion[:, :2], np.zeros(len(c))])
     R = G.rotation @ P @ G.rotation.T
     t = shift @ G.rotation.T + G.translation - R @ G.translation
     own = G.adjoint()
-    by_axis = (np.eye(6) - adjoints(R, t)) @ own[:, list(layout.axis)]
-    by_move = np.broadcast_to(own[:, list(layout.moves)], (len(c), 6, len(layout.moves)))
-    return Moves(R, t, by_axis, by_move)
+    J_axis = (np.eye(6) - adjoints(R, t)) @ own[:, list(layout.axis)]
+    J_motion = np.broadcast_to(
+        own[:, list(layout.object_motions)], (len(c), 6, len(layout.object_motions))
+    )
+    return ObjectMotions(R, t, J_axis, J_motion)
 
 
 def moved_tag(
-    state: JointState, tags: Tags, moved: Moves, layout: Layout
+    state: JointState, tags: Tags, moved: ObjectMotions, layout: Layout
 ) -> tuple[Array, Array, Array]:
     """Residuals (n, 6) of tag B on the moved object, derivatives by the unknowns and the moves.
 
@@ -205,17 +207,17 @@ def moved_tag(
     t = moved.rotations @ F.translation + moved.translations
     r, D, E = _tag_residuals(moved.rotations @ F.rotation, t, tags)
     J = _rows(len(r), 6, layout)
-    if tags.by_refined is not None:
+    if tags.J_refined is not None:
         J[:, :, layout.refined_columns] = E
     J[:, :, layout.TAG_B] = D @ adjoints(moved.rotations, moved.translations)
-    J[:, :, layout.axis_columns] = D @ moved.by_axis
-    return r, J, D @ moved.by_move
+    J[:, :, layout.axis_columns] = D @ moved.J_axis
+    return r, J, D @ moved.J_motion
 
 
 def _spins(state: JointState, data: JointData, layout: Layout) -> tuple[Array, Array]:
-    moved = moves(state, state.planar, layout)
-    r, J, by_move = moved_tag(state, data.spins, moved, layout)
-    _put_moves(J, by_move, np.arange(len(r)), layout)
+    moved = object_motions(state, state.table_motion, layout)
+    r, J, J_motion = moved_tag(state, data.spins, moved, layout)
+    _put_moves(J, J_motion, np.arange(len(r)), layout)
     return _flat(r, J)
 
 
@@ -231,23 +233,23 @@ def _holes(state: JointState, data: JointData, layout: Layout) -> tuple[Array, A
     in_base = state.base_from_object @ holes.cad
     camera_from_base = state.base_from_camera.inverse()
     at = camera_from_base @ in_base
-    by_base = np.broadcast_to(camera_from_base.rotation, (len(at), 3, 3)).copy()
+    J_base = np.broadcast_to(camera_from_base.rotation, (len(at), 3, 3)).copy()
     own = np.zeros((len(at), 3, layout.size))
     if spun.any():
-        moved, k = moves(state, state.planar, layout), holes.spin[spun]
+        moved, k = object_motions(state, state.table_motion, layout), holes.spin[spun]
         at[spun] = np.einsum("nij,nj->ni", moved.rotations[k], at[spun]) + moved.translations[k]
-        by_base[spun] = moved.rotations[k] @ by_base[spun]
-        lever, part = by_left(at[spun]), np.zeros((len(k), 3, layout.size))
-        part[:, :, layout.axis_columns] = lever @ moved.by_axis[k]
-        _put_moves(part, lever @ moved.by_move[k], k, layout)
+        J_base[spun] = moved.rotations[k] @ J_base[spun]
+        lever, part = left_jacobian(at[spun]), np.zeros((len(k), 3, layout.size))
+        part[:, :, layout.axis_columns] = lever @ moved.J_axis[k]
+        _put_moves(part, lever @ moved.J_motion[k], k, layout)
         own[spun] = part
     pixels, D = holes.camera.linearize(at)
     D = D / holes.sigma_px[:, None, None]
     J = D @ own
-    J[:, :, layout.OBJECT] = D @ by_base @ by_left(in_base)
+    J[:, :, layout.OBJECT] = D @ J_base @ left_jacobian(in_base)
     J[:, :, layout.CAMERA] = -J[:, :, layout.OBJECT]
-    by_camera = holes.camera.intrinsics_jacobian(at) @ data.optics.intrinsics()
-    J[:, :, layout.refined_columns] = by_camera / holes.sigma_px[:, None, None]
+    J_camera = holes.camera.intrinsics_jacobian(at) @ data.corrections.intrinsics()
+    J[:, :, layout.refined_columns] = J_camera / holes.sigma_px[:, None, None]
     return _flat((pixels - holes.pixels) / holes.sigma_px[:, None], J)
 
 
@@ -259,10 +261,10 @@ def _center(
     in_base = state.base_from_object @ center
     off = G.inverse() @ (camera_from_base @ in_base) / -sigma_mm
     J = np.zeros((3, layout.size))
-    by_body = np.hstack([_EYE / sigma_mm, hat(off)])
-    J[:, layout.axis_columns] = by_body[:, list(layout.axis)]
+    J_body = np.hstack([_EYE / sigma_mm, hat(off)])
+    J[:, layout.axis_columns] = J_body[:, list(layout.axis)]
     turn = G.rotation.T @ camera_from_base.rotation / sigma_mm
-    J[:, layout.CAMERA] = turn @ by_left(in_base[None])[0]
+    J[:, layout.CAMERA] = turn @ left_jacobian(in_base[None])[0]
     J[:, layout.OBJECT] = -J[:, layout.CAMERA]
     return off[:2], J[:2]
 
@@ -277,8 +279,8 @@ def _axis(
     seen = turn @ in_base
     sign = np.sign(seen[2]) / sigma_rad
     J = np.zeros((3, layout.size))
-    by_body = np.hstack([np.zeros((3, 3)), hat(seen)])
-    J[:, layout.axis_columns] = by_body[:, list(layout.axis)]
+    J_body = np.hstack([np.zeros((3, 3)), hat(seen)])
+    J[:, layout.axis_columns] = J_body[:, list(layout.axis)]
     J[:, layout.OBJECT.start + 3 : layout.OBJECT.stop] = -turn @ hat(in_base)
     J[:, layout.CAMERA.start + 3 : layout.CAMERA.stop] = turn @ hat(in_base)
     return sign * seen[:2], sign * J[:2]

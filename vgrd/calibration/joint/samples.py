@@ -4,11 +4,11 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from vgrd.calibration.joint.camera_corrections import Optics, Refinement
+from vgrd.calibration.joint.camera_corrections import CameraCorrections, PriorSigmas
 from vgrd.calibration.joint.problem import (
+    EvidenceKind,
     Holes,
     JointData,
-    Link,
     Looks,
     Sighting,
     Tags,
@@ -18,7 +18,7 @@ from vgrd.calibration.joint.problem import (
 from vgrd.calibration.touches.touch_set import TouchSet, touch_set
 from vgrd.errors import InputError, TooFewObservations
 from vgrd.geometry import Array, Pose
-from vgrd.geometry.covariance import whitener
+from vgrd.geometry.covariance import sqrt_information
 from vgrd.model import Motion, Mount, Observation, Recording, TagObservation, Touch
 from vgrd.model.estimate import ArmModel
 
@@ -32,7 +32,7 @@ def gather(
     sightings: Sequence[Sighting] = (),
     arm: ArmModel | None = None,
     turntable: Turntable | None = None,
-    refine: Refinement | None = None,
+    refine: PriorSigmas | None = None,
 ) -> JointData:
     """Bring all samples into arrays; verifications stay out.
 
@@ -62,9 +62,9 @@ def gather(
         looks=_looks(seen, of_a),
         touches=_touch_set(recording, [touch for _, touch in touches]),
         cad=np.array([target_of(recording.facts, t.target).point_in_object for _, t in touches]),
-        touch_stands=np.arange(m),
+        touch_stations=np.arange(m),
         points=_touch_set(recording, [touch for _, touch in points]),
-        point_stands=np.arange(m, m + k),
+        point_stations=np.arange(m, m + k),
         reference=_tags([_tag_b(picture) for _, picture in reference]),
         spins=_tags([picture.tag_b for _, picture in turned]),
         holes=_holes(recording, [hole for _, hole in holes], [name for name, _ in turned]),
@@ -73,14 +73,14 @@ def gather(
         flange_at=np.array([pose.translation for pose in poses]),
         arm=arm or ArmModel.of(facts.robot_sigma_mm),
         names={
-            Link.HAND_EYE: tuple(seen[i][0] for i in of_a),
-            Link.TOUCHES: tuple(name for name, _ in touches),
-            Link.POINTS: tuple(name for name, _ in points),
-            Link.REFERENCE: tuple(name for name, _ in reference),
-            Link.SPINS: tuple(name for name, _ in turned),
-            Link.HOLES: tuple(name for name, _ in holes),
+            EvidenceKind.HAND_EYE: tuple(seen[i][0] for i in of_a),
+            EvidenceKind.TOUCHES: tuple(name for name, _ in touches),
+            EvidenceKind.POINTS: tuple(name for name, _ in points),
+            EvidenceKind.REFERENCE: tuple(name for name, _ in reference),
+            EvidenceKind.SPINS: tuple(name for name, _ in turned),
+            EvidenceKind.HOLES: tuple(name for name, _ in holes),
         },
-        optics=Optics.of(facts, refine),
+        corrections=CameraCorrections.of(facts, refine),
     )
 
 
@@ -156,7 +156,7 @@ def _tags(observations: Sequence[TagObservation | None]) -> Tags:
     return Tags(
         np.array([tag.camera_from_tag.rotation for tag in seen]).reshape(-1, 3, 3),
         np.array([tag.camera_from_tag.translation for tag in seen]).reshape(-1, 3),
-        whitener(covariances),
+        sqrt_information(covariances),
     )
 
 
@@ -184,5 +184,5 @@ def _holes(recording: Recording, sightings: Sequence[Sighting], turned: Sequence
         np.array(spins, dtype=np.intp),
         np.array([sighting.pixel for sighting in sightings]).reshape(-1, 2),
         np.array([sighting.sigma_px for sighting in sightings], dtype=np.float64),
-        Optics.of(facts, None).camera,
+        CameraCorrections.of(facts, None).camera,
     )

@@ -11,7 +11,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from vgrd.calibration.hand_eye.park_martin import quick_start
+from vgrd.calibration.hand_eye.park_martin import park_martin_start
 from vgrd.calibration.joint.problem import JointData, Looks, Tags
 from vgrd.calibration.observability.motion import Axes, turned_axes
 from vgrd.calibration.turntable.rotation_center import RotationCenter, find_rotation_center
@@ -34,7 +34,7 @@ class Layout:
     """
 
     axis: tuple[int, ...]
-    moves: tuple[int, ...]
+    object_motions: tuple[int, ...]
     spins: int
     has_point: bool
     refined: int = 0
@@ -52,14 +52,14 @@ class Layout:
 
     def spin_columns(self) -> Columns:
         """Columns (n, k) of the planar motion of every spin."""
-        k = len(self.moves)
+        k = len(self.object_motions)
         first = 27 + len(self.axis)
         return np.arange(first, first + k * self.spins).reshape(self.spins, k)
 
     @property
     def point_columns(self) -> slice:
         """Columns of the fixed point."""
-        first = 27 + len(self.axis) + len(self.moves) * self.spins
+        first = 27 + len(self.axis) + len(self.object_motions) * self.spins
         return slice(first, first + 3 * self.has_point)
 
     @property
@@ -78,14 +78,16 @@ class Layout:
         pose = [True] * 3 + [False] * 3
         fixed = pose * 2 + [True] * 3 + pose * 2
         axis = [i < 3 for i in self.axis]
-        moves = [i < 3 for i in self.moves] * self.spins
-        return np.array(fixed + axis + moves + [True] * (3 * self.has_point + self.refined))
+        object_motions = [i < 3 for i in self.object_motions] * self.spins
+        return np.array(
+            fixed + axis + object_motions + [True] * (3 * self.has_point + self.refined)
+        )
 
 
 def layout_of(data: JointData) -> Layout:
     """Unknowns that this evidence speaks of."""
     spins = len(data.spins)
-    point, refined = len(data.points) > 0, data.optics.count
+    point, refined = len(data.points) > 0, data.corrections.count
     if not spins:
         return Layout((), (), 0, point, refined)
     if data.motion is Motion.TURNTABLE:
@@ -106,7 +108,7 @@ class JointState:
     base_from_object: Pose
     camera_from_tag_b: Pose
     camera_from_axis: Pose
-    planar: Array
+    table_motion: Array
     fixed_point_in_base: Array
     refined: Array = field(default_factory=lambda: np.zeros(0))
 
@@ -128,7 +130,7 @@ class JointState:
             base_from_object=Pose.exp(step[layout.OBJECT]) @ self.base_from_object,
             camera_from_tag_b=Pose.exp(step[layout.TAG_B]) @ self.camera_from_tag_b,
             camera_from_axis=self.camera_from_axis @ Pose.exp(at_axis),
-            planar=_moved(self.planar, step[layout.spin_columns()], layout),
+            table_motion=_moved(self.table_motion, step[layout.spin_columns()], layout),
             fixed_point_in_base=self.fixed_point_in_base + step[layout.point_columns]
             if layout.has_point
             else self.fixed_point_in_base,
@@ -136,14 +138,14 @@ class JointState:
         )
 
 
-def _moved(planar: Array, step: Array, layout: Layout) -> Array:
+def _moved(table_motion: Array, step: Array, layout: Layout) -> Array:
     if not layout.spins:
-        return planar
+        return table_motion
     turn = step[:, 0]
     c, s = np.cos(turn), np.sin(turn)
-    x, y = planar[:, 0], planar[:, 1]
-    out = np.column_stack([c * x - s * y, s * x + c * y, planar[:, 2] + turn])
-    if len(layout.moves) > 1:
+    x, y = table_motion[:, 0], table_motion[:, 1]
+    out = np.column_stack([c * x - s * y, s * x + c * y, table_motion[:, 2] + turn])
+    if len(layout.object_motions) > 1:
         out[:, :2] += step[:, 1:]
     return out
 
@@ -167,8 +169,8 @@ def guess(data: JointData) -> JointState:
         tcp = tcp + R.T @ off
     camera_from_object = base_from_camera.inverse() @ base_from_object
     camera_from_axis = _guess_axis(data, center, camera_from_object)
-    planar = [
-        planar_part(camera_from_axis, seen @ camera_from_tag_b.inverse(), data.motion)
+    table_motion = [
+        table_motion_of(camera_from_axis, seen @ camera_from_tag_b.inverse(), data.motion)
         for seen in data.spins.poses()
     ]
     points = data.points
@@ -180,13 +182,13 @@ def guess(data: JointData) -> JointState:
         base_from_object,
         camera_from_tag_b,
         camera_from_axis,
-        np.array(planar).reshape(-1, 3),
+        np.array(table_motion).reshape(-1, 3),
         spike,
-        np.zeros(data.optics.count),
+        np.zeros(data.corrections.count),
     )
 
 
-def planar_part(camera_from_axis: Pose, motion: Pose, kind: Motion) -> Array:
+def table_motion_of(camera_from_axis: Pose, motion: Pose, kind: Motion) -> Array:
     """(x, y, angle) of a motion in the camera, seen from the axis."""
     P = camera_from_axis.inverse() @ motion @ camera_from_axis
     angle = np.arctan2(P.rotation[1, 0], P.rotation[0, 0])
@@ -212,10 +214,10 @@ def _guess_hand_eye(looks: Looks) -> tuple[Pose, Pose]:
             f"tag A was seen from {len(once)} robot poses, at least 3 are needed: record looks, "
             "or touch with tag A in view"
         )
-    looks = looks.some(once)
-    moves, tags = looks.poses(), looks.tags.poses()
+    looks = looks.subset(once)
+    object_motions, tags = looks.poses(), looks.tags.poses()
     if turned_axes(list(looks.rotations))[0] is Axes.MANY:
-        return quick_start(moves, tags)
+        return park_martin_start(object_motions, tags)
     X, tag_in_wrist = linear_start(looks.rotations, looks.translations, looks.tags.translations)
     turned = sum(
         R.T @ X.rotation @ tag.rotation for R, tag in zip(looks.rotations, tags, strict=True)

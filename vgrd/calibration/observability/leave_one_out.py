@@ -30,7 +30,7 @@ class TouchFit(Protocol):
         """How many sigmas each touch is off."""
 
     @property
-    def freedom(self) -> int:
+    def degrees_of_freedom(self) -> int:
         """Measured directions minus unknowns."""
 
 
@@ -50,9 +50,9 @@ class RobustFit(Generic[FitT]):
 
 def noise_scale(fit: TouchFit) -> float:
     """How many times as much the touches scatter as their sigmas say; 1 where nothing is left over."""
-    if fit.freedom < 1:
+    if fit.degrees_of_freedom < 1:
         return 1.0
-    return float(np.sqrt(np.sum(fit.whitened**2) / fit.freedom))
+    return float(np.sqrt(np.sum(fit.whitened**2) / fit.degrees_of_freedom))
 
 
 def fit_without_outliers(
@@ -66,7 +66,7 @@ def fit_without_outliers(
     """
     fit = solve(np.ones(count))
     search = _Search(solve, int(_MOST * count), fit, np.ones(count, dtype=bool), limit)
-    if fit.freedom > _SPARE_FREEDOM and fit.scores.max() > limit:
+    if fit.degrees_of_freedom > _SPARE_FREEDOM and fit.scores.max() > limit:
         search.leave_out(_suspects(solve, fit, limit))
         search.readmit()
         search.drop_the_worst()
@@ -138,7 +138,7 @@ class _Search(Generic[FitT]):
             fit = self._solve(used.astype(float))
         except CalibrationError:
             return False
-        if fit.freedom < _SPARE_FREEDOM:
+        if fit.degrees_of_freedom < _SPARE_FREEDOM:
             return False
         self.used, self.fit = used, fit
         return True

@@ -34,7 +34,7 @@ def turned_axes(rotations: Sequence[Array]) -> tuple[Axes, Array]:
     return count, Vt[0]
 
 
-def refuse_repeats(names: Sequence[str], poses: Sequence[Pose]) -> None:
+def check_distinct(names: Sequence[str], poses: Sequence[Pose]) -> None:
     """Raise InputError naming samples with exactly the same pose, NotObservable when all are."""
     t = np.array([pose.translation for pose in poses])
     R = np.array([pose.rotation for pose in poses])
@@ -67,14 +67,18 @@ def hand_eye_observability(poses: Sequence[Pose]) -> Observability:
         raise TooFewObservations(
             f"hand-eye needs at least 3 robot poses that differ in rotation, got {len(poses)}"
         )
-    moves = [poses[0].inverse() @ pose for pose in poses]
-    lever = max(float(np.std([move.translation for move in moves], axis=0).max()), _MIN_LEVER_MM)
+    flange_motions = [poses[0].inverse() @ pose for pose in poses]
+    lever = max(
+        float(np.std([move.translation for move in flange_motions], axis=0).max()), _MIN_LEVER_MM
+    )
     unit = np.array([1, 1, 1, 1 / lever, 1 / lever, 1 / lever])
-    rows = [np.hstack([-np.eye(6), move.adjoint()]) / unit[:, None] / lever for move in moves]
+    rows = [
+        np.hstack([-np.eye(6), move.adjoint()]) / unit[:, None] / lever for move in flange_motions
+    ]
     return observability(np.vstack(rows), np.tile(unit, 2) * lever, _HAND_EYE_TOLERANCE)
 
 
-def require_hand_eye_motion(poses: Sequence[Pose]) -> None:
+def check_hand_eye_motion(poses: Sequence[Pose]) -> None:
     """Raise unless the wrist poses determine all 12 unknowns of a hand-eye calibration."""
     rank = hand_eye_observability(poses).rank
     if rank < 12:

@@ -10,7 +10,7 @@ from vgrd.calibration.joint.calibration import WRONG_SIGMA
 from vgrd.calibration.joint.estimate import JointResult, calibrate_joint
 from vgrd.calibration.planning.next_sample import Advice, next_best, without_pose
 from vgrd.calibration.planning.pose_trust import reason_against
-from vgrd.calibration.planning.predicted_error import Foresight, Job, Undetermined
+from vgrd.calibration.planning.predicted_error import Job, PredictedError, Undetermined
 from vgrd.calibration.planning.reach import Reach, camera_sees_tag_a, usual_wrist
 from vgrd.calibration.turntable.usable_spins import without_useless_spins
 from vgrd.errors import DidNotConverge, VgrdError
@@ -125,7 +125,7 @@ def _advice(
         axis = np.asarray(result.recording.facts.tool.axis_in_wrist)
         works = reach.orientations(usual_wrist(result.recording), axis, (1.0,))[::2]
     job = Job(policy, works, _ANGLES_RAD)
-    foresight = Foresight(result, job)
+    foresight = PredictedError(result, job)
     left = foresight.undetermined()
     minded = [one.what for one in left if one.matters]
     trouble = f"the answers still depend on {', '.join(minded)}" if minded else ""

@@ -13,12 +13,12 @@ import numpy as np
 from scipy.linalg import solve_triangular
 
 from vgrd.calibration.joint.basis import basis_of
-from vgrd.calibration.joint.camera_corrections import TAG_A, TAG_B, Optics, Refinement
+from vgrd.calibration.joint.camera_corrections import TAG_A, TAG_B, CameraCorrections, PriorSigmas
 from vgrd.calibration.joint.estimate import JointResult
 from vgrd.calibration.joint.expected import Prediction, predict, work_orientation
 from vgrd.calibration.joint.fit import whiten_arm
-from vgrd.calibration.joint.problem import Link, Tags
-from vgrd.calibration.planning.predicted_error import Foresight, Job
+from vgrd.calibration.joint.problem import EvidenceKind, Tags
+from vgrd.calibration.planning.predicted_error import Job, PredictedError
 from vgrd.errors import InputError
 from vgrd.geometry import Array
 from vgrd.geometry.covariance import radius95
@@ -53,14 +53,14 @@ class Source(StrEnum):
     UNDETERMINED = "left undetermined"
 
 
-_SAMPLES: Mapping[Link, Source] = {
-    Link.HAND_EYE: Source.HAND_EYE,
-    Link.TOUCHES: Source.TOUCHES,
-    Link.POINTS: Source.TCP,
-    Link.REFERENCE: Source.TAG_B,
-    Link.SPINS: Source.TAG_B,
-    Link.HOLES: Source.HOLES,
-    Link.TURNTABLE: Source.TURNTABLE,
+_SAMPLES: Mapping[EvidenceKind, Source] = {
+    EvidenceKind.HAND_EYE: Source.HAND_EYE,
+    EvidenceKind.TOUCHES: Source.TOUCHES,
+    EvidenceKind.POINTS: Source.TCP,
+    EvidenceKind.REFERENCE: Source.TAG_B,
+    EvidenceKind.SPINS: Source.TAG_B,
+    EvidenceKind.HOLES: Source.HOLES,
+    EvidenceKind.TURNTABLE: Source.TURNTABLE,
 }
 
 
@@ -72,7 +72,7 @@ class Systematic:
     drift_mm: sigma per axis of what moved since the calibration, or while the answer was used.
     """
 
-    optics: Refinement = field(default_factory=Refinement)
+    corrections: PriorSigmas = field(default_factory=PriorSigmas)
     drift_mm: float = 0.0
 
     @classmethod
@@ -86,13 +86,13 @@ class Systematic:
         drift_mm: float = 0.02,
     ) -> "Systematic":
         """Of a cell, by shares of the tags' sizes and of the focal length."""
-        optics = Refinement(
+        corrections = PriorSigmas(
             tag_a_mm=print_share * (facts.tag_a or facts.tag_b).size_mm,
             tag_b_mm=print_share * facts.tag_b.size_mm,
             focal_px=focal_share * float(facts.camera_matrix[0, 0]),
             center_px=center_px,
         )
-        return cls(optics, drift_mm)
+        return cls(corrections, drift_mm)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -148,7 +148,7 @@ def error_budget(
     radii = np.array([radius95(np.sum(list(parts.values()), axis=0)) for parts in per_target])
     asked = () if base_from_work is None else (base_from_work,)
     job = Job(policy, asked, angles_rad=(0.0,), targets=names)
-    left = Foresight(result, job).undetermined()
+    left = PredictedError(result, job).undetermined()
     irrelevant = tuple(one.what for one in left if not one.matters)
     return Budget(names, links, traces / traces.sum(axis=1, keepdims=True), radii, irrelevant)
 
@@ -165,7 +165,7 @@ class _Chain:
         gain = self._gain(made)
         unknown = made.by_unknowns @ result.undetermined
         parts = self._of_samples(gain)
-        seen = made.by_picture @ self._now.covariance @ made.by_picture.T
+        seen = made.J_picture @ self._now.covariance @ made.J_picture.T
         parts[Source.TAG_B] = parts.get(Source.TAG_B, _NOTHING) + seen
         excess = (1 - 1 / scale) * result.covariance
         parts[Source.EXCESS] = made.by_unknowns @ excess @ made.by_unknowns.T
@@ -182,8 +182,8 @@ class _Chain:
             if data.counts[link]:
                 K = gain[:, data.rows_of(link)]
                 parts[source] = parts.get(source, _NOTHING) + K @ K.T
-        first = data.rows_of(Link.REFINED).start
-        for i, name in enumerate(data.optics.sigmas):
+        first = data.rows_of(EvidenceKind.REFINED).start
+        for i, name in enumerate(data.corrections.sigmas):
             source = _source(name)
             K = gain[:, first + i : first + i + 1]
             parts[source] = parts.get(source, _NOTHING) + K @ K.T
@@ -200,7 +200,7 @@ class _Chain:
         k = len(result.arm_factor)
         if not k:
             return gain
-        gain[:, :k] -= made.by_arm @ self._correction(made)
+        gain[:, :k] -= made.J_arm @ self._correction(made)
         first = solve_triangular(result.arm_factor, gain[:, :k].T, lower=True, trans="T")
         return np.hstack([first.T, gain[:, k:]])
 
@@ -208,7 +208,7 @@ class _Chain:
         """How the predicted deviation (6,) at the answer moves with whitened residuals (6, k)."""
         result, arm = self._result, self._result.data.arm
         near = arm.field(made.base_from_wrist.translation[None], result.data.flange_at)
-        shared = np.kron(near, np.diag(arm.scales() ** 2)) @ result.arm_by.T
+        shared = np.kron(near, np.diag(arm.scales() ** 2)) @ result.J_deviations.T
         return np.asarray(whiten_arm(result.arm_factor, shared.T).T)
 
     def _of_arm(self, made: Prediction, gain: Array) -> dict[Source, Array]:
@@ -217,14 +217,16 @@ class _Chain:
         k = len(result.arm_factor)
         if not k:
             return {}
-        stands = result.data.flange_at
+        stations = result.data.flange_at
         by = np.concatenate(
             [
-                (-gain[:, :k] @ result.arm_by).reshape(3, len(stands), 6).transpose(1, 0, 2),
-                -made.by_arm[None],
+                (-gain[:, :k] @ result.J_deviations)
+                .reshape(3, len(stations), 6)
+                .transpose(1, 0, 2),
+                -made.J_arm[None],
             ]
         )
-        at = np.vstack([stands, made.base_from_wrist.translation])
+        at = np.vstack([stations, made.base_from_wrist.translation])
         squares = arm.scales() ** 2
         drawn = np.einsum("sik,k,sjk->ij", by, arm.sigma_mm**2 * squares, by)
         rounded = np.einsum("sik,k,sjk->ij", by[:-1], arm.rounding() ** 2, by[:-1])
@@ -235,40 +237,42 @@ class _Chain:
     def _of_pictures(self, made: Prediction, gain: Array) -> dict[Source, Array]:
         """What all pictures share, as far as it was not refined, and time."""
         data, given = self._result.data, self._systematic
-        optics = Optics.of(self._result.recording.facts, given.optics)
+        corrections = CameraCorrections.of(self._result.recording.facts, given.corrections)
         parts: dict[Source, Array] = {}
-        if optics.count:
-            J = self._by_pictures(made, gain, optics)
-            for i, name in enumerate(optics.sigmas):
-                if name not in data.optics.sigmas:
+        if corrections.count:
+            J = self._by_pictures(made, gain, corrections)
+            for i, name in enumerate(corrections.sigmas):
+                if name not in data.corrections.sigmas:
                     source, K = _source(name), J[:, i : i + 1]
                     parts[source] = parts.get(source, _NOTHING) + K @ K.T
         if given.drift_mm > 0:
             parts[Source.TIME] = given.drift_mm**2 * np.eye(3)
         return parts
 
-    def _by_pictures(self, made: Prediction, gain: Array, optics: Optics) -> Array:
+    def _by_pictures(self, made: Prediction, gain: Array, corrections: CameraCorrections) -> Array:
         """How the answer moves, (3, e), when all tags are seen with sizes or intrinsics off."""
-        data, held = self._result.data, np.zeros(optics.count)
+        data, held = self._result.data, np.zeros(corrections.count)
         now = Tags(
             self._now.camera_from_tag.rotation[None],
             self._now.camera_from_tag.translation[None],
             np.eye(6)[None],
         )
-        total = made.by_picture @ _seen(now, optics, TAG_B, held)[0]
+        total = made.J_picture @ _seen(now, corrections, TAG_B, held)[0]
         for link, tags, which in (
-            (Link.HAND_EYE, data.looks.tags, TAG_A),
-            (Link.REFERENCE, data.reference, TAG_B),
-            (Link.SPINS, data.spins, TAG_B),
+            (EvidenceKind.HAND_EYE, data.looks.tags, TAG_A),
+            (EvidenceKind.REFERENCE, data.reference, TAG_B),
+            (EvidenceKind.SPINS, data.spins, TAG_B),
         ):
-            rows = (tags.whiteners @ _seen(tags, optics, which, held)).reshape(-1, optics.count)
+            rows = (tags.sqrt_informations @ _seen(tags, corrections, which, held)).reshape(
+                -1, corrections.count
+            )
             total = total - gain[:, data.rows_of(link)] @ rows
         return np.asarray(total)
 
 
-def _seen(tags: Tags, optics: Optics, which: str, held: Array) -> Array:
+def _seen(tags: Tags, corrections: CameraCorrections, which: str, held: Array) -> Array:
     """Tangents (n, 6, e) by which tags are seen elsewhere, per sigma of what is off."""
-    return optics.seen(tags.rotations, tags.translations, which, held).by_refined
+    return corrections.seen(tags.rotations, tags.translations, which, held).J_refined
 
 
 def _source(refined: str) -> Source:

@@ -11,7 +11,7 @@ from functools import cache, partial
 import numpy as np
 
 from vgrd.calibration.joint.estimate import JointResult, calibrate_joint
-from vgrd.calibration.planning.predicted_error import Foresight, Job
+from vgrd.calibration.planning.predicted_error import Job, PredictedError
 from vgrd.calibration.planning.reach import (
     Candidate,
     Looking,
@@ -92,7 +92,7 @@ def rank_samples(
     """The same for candidates of one's own."""
     _require(candidates)
     result = _solved(taught)
-    foresight = Foresight(result, job or Job(), tag_a_in_view)
+    foresight = PredictedError(result, job or Job(), tag_a_in_view)
     before = foresight.error_mm(foresight.covariance)
     errors = foresight.errors_after(foresight.covariance, foresight.rows(candidates))
     order = np.argsort(np.round(errors, 9), kind="stable")
@@ -130,7 +130,7 @@ def plan_touches(
     nominal: any estimate of a cell like this one, an earlier session's or a drawing's; its touches
     do not count. Greedy, then exchanged one by one until none improves (Fedorov 1972).
     """
-    foresight = Foresight(nominal, job or Job(), tag_a_in_view)
+    foresight = PredictedError(nominal, job or Job(), tag_a_in_view)
     candidates = touches_within(nominal, reach or Reach())
     start = foresight.without(looks=True, spins=True)
     return tuple(candidates[i] for i in _planned(foresight, start, candidates, count))
@@ -148,7 +148,7 @@ def plan_samples(
 
     A spin can be planned only where `nominal` knows the axis of turning.
     """
-    foresight = Foresight(nominal, job or Job(), tag_a_in_view)
+    foresight = PredictedError(nominal, job or Job(), tag_a_in_view)
     reach = reach or Reach()
     candidates: list[Touching | Spinning] = [*touches_within(nominal, reach)]
     candidates += spins_within(nominal, reach)
@@ -199,7 +199,7 @@ def _tilt_in_words(result: JointResult, straight: Array, R: Array) -> str:
 
 
 def _planned(
-    foresight: Foresight, start: Array, candidates: Sequence[Candidate], count: int
+    foresight: PredictedError, start: Array, candidates: Sequence[Candidate], count: int
 ) -> list[int]:
     _require(candidates)
     rows = foresight.rows(candidates)

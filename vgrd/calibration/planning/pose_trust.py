@@ -8,7 +8,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from vgrd.calibration.checks.misread_points import rival_names
+from vgrd.calibration.checks.misinterpreted_points import rival_names
 from vgrd.calibration.joint.estimate import JointResult
 from vgrd.calibration.joint.state import Layout
 from vgrd.calibration.planning.reach import Candidate, Reach, Touching, flange_of

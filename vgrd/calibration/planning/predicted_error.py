@@ -14,7 +14,7 @@ from vgrd.calibration.joint.basis import basis_of
 from vgrd.calibration.joint.estimate import JointResult
 from vgrd.calibration.joint.expected import predict, work_orientation
 from vgrd.calibration.joint.fit import information_inverse
-from vgrd.calibration.joint.problem import Link
+from vgrd.calibration.joint.problem import EvidenceKind
 from vgrd.calibration.joint.state import Layout
 from vgrd.calibration.planning.predicted_rows import ForeseenRows, picture_of
 from vgrd.calibration.planning.reach import Candidate, Looking
@@ -49,7 +49,7 @@ class Undetermined:
     matters: bool
 
 
-class Foresight:
+class PredictedError:
     """Predicts rows of candidates at the present estimate, and the job's error from them."""
 
     def __init__(
@@ -102,10 +102,12 @@ class Foresight:
         data, layout = self._result.data, self._result.layout
         rows = []
         if looks:
-            kept = np.flatnonzero(~np.isin(data.looks.stands, data.touch_stands))
-            alone = [Looking(pose) for pose in data.looks.some(kept).poses()]
+            kept = np.flatnonzero(~np.isin(data.looks.stations, data.touch_stations))
+            alone = [Looking(pose) for pose in data.looks.subset(kept).poses()]
             rows.append(self.rows(alone).reshape(-1, layout.size))
-        links = [Link.HOLES, Link.TURNTABLE, Link.REFINED] + [Link.SPINS] * spins
+        links = [EvidenceKind.HOLES, EvidenceKind.TURNTABLE, EvidenceKind.REFINED] + [
+            EvidenceKind.SPINS
+        ] * spins
         rows += [self._result.jacobian[data.rows_of(link)] for link in links]
         P, N = information_inverse(np.vstack(rows), layout)
         return P + N @ N.T
@@ -140,8 +142,8 @@ class Foresight:
             for name, work in product(_targets(result, job), works):
                 R_work = work_orientation(result.recording, name, job.policy, work)
                 made = predict(basis, name, tag, job.policy, R_work, refuse=False)
-                rest = made.by_picture @ tag.covariance @ made.by_picture.T
-                rest = rest + made.by_arm @ made.arm_covariance @ made.by_arm.T
+                rest = made.J_picture @ tag.covariance @ made.J_picture.T
+                rest = rest + made.J_arm @ made.arm_covariance @ made.J_arm.T
                 by.append(made.by_unknowns)
                 rests.append(rest)
         return np.array(by), np.array(rests)

@@ -7,13 +7,13 @@ import numpy as np
 
 from vgrd.calibration.joint.camera_corrections import TAG_A, TAG_B, adjoints
 from vgrd.calibration.joint.estimate import JointResult
-from vgrd.calibration.joint.problem import JointData, Link, Looks, Tags, target_of
-from vgrd.calibration.joint.rows import arm_jacobian, linearize, moves
+from vgrd.calibration.joint.problem import EvidenceKind, JointData, Looks, Tags, target_of
+from vgrd.calibration.joint.rows import arm_jacobian, linearize, object_motions
 from vgrd.calibration.joint.state import Layout
 from vgrd.calibration.planning.reach import Candidate, Spinning, Touching, flange_of
 from vgrd.calibration.touches.touch_set import TouchSet, touch_set
 from vgrd.geometry import Array, Pose
-from vgrd.geometry.covariance import whitener
+from vgrd.geometry.covariance import sqrt_information
 from vgrd.model import TagObservation, TagSpec, frozen_array
 
 _NONE = np.zeros(0, dtype=np.intp)
@@ -34,15 +34,15 @@ class ForeseenRows:
     def of(self, candidates: Sequence[Candidate]) -> Array:
         """Rows (c, 15, n) of unit noise that each candidate would add, empty ones 0."""
         out = np.zeros((len(candidates), _WIDTH, self._result.layout.size))
-        stands = []
+        stations = []
         for i, candidate in enumerate(candidates):
             if isinstance(candidate, Spinning):
                 J = self._spin_rows(candidate.angle_rad)
                 out[i, : len(J)] = J
             else:
-                stands.append(i)
-        for k in range(0, len(stands), _AT_ONCE):
-            some = stands[k : k + _AT_ONCE]
+                stations.append(i)
+        for k in range(0, len(stations), _AT_ONCE):
+            some = stations[k : k + _AT_ONCE]
             out[some] = self._stand_rows([candidates[i] for i in some])
         return out
 
@@ -57,9 +57,9 @@ class ForeseenRows:
         J = self._embedded(linearize(result.state, data, still)[1], still)
         out = np.zeros((c, _WIDTH, J.shape[1]))
         for link, seen, width, first in (
-            (Link.HAND_EYE, looking, 6, 0),
-            (Link.TOUCHES, touching, 3, 6),
-            (Link.REFERENCE, touching, 6, 9),
+            (EvidenceKind.HAND_EYE, looking, 6, 0),
+            (EvidenceKind.TOUCHES, touching, 3, 6),
+            (EvidenceKind.REFERENCE, touching, 6, 9),
         ):
             part = J[data.rows_of(link)].reshape(len(seen), width, J.shape[1])
             out[seen, first : first + width] = part
@@ -75,8 +75,8 @@ class ForeseenRows:
         G = arm_jacobian(self._result.state, data).reshape(data.arm_rows, -1, 6)
         own = np.zeros((len(rows), 9, 6))
         for link, seen, width, first in (
-            (Link.HAND_EYE, looking, 6, 0),
-            (Link.TOUCHES, touching, 3, 6),
+            (EvidenceKind.HAND_EYE, looking, 6, 0),
+            (EvidenceKind.TOUCHES, touching, 3, 6),
         ):
             part = G[data.rows_of(link)].reshape(len(seen), width, len(rows), 6)
             own[seen, first : first + width] = part[np.arange(len(seen)), :, seen]
@@ -105,7 +105,7 @@ class ForeseenRows:
                 [poses[i] for i in touching], axis, [float(lateral)] * m, [float(axial)] * m
             ),
             cad=np.array(cad),
-            touch_stands=np.array(touching, dtype=np.intp),
+            touch_stations=np.array(touching, dtype=np.intp),
             reference=self._tags([result.state.camera_from_tag_b] * m, TAG_B),
         )
 
@@ -131,11 +131,11 @@ class ForeseenRows:
         if not layout.axis:
             return np.zeros((0, layout.size))
         alone = replace(layout, spins=1)
-        planar = np.array([[0.0, 0.0, angle_rad]])
-        state = replace(result.state, planar=planar)
+        table_motion = np.array([[0.0, 0.0, angle_rad]])
+        state = replace(result.state, table_motion=table_motion)
         tag = self._tags([moved_tag_b(result, angle_rad)], TAG_B)
         data = replace(_blank(result.data), spins=tag)
-        J = linearize(state, data, alone)[1][data.rows_of(Link.SPINS)]
+        J = linearize(state, data, alone)[1][data.rows_of(EvidenceKind.SPINS)]
         own = alone.spin_columns()[0]
         Q = np.linalg.qr(J[:, own])[0]
         return self._embedded(J - Q @ (Q.T @ J), alone)
@@ -152,14 +152,14 @@ class ForeseenRows:
     def _tags(self, poses: Sequence[Pose], which: str) -> Tags:
         """TAG_A or TAG_B seen at these poses with the usual noise."""
         result, body = self._result, self._body_a if which == TAG_A else self._body_b
-        optics, values = result.data.optics, result.state.refined
+        corrections, values = result.data.corrections, result.state.refined
         R = np.array([pose.rotation for pose in poses]).reshape(-1, 3, 3)
         t = np.array([pose.translation for pose in poses]).reshape(-1, 3)
         A = adjoints(R, t)
         by = None
-        if optics.count:
-            by = optics.seen(R, t, which, values).by_refined
-        return Tags(R, t, whitener(A @ body @ A.transpose(0, 2, 1)), by)
+        if corrections.count:
+            by = corrections.seen(R, t, which, values).J_refined
+        return Tags(R, t, sqrt_information(A @ body @ A.transpose(0, 2, 1)), by)
 
 
 def picture_of(result: JointResult, angle_rad: float) -> TagObservation:
@@ -171,14 +171,14 @@ def picture_of(result: JointResult, angle_rad: float) -> TagObservation:
 def moved_tag_b(result: JointResult, angle_rad: float) -> Pose:
     """camera_from_tag_b after the object has turned by an angle about its axis."""
     state = result.state
-    at = moves(state, np.array([[0.0, 0.0, angle_rad]]), result.layout)
+    at = object_motions(state, np.array([[0.0, 0.0, angle_rad]]), result.layout)
     return Pose(at.rotations[0], at.translations[0]) @ state.camera_from_tag_b
 
 
 def _body_covariance(tags: Tags) -> Array:
     """Mean covariance (6, 6) of a tag's pose, in the tag's own frame."""
     out = []
-    for pose, W in zip(tags.poses(), tags.whiteners, strict=True):
+    for pose, W in zip(tags.poses(), tags.sqrt_informations, strict=True):
         half = pose.inverse().adjoint() @ np.linalg.inv(W)
         out.append(half @ half.T)
     return np.asarray(np.mean(out, axis=0))
@@ -193,7 +193,7 @@ def _sighting(pose: Pose, body: Array, spec: TagSpec) -> TagObservation:
 def _blank(data: JointData) -> JointData:
     """The same cell with nothing recorded."""
     nothing = np.zeros((0, 3))
-    by = np.zeros((0, 6, data.optics.count)) if data.optics.count else None
+    by = np.zeros((0, 6, data.corrections.count)) if data.corrections.count else None
     tags = Tags(np.zeros((0, 3, 3)), nothing, np.zeros((0, 6, 6)), by)
     axis = data.touches.axis_in_wrist
     touches = TouchSet(np.zeros((0, 3, 3)), nothing, axis, np.zeros(0), np.zeros(0))
@@ -203,9 +203,9 @@ def _blank(data: JointData) -> JointData:
         looks=Looks(tags, np.zeros((0, 3, 3)), nothing, _NONE),
         touches=touches,
         cad=nothing,
-        touch_stands=_NONE,
+        touch_stations=_NONE,
         points=touches,
-        point_stands=_NONE,
+        point_stations=_NONE,
         reference=tags,
         spins=tags,
         holes=replace(holes, sigma_px=np.zeros(0)),

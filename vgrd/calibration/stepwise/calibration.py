@@ -5,12 +5,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from vgrd.calibration.hand_eye.null_space import free_findings
+from vgrd.calibration.hand_eye.null_space import null_space_findings
 from vgrd.calibration.hand_eye.pose_pairs import HandEyeProblem, HandEyeResult, calibrate_hand_eye
 from vgrd.calibration.hand_eye.samples import hand_eye_samples
 from vgrd.calibration.joint.problem import Sighting
 from vgrd.calibration.stepwise.hole_center import HoleCenter, combine, find_hole_center
-from vgrd.calibration.stepwise.touch_fit import Taught, teach
+from vgrd.calibration.stepwise.touch_fit import FittedTouches, fit_touches
 from vgrd.calibration.stepwise.verdict import DISAGREE_MM, Evidence, judge
 from vgrd.calibration.touches.reference import find_reference
 from vgrd.calibration.turntable.rotation_center import RotationCenter, find_rotation_center
@@ -39,7 +39,7 @@ def calibrate_in_steps(recording: Recording, sightings: Sequence[Sighting]) -> C
     The holes that the camera saw (`sightings`) tell the rotation centre, see `find_hole_center`.
     Raises TooFewObservations, NotObservable, InputError or DidNotConverge.
     """
-    taught = teach(recording)
+    taught = fit_touches(recording)
     center, doubts = _center(recording)
     holes = _hole_center(recording, sightings, doubts)
     needs_rotation_only = (
@@ -48,9 +48,9 @@ def calibrate_in_steps(recording: Recording, sightings: Sequence[Sighting]) -> C
         and (center is not None or holes is not None)
     )
     hand_eye = calibrate_hand_eye(
-        _hand_eye_problem(recording, may_be_free=int(needs_rotation_only))
+        _hand_eye_problem(recording, allow_unobservable=int(needs_rotation_only))
     )
-    doubts += free_findings(recording.facts.mount, hand_eye.free)
+    doubts += null_space_findings(recording.facts.mount, hand_eye.null_space)
     reference = find_reference(recording.touches)
     pivot = _pivot(taught, center, holes, hand_eye, doubts)
     calibration = Calibration(
@@ -84,12 +84,14 @@ def calibrate_in_steps(recording: Recording, sightings: Sequence[Sighting]) -> C
 def _camera_covariance(hand_eye: HandEyeResult) -> Array:
     """(6, 6) of base_from_camera, with a metre where its place stays open."""
     open_mm = (
-        np.sqrt(2) * _UNKNOWN_MM * np.hstack([hand_eye.free[:, :3], 0 * hand_eye.free[:, 3:]])
+        np.sqrt(2)
+        * _UNKNOWN_MM
+        * np.hstack([hand_eye.null_space[:, :3], 0 * hand_eye.null_space[:, 3:]])
     )
     return np.asarray(hand_eye.covariance[:6, :6] + open_mm.T @ open_mm)
 
 
-def _hand_eye_problem(recording: Recording, may_be_free: int) -> HandEyeProblem:
+def _hand_eye_problem(recording: Recording, allow_unobservable: int) -> HandEyeProblem:
     samples = hand_eye_samples(recording)
     if len(samples) < 3:
         raise TooFewObservations(
@@ -102,7 +104,7 @@ def _hand_eye_problem(recording: Recording, may_be_free: int) -> HandEyeProblem:
         samples=samples,
         robot_sigma_mm=sigma,
         robot_sigma_rad=sigma / _REACH_MM,
-        may_be_free=may_be_free,
+        allow_unobservable=allow_unobservable,
     )
 
 
@@ -140,7 +142,7 @@ def _hole_center(
 
 
 def _pivot(
-    taught: Taught,
+    taught: FittedTouches,
     center: RotationCenter | None,
     holes: HoleCenter | None,
     hand_eye: HandEyeResult,

@@ -19,13 +19,6 @@ def point_in_base_live(
     return (base_from_camera @ camera_from_tag_b) @ point_in_tag_b
 
 
-def point_in_base_fixed(
-    base_from_camera: Pose, camera_from_tag_b: Pose, point_in_tag_b: Array
-) -> Array:
-    """Eq. 5 for a camera that stands still: base_from_camera comes from the hand-eye; mm."""
-    return (base_from_camera @ camera_from_tag_b) @ point_in_tag_b
-
-
 def flange_for(point_in_base: Array, R_base_from_wrist: Array, tcp_in_wrist: Array) -> Array:
     """Eq. 6: flange position (3,) that puts the TCP on the point with the wrist so oriented.
 

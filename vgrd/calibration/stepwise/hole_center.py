@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from vgrd.calibration.joint.estimate import enlargement
+from vgrd.calibration.joint.estimate import variance_inflation
 from vgrd.calibration.joint.problem import Sighting, Turntable
 from vgrd.calibration.touches.cad_fit import kabsch
 from vgrd.calibration.touches.reference import Reference
@@ -20,8 +20,8 @@ from vgrd.calibration.turntable.rotation_center import RotationCenter
 from vgrd.errors import DidNotConverge, NotObservable, TooFewObservations
 from vgrd.geometry import Array, Pose, exp_rotation, hat
 from vgrd.geometry.camera import CameraModel
-from vgrd.geometry.covariance import covariance_from, whitener
-from vgrd.geometry.least_squares import minimize, require_convergence
+from vgrd.geometry.covariance import covariance_from, sqrt_information
+from vgrd.geometry.least_squares import check_convergence, minimize
 from vgrd.model import Recording
 
 _FEWEST_HOLES = 3
@@ -184,14 +184,14 @@ def _fit(seen: _Seen) -> tuple[Pose, Array, Array]:
     at = _start(seen)
     for _ in range(_ROUNDS):
         C = seen.covariance(seen.places(at @ seen.offsets))
-        W = whitener(C)
+        W = sqrt_information(C)
         minimum = minimize(linearize, moved, at)
-        require_convergence(minimum.report, "centre by holes")
+        check_convergence(minimum.report, "centre by holes")
         at = minimum.state
     off = np.linalg.solve(W, minimum.residuals).reshape(-1, 2)
     own = np.array([C[2 * i : 2 * i + 2, 2 * i : 2 * i + 2] for i in range(len(off))])
     squares = np.einsum("mi,mi->m", off, np.linalg.solve(own, off[..., None])[..., 0])
-    scale = enlargement(2 * minimum.report.cost, minimum.residuals.size - 6)
+    scale = variance_inflation(2 * minimum.report.cost, minimum.residuals.size - 6)
     covariance = covariance_from(minimum.jacobian)[:3, :3] * scale
     return at, covariance, equivalent_sigmas(squares, np.full(len(off), 2))
 

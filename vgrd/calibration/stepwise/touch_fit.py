@@ -8,7 +8,7 @@ import numpy as np
 from vgrd.calibration.observability.motion import (
     SAME_ORIENTATION_RAD,
     Axes,
-    refuse_repeats,
+    check_distinct,
     turned_axes,
 )
 from vgrd.calibration.touches.cad_fit import CadFit, fit_cad
@@ -24,7 +24,7 @@ from vgrd.model import Recording, Target, TaughtPoint, Touch, frozen_array
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Taught:
+class FittedTouches:
     """Outcome of the touches.
 
     method, tcp_in_wrist, tcp_covariance, pivot_in_base: as in `Calibration`. parameters: (k, k)
@@ -63,7 +63,7 @@ class Taught:
         return out
 
 
-def teach(recording: Recording) -> Taught:
+def fit_touches(recording: Recording) -> FittedTouches:
     """Fit the touches: universal method for varied wrists, CAD fit for a constant one.
 
     Raises InputError (unknown target), TooFewObservations, NotObservable or DidNotConverge.
@@ -73,7 +73,7 @@ def teach(recording: Recording) -> Taught:
         raise TooFewObservations("nothing was touched: touch at least 4 targets of the object")
     points = np.array([_target(recording, touch).point_in_object for touch in touches])
     names = [f"touch {i + 1} ({touch.target})" for i, touch in enumerate(touches)]
-    refuse_repeats(names, [touch.base_from_wrist for touch in touches])
+    check_distinct(names, [touch.base_from_wrist for touch in touches])
     arrays = arm_touches(touches, recording)
     if turned_axes(list(arrays.rotations))[0] is Axes.NONE:
         return _special(recording, fit_cad(points, arrays))
@@ -88,17 +88,17 @@ def _target(recording: Recording, touch: Touch) -> Target:
     return targets[touch.target]
 
 
-def _special(recording: Recording, fit: CadFit) -> Taught:
+def _special(recording: Recording, fit: CadFit) -> FittedTouches:
     offset = recording.facts.tool.work_from_touch_mm
     R_work = recording.touches[0].base_from_wrist.rotation
     flanges = {}
     for name, target in recording.facts.object.targets.items():
-        _require_same_orientation(target, R_work)
+        _check_same_orientation(target, R_work)
         p = target.point_in_object
         flanges[name] = (target, fit.flange(p) - R_work @ offset, R_work, fit.jacobian(p))
     center = recording.facts.object.center_in_object
     at = np.zeros(3) if center is None else center
-    return Taught(
+    return FittedTouches(
         method="special",
         tcp_in_wrist=None,
         tcp_covariance=None,
@@ -111,7 +111,7 @@ def _special(recording: Recording, fit: CadFit) -> Taught:
     )
 
 
-def _require_same_orientation(target: Target, R_work: Array) -> None:
+def _check_same_orientation(target: Target, R_work: Array) -> None:
     if target.base_from_work is None:
         return
     off = float(np.linalg.norm(log_rotation(target.base_from_work @ R_work.T)))
@@ -124,7 +124,7 @@ def _require_same_orientation(target: Target, R_work: Array) -> None:
         )
 
 
-def _universal(recording: Recording, result: UniversalResult) -> Taught:
+def _universal(recording: Recording, result: UniversalResult) -> FittedTouches:
     tip = result.tcp_in_wrist + recording.facts.tool.work_from_touch_mm
     base_from_object = result.object_from_base.inverse()
     R = base_from_object.rotation
@@ -138,7 +138,7 @@ def _universal(recording: Recording, result: UniversalResult) -> Taught:
         flanges[name] = (target, base_from_object @ p - R_work @ tip, R_work, J)
     center = recording.facts.object.center_in_object
     at = np.zeros(3) if center is None else center
-    return Taught(
+    return FittedTouches(
         method="universal",
         tcp_in_wrist=frozen_array(result.tcp_in_wrist, 3),
         tcp_covariance=frozen_array(result.covariance[6:, 6:], 3, 3),

@@ -6,7 +6,7 @@ import numpy as np
 
 from vgrd.calibration.checks.bad_touches import bad_touches
 from vgrd.calibration.hand_eye.pose_pairs import HandEyeResult
-from vgrd.calibration.stepwise.touch_fit import Taught
+from vgrd.calibration.stepwise.touch_fit import FittedTouches
 from vgrd.calibration.touches.reference import Reference
 from vgrd.calibration.turntable.rotation_center import RotationCenter
 from vgrd.geometry.covariance import rms
@@ -25,7 +25,7 @@ class Evidence:
     """All that `judge` looks at."""
 
     recording: Recording
-    taught: Taught
+    taught: FittedTouches
     hand_eye: HandEyeResult
     reference: Reference
     center: RotationCenter | None

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from vgrd.calibration.observability.motion import missing_rotation
-from vgrd.calibration.touches.touch_set import TouchSet, outlier_scores
+from vgrd.calibration.touches.touch_set import TouchSet, studentized_residuals
 from vgrd.errors import NotObservable, TooFewObservations
 from vgrd.geometry import Array
 from vgrd.geometry.covariance import covariance_from, observability
@@ -27,7 +27,7 @@ class FixedPointResult:
     residuals_mm: Array
     whitened: Array
     scores: Array
-    freedom: int
+    degrees_of_freedom: int
 
 
 def calibrate_fixed_point(touches: TouchSet) -> FixedPointResult:
@@ -39,7 +39,7 @@ def calibrate_fixed_point(touches: TouchSet) -> FixedPointResult:
     if m < 3 or touches.equations() < 6:
         raise TooFewObservations(f"a TCP from one fixed point needs at least 3 touches, got {m}")
     A = _rows(touches)
-    B = touches.base_whiteners()
+    B = touches.base_sqrt_informations()
     b = -np.einsum("mij,mj->mi", B, touches.translations).ravel()
     rank = observability(_rows(touches.measured()), np.ones(6), _TOLERANCE).rank
     if rank < 6:
@@ -57,12 +57,12 @@ def calibrate_fixed_point(touches: TouchSet) -> FixedPointResult:
         covariance=covariance_from(A),
         residuals_mm=touches.rotations @ x[:3] + touches.translations - x[3:],
         whitened=whitened,
-        scores=outlier_scores(whitened, A),
-        freedom=touches.equations() - 6,
+        scores=studentized_residuals(whitened, A),
+        degrees_of_freedom=touches.equations() - 6,
     )
 
 
 def _rows(touches: TouchSet) -> Array:
     """Whitened derivative (3 m, 6) of `R_i p_T - p_f`."""
-    B = touches.base_whiteners()
+    B = touches.base_sqrt_informations()
     return np.concatenate([B @ touches.rotations, -B], axis=2).reshape(-1, 6)

@@ -8,10 +8,10 @@ from vgrd.calibration.observability.motion import missing_rotation
 from vgrd.calibration.tcp.surface import (
     SPARE,
     SurfaceResult,
-    require_one_minimum,
-    require_rank,
-    require_touches,
-    require_turns,
+    check_one_minimum,
+    check_rank,
+    check_touches,
+    check_turns,
     solve_linear,
     surface_result,
     tip_sigma_mm,
@@ -19,7 +19,7 @@ from vgrd.calibration.tcp.surface import (
 from vgrd.calibration.touches.touch_set import TouchSet
 from vgrd.errors import InputError
 from vgrd.geometry import Array
-from vgrd.geometry.least_squares import Minimum, minimize, require_convergence
+from vgrd.geometry.least_squares import Minimum, check_convergence, minimize
 
 _LINE = 0.05
 _DIRECTIONS = 200
@@ -42,7 +42,7 @@ def calibrate_plane(touches: TouchSet, plane: Plane | None = None) -> SurfaceRes
     DidNotConverge, or NotObservable with the motion that is missing.
     """
     fit = fit_plane(touches, plane)
-    require_one_plane(fit)
+    check_one_plane(fit)
     return fit
 
 
@@ -56,17 +56,17 @@ def fit_plane(touches: TouchSet, plane: Plane | None = None) -> SurfaceResult[Pl
     return _unknown_plane(touches)
 
 
-def require_one_plane(fit: SurfaceResult[Plane]) -> None:
+def check_one_plane(fit: SurfaceResult[Plane]) -> None:
     """Raise NotObservable where another plane and TCP explain the touches as well."""
-    require_one_minimum(fit, "unknown plane", "touch more places, the wrist tilted further")
+    check_one_minimum(fit, "unknown plane", "touch more places, the wrist tilted further")
 
 
 def _known_plane(touches: TouchSet, plane: Plane) -> SurfaceResult[Plane]:
     n = plane.normal_in_base
     weights = 1 / touches.sigma_along(np.broadcast_to(n, (len(touches), 3)))
     rows = n @ touches.rotations
-    require_touches(weights, 3, "plane")
-    require_rank(rows[weights > 0], "plane", _tilt(touches))
+    check_touches(weights, 3, "plane")
+    check_rank(rows[weights > 0], "plane", _tilt(touches))
     b = plane.offset_mm - touches.translations @ n
     tcp = solve_linear(rows * weights[:, None], b * weights)
     return surface_result(tcp, plane, rows @ tcp - b, rows, weights)
@@ -76,8 +76,8 @@ def _unknown_plane(touches: TouchSet) -> SurfaceResult[Plane]:
     finite = np.isfinite(touches.lateral_sigma_mm) | np.isfinite(touches.axial_sigma_mm)
     center = touches.translations[finite].mean(axis=0)
     problem = _PlaneProblem(touches, center)
-    require_touches(finite.astype(float), 6 + SPARE, "unknown plane")
-    require_turns(touches.some(np.flatnonzero(finite)), 6, "unknown plane")
+    check_touches(finite.astype(float), 6 + SPARE, "unknown plane")
+    check_turns(touches.subset(np.flatnonzero(finite)), 6, "unknown plane")
     best, *others = problem.minima(finite.astype(float))
     tcp, n, d = best.state
     residuals, J = problem.raw(best.state)
@@ -87,8 +87,8 @@ def _unknown_plane(touches: TouchSet) -> SurfaceResult[Plane]:
     scaled = J[weights > 0] * np.array([1, 1, 1, 1, 1 / lever, 1 / lever])
     noise = np.array([0, 0, 0, 0, 1, 1]) * tip_sigma_mm(touches) / lever
     remedy = _spread(y[finite], n) or _tilt(touches)
-    require_rank(scaled, "unknown plane", remedy, noise)
-    require_convergence(best.report, "plane")
+    check_rank(scaled, "unknown plane", remedy, noise)
+    check_convergence(best.report, "plane")
     surface = Plane(n, d + float(n @ center))
     rivals = [(other.state[0], other.report.cost) for other in others]
     return surface_result(tcp, surface, residuals, J, weights, rivals)

@@ -9,11 +9,11 @@ from numpy.typing import NDArray
 from vgrd.calibration.tcp.surface import (
     SPARE,
     SurfaceResult,
+    check_one_minimum,
+    check_rank,
+    check_touches,
+    check_turns,
     fixed_point_rows,
-    require_one_minimum,
-    require_rank,
-    require_touches,
-    require_turns,
     solve_linear,
     surface_result,
     tip_sigma_mm,
@@ -21,7 +21,7 @@ from vgrd.calibration.tcp.surface import (
 from vgrd.calibration.touches.touch_set import TouchSet
 from vgrd.errors import InputError
 from vgrd.geometry import Array
-from vgrd.geometry.least_squares import Minimum, minimize, require_convergence
+from vgrd.geometry.least_squares import Minimum, check_convergence, minimize
 
 _SIDES = "touch the ball from several sides, each with the wrist tilted differently"
 _DIRECTIONS = 30  # 40 degrees apart: a start this near a minimum ends in it
@@ -49,7 +49,7 @@ def calibrate_sphere(touches: TouchSet, radius_mm: float | None = None) -> Surfa
     DidNotConverge, or NotObservable with what is missing.
     """
     fit = fit_sphere(touches, radius_mm)
-    require_one_sphere(fit)
+    check_one_sphere(fit)
     return fit
 
 
@@ -59,24 +59,24 @@ def fit_sphere(touches: TouchSet, radius_mm: float | None = None) -> SurfaceResu
         raise InputError(f"the radius of a ball is a positive number of mm, got {radius_mm}")
     unknowns = 6 if radius_mm else 7
     counts = np.isfinite(touches.lateral_sigma_mm) | np.isfinite(touches.axial_sigma_mm)
-    require_touches(counts.astype(float), unknowns + SPARE, "ball")
-    require_turns(touches.some(np.flatnonzero(counts)), unknowns, "ball")
+    check_touches(counts.astype(float), unknowns + SPARE, "ball")
+    check_turns(touches.subset(np.flatnonzero(counts)), unknowns, "ball")
     problem = _SphereProblem(touches, radius_mm, counts)
     best, *others = problem.minima()
     residuals, J = problem.raw(best.state)
     weights = problem.weights(best.state)
     J = J[:, :unknowns]
     noise = problem.direction_noise(best.state) * np.array([1.0] * 6 + [0.0])[:unknowns]
-    require_rank(J[weights > 0], "ball", _SIDES, noise)
-    require_convergence(best.report, "ball")
+    check_rank(J[weights > 0], "ball", _SIDES, noise)
+    check_convergence(best.report, "ball")
     tcp, center, radius = best.state
     rivals = [(other.state[0], other.report.cost) for other in others]
     return surface_result(tcp, Sphere(center, radius), residuals, J, weights, rivals)
 
 
-def require_one_sphere(fit: SurfaceResult[Sphere]) -> None:
+def check_one_sphere(fit: SurfaceResult[Sphere]) -> None:
     """Raise NotObservable where another ball and TCP explain the touches as well."""
-    require_one_minimum(fit, "ball", _SIDES)
+    check_one_minimum(fit, "ball", _SIDES)
 
 
 SphereState = tuple[Array, Array, float]
@@ -125,8 +125,8 @@ class _SphereProblem:
     def raw(self, state: SphereState) -> tuple[Array, Array]:
         """Distances (m,) mm and their derivative (m, 7) by p_T, c, r."""
         length, u = self._ways(state)
-        by_tcp = np.einsum("mi,mij->mj", u, self._touches.rotations)
-        return length - state[2], np.column_stack([by_tcp, -u, -np.ones(len(u))])
+        J_tcp = np.einsum("mi,mij->mj", u, self._touches.rotations)
+        return length - state[2], np.column_stack([J_tcp, -u, -np.ones(len(u))])
 
     def _ways(self, state: SphereState) -> tuple[Array, Array]:
         """How far (m,) and in which direction (m, 3) the tips are from the centre."""
@@ -150,7 +150,7 @@ class _SphereProblem:
 
     def _starts(self) -> list[SphereState]:
         """As if the ball were a point, and the best distinct ones about it, each with its own centre."""
-        some = self._touches.some(np.flatnonzero(self._counts))
+        some = self._touches.subset(np.flatnonzero(self._counts))
         at_point = solve_linear(fixed_point_rows(some), -some.translations.ravel())[:3]
         tried = sorted(self._balls(some, at_point), key=lambda one: one[0])
         kept: list[SphereState] = []

@@ -13,7 +13,7 @@ from typing import Generic, TypeVar
 import numpy as np
 
 from vgrd.calibration.observability.motion import missing_rotation
-from vgrd.calibration.touches.touch_set import TouchSet, outlier_scores
+from vgrd.calibration.touches.touch_set import TouchSet, studentized_residuals
 from vgrd.errors import NotObservable, TooFewObservations
 from vgrd.geometry import Array
 from vgrd.geometry.covariance import covariance_from, observability
@@ -44,7 +44,7 @@ class SurfaceResult(Generic[SurfaceT]):
     residuals_mm: Array
     whitened: Array
     scores: Array
-    freedom: int
+    degrees_of_freedom: int
     unknowns: int
     rivals: tuple[tuple[Array, float], ...] = ()
 
@@ -77,28 +77,28 @@ def surface_result(
         covariance=covariance_from(J)[:3, :3],
         residuals_mm=residuals_mm,
         whitened=whitened,
-        scores=outlier_scores(whitened, J),
-        freedom=int(np.sum(weights > 0)) - jacobian.shape[1],
+        scores=studentized_residuals(whitened, J),
+        degrees_of_freedom=int(np.sum(weights > 0)) - jacobian.shape[1],
         unknowns=jacobian.shape[1],
         rivals=tuple(rivals),
     )
 
 
-def require_touches(weights: Array, needed: int, what: str) -> None:
+def check_touches(weights: Array, needed: int, what: str) -> None:
     """Raise TooFewObservations when fewer touches than needed have a weight."""
     count = int(np.sum(weights > 0))
     if count < needed:
         raise TooFewObservations(f"{what}: at least {needed} touches are needed, got {count}")
 
 
-def require_turns(touches: TouchSet, unknowns: int, what: str) -> None:
+def check_turns(touches: TouchSet, unknowns: int, what: str) -> None:
     """Raise NotObservable unless the wrist turned about two axes: else the TCP slides with the surface."""
     left_open = 6 - observability(fixed_point_rows(touches), np.ones(6), TOLERANCE).rank
     if left_open:
         _refuse(what, unknowns - left_open, unknowns, missing_rotation(list(touches.rotations)))
 
 
-def require_rank(jacobian: Array, what: str, remedy: str, noise: Array | None = None) -> None:
+def check_rank(jacobian: Array, what: str, remedy: str, noise: Array | None = None) -> None:
     """Raise NotObservable with the remedy unless all columns (m, n) are independent.
 
     noise: (n,) mm, as of `observability`.
@@ -109,13 +109,13 @@ def require_rank(jacobian: Array, what: str, remedy: str, noise: Array | None = 
         _refuse(what, rank, unknowns, remedy)
 
 
-def require_one_minimum(fit: SurfaceResult[SurfaceT], what: str, remedy: str) -> None:
+def check_one_minimum(fit: SurfaceResult[SurfaceT], what: str, remedy: str) -> None:
     """Raise NotObservable where a rival that chance explains as well has its TCP elsewhere.
 
     Bad touches have to be left out before: with them the wrong minimum may be the lowest.
     """
     squares = float(np.sum(fit.whitened**2))
-    scale = max(1.0, squares / fit.freedom) if fit.freedom > 0 else 1.0
+    scale = max(1.0, squares / fit.degrees_of_freedom) if fit.degrees_of_freedom > 0 else 1.0
     for tcp, cost in fit.rivals:
         off = tcp - fit.tcp_in_wrist
         apart = float(np.sqrt(off @ np.linalg.solve(fit.covariance * scale, off)))

@@ -4,11 +4,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from vgrd.calibration.touches.touch_set import TouchSet, outlier_scores
+from vgrd.calibration.touches.touch_set import TouchSet, studentized_residuals
 from vgrd.errors import InputError, NotObservable, TooFewObservations
 from vgrd.geometry import Array, Pose, hat, nearest_rotation
 from vgrd.geometry.covariance import covariance_from, observability
-from vgrd.geometry.least_squares import minimize, require_convergence
+from vgrd.geometry.least_squares import check_convergence, minimize
 
 _TOLERANCE = 2.5e-3
 _LINE = 1e-2
@@ -57,28 +57,28 @@ def fit_cad(points_in_object: Array, touches: TouchSet) -> CadFit:
     if len(touches) < 3:
         raise TooFewObservations(f"a CAD fit needs at least 3 touches, got {len(touches)}")
     start = kabsch(p, touches.translations)
-    _require_rank(p, touches.measured(), start)
+    _check_rank(p, touches.measured(), start)
     minimum = minimize(
         lambda fit: _linearize(fit, p, touches), lambda fit, step: Pose.exp(step) @ fit, start
     )
-    require_convergence(minimum.report, "fit of the touches to the CAD points")
+    check_convergence(minimum.report, "fit of the touches to the CAD points")
     return CadFit(
         base_from_object_flange=minimum.state,
         covariance=covariance_from(minimum.jacobian),
         residuals_mm=minimum.state @ p - touches.translations,
-        scores=outlier_scores(minimum.residuals.reshape(-1, 3), minimum.jacobian),
+        scores=studentized_residuals(minimum.residuals.reshape(-1, 3), minimum.jacobian),
     )
 
 
 def _linearize(fit: Pose, p: Array, touches: TouchSet) -> tuple[Array, Array]:
-    W = touches.base_whiteners()
+    W = touches.base_sqrt_informations()
     q = fit @ p
     J = np.concatenate([np.broadcast_to(np.eye(3), W.shape), -hat(q)], axis=2)
     r = np.einsum("mij,mj->mi", W, q - touches.translations)
     return r.ravel(), (W @ J).reshape(-1, 6)
 
 
-def _require_rank(p: Array, measured: TouchSet, fit: Pose) -> None:
+def _check_rank(p: Array, measured: TouchSet, fit: Pose) -> None:
     about_center = np.eye(6)
     about_center[:3, 3:] = hat(fit @ p.mean(axis=0))
     lever = max(float(np.std(p, axis=0).max()), 1.0)

@@ -20,7 +20,7 @@ class Sigma:
     value_mm: float
     low_mm: float
     high_mm: float
-    freedom: int
+    degrees_of_freedom: int
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,7 +47,7 @@ def repeatability(
     if len(targets) != len(touches):
         raise InputError(f"{len(touches)} touches need as many targets, got {len(targets)}")
     tips = touches.rotations @ tcp_in_wrist + touches.translations
-    off, freedom = np.zeros_like(tips), 0
+    off, degrees_of_freedom = np.zeros_like(tips), 0
     turned = np.zeros(len(touches))
     for name in dict.fromkeys(targets):
         same = np.array([target == name for target in targets])
@@ -55,20 +55,22 @@ def repeatability(
         turned[same] = np.linalg.norm(
             touches.rotations[same] - touches.rotations[same].mean(axis=0), axis=(1, 2)
         )
-        freedom += int(same.sum()) - 1
+        degrees_of_freedom += int(same.sum()) - 1
     if tcp_is_fitted and turned.max() > _SAME_WRIST:
-        freedom -= 1
-    if freedom < 1:
+        degrees_of_freedom -= 1
+    if degrees_of_freedom < 1:
         raise TooFewObservations(
             "no target was touched twice (with the wrist turned in between: three times): touch at "
             "least one of them again, better each of them"
         )
     along = np.einsum("mi,mij,j->m", off, touches.rotations, touches.axis_in_wrist)
     across = float(np.sum(off**2) - np.sum(along**2))
-    return Repeatability(_sigma(across, 2 * freedom), _sigma(float(np.sum(along**2)), freedom))
+    return Repeatability(
+        _sigma(across, 2 * degrees_of_freedom), _sigma(float(np.sum(along**2)), degrees_of_freedom)
+    )
 
 
-def _sigma(squares: float, freedom: int) -> Sigma:
-    low, high = (2 * float(gammaincinv(freedom / 2, q)) for q in (0.975, 0.025))
-    value, least, most = (float(np.sqrt(squares / f)) for f in (freedom, low, high))
-    return Sigma(value, least, most, freedom)
+def _sigma(squares: float, degrees_of_freedom: int) -> Sigma:
+    low, high = (2 * float(gammaincinv(degrees_of_freedom / 2, q)) for q in (0.975, 0.025))
+    value, least, most = (float(np.sqrt(squares / f)) for f in (degrees_of_freedom, low, high))
+    return Sigma(value, least, most, degrees_of_freedom)

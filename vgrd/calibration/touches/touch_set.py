@@ -51,7 +51,7 @@ class TouchSet:
         """True when every touch measured equally well along and across the tool."""
         return bool(np.array_equal(self.lateral_sigma_mm, self.axial_sigma_mm))
 
-    def whiteners(self) -> Array:
+    def sqrt_informations(self) -> Array:
         """Matrices (m, 3, 3) that turn errors in the wrist frame into errors of unit variance."""
         along = np.outer(self.axis_in_wrist, self.axis_in_wrist)
         across = np.eye(3) - along
@@ -60,9 +60,9 @@ class TouchSet:
             + along / self.axial_sigma_mm[:, None, None]
         )
 
-    def base_whiteners(self) -> Array:
+    def base_sqrt_informations(self) -> Array:
         """The same for errors in the base frame: (m, 3, 3)."""
-        return np.asarray(self.whiteners() @ np.swapaxes(self.rotations, 1, 2))
+        return np.asarray(self.sqrt_informations() @ np.swapaxes(self.rotations, 1, 2))
 
     def measured(self) -> "TouchSet":
         """The same touches, every measured direction with sigma 1 mm: what tells the rank."""
@@ -86,7 +86,7 @@ class TouchSet:
             self.axial_sigma_mm * factor,
         )
 
-    def some(self, chosen: NDArray[np.intp]) -> "TouchSet":
+    def subset(self, chosen: NDArray[np.intp]) -> "TouchSet":
         """Those with the given indices."""
         return TouchSet(
             self.rotations[chosen],
@@ -128,7 +128,7 @@ def touch_set(
     )
 
 
-def outlier_scores(residuals: Array, jacobian: Array) -> Array:
+def studentized_residuals(residuals: Array, jacobian: Array) -> Array:
     """How many sigmas each touch is off, its own pull on the fit taken out; (m,).
 
     residuals: (m, k) whitened; jacobian: (k m, n) whitened. The squared deleted residual with its
@@ -144,9 +144,9 @@ def outlier_scores(residuals: Array, jacobian: Array) -> Array:
     return equivalent_sigmas(squares, measured.sum(axis=1))
 
 
-def equivalent_sigmas(squares: Array, freedom: Array) -> Array:
+def equivalent_sigmas(squares: Array, degrees_of_freedom: Array) -> Array:
     """Normal quantile with the same tail as chi2(freedom) at `squares`; Wilson, Hilferty 1931."""
-    known = np.maximum(freedom, 1)
+    known = np.maximum(degrees_of_freedom, 1)
     width = 2 / (9 * known)
     sigmas = ((squares / known) ** (1 / 3) - (1 - width)) / np.sqrt(width)
-    return np.where(freedom > 0, np.maximum(sigmas, 0.0), 0.0)
+    return np.where(degrees_of_freedom > 0, np.maximum(sigmas, 0.0), 0.0)

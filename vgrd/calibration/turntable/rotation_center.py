@@ -13,7 +13,7 @@ import numpy as np
 
 from vgrd.errors import InputError, NotObservable, TooFewObservations
 from vgrd.geometry import Array, Pose, hat
-from vgrd.geometry.covariance import whitener
+from vgrd.geometry.covariance import sqrt_information
 
 _ROUNDS = 3
 _NOT_TURNED = np.radians(2.0)
@@ -120,7 +120,7 @@ def _whiteners(R: Array, x: Array, covariances: Sequence[Array] | None) -> Array
         return np.broadcast_to(np.eye(3), R.shape)
     lever = hat(np.broadcast_to(x[3:], (len(R), 3)))
     G = np.concatenate([np.broadcast_to(np.eye(3), R.shape), -lever], axis=2)
-    return whitener(G @ np.asarray(covariances) @ np.swapaxes(G, 1, 2))
+    return sqrt_information(G @ np.asarray(covariances) @ np.swapaxes(G, 1, 2))
 
 
 def _solve_across(rows: Array, right: Array, free: Array) -> tuple[Array, Array]:

@@ -5,7 +5,7 @@ from typing import Literal
 
 import numpy as np
 
-from vgrd.calibration.touches.touch_set import outlier_scores
+from vgrd.calibration.touches.touch_set import studentized_residuals
 from vgrd.calibration.universal.certificate import certify_rotation
 from vgrd.calibration.universal.problem import (
     Equations,
@@ -22,7 +22,7 @@ from vgrd.calibration.universal.start import (
 )
 from vgrd.geometry import Array, Pose
 from vgrd.geometry.covariance import covariance_from
-from vgrd.geometry.least_squares import Minimum, Report, minimize, require_convergence
+from vgrd.geometry.least_squares import Minimum, Report, check_convergence, minimize
 from vgrd.geometry.rotation_relaxation import Certificate, prove, relax
 
 __all__ = [
@@ -57,7 +57,7 @@ class UniversalResult:
     residuals_mm: Array
     whitened: Array
     scores: Array
-    freedom: int
+    degrees_of_freedom: int
     report: Report
     certificate: Certificate
 
@@ -84,8 +84,8 @@ def calibrate_universal(
         certificate = certify_rotation(K.T @ K, best.state[0])
     else:
         best, certificate = _global_optimum(equations, K)
-    equations.require_rank(best.state)
-    require_convergence(best.report, "universal method")
+    equations.check_rank(best.state)
+    check_convergence(best.report, "universal method")
     R, t, tcp = best.state
     return UniversalResult(
         object_from_base=Pose(R, t),
@@ -93,8 +93,8 @@ def calibrate_universal(
         covariance=covariance_from(best.jacobian),
         residuals_mm=equations.residuals_mm(best.state),
         whitened=best.residuals.reshape(-1, 3),
-        scores=outlier_scores(best.residuals.reshape(-1, 3), best.jacobian),
-        freedom=problem.touches.equations() - 9,
+        scores=studentized_residuals(best.residuals.reshape(-1, 3), best.jacobian),
+        degrees_of_freedom=problem.touches.equations() - 9,
         report=best.report,
         certificate=certificate,
     )

@@ -56,7 +56,7 @@ class Equations:
         self._p = points_in_object
         self._touches = touches
         self._R, self._t = touches.rotations, touches.translations
-        self._W = touches.base_whiteners()
+        self._W = touches.base_sqrt_informations()
         self._isotropic = touches.is_isotropic
         self._weights = 1 / touches.lateral_sigma_mm[:, None]
 
@@ -85,14 +85,14 @@ class Equations:
         W = self._W @ R.T
         return np.einsum("mij,mj->mi", W, e).ravel(), (W @ J).reshape(-1, 9)
 
-    def require_rank(self, state: State) -> None:
+    def check_rank(self, state: State) -> None:
         """Raise NotObservable with the reason unless all 9 columns are independent.
 
         Judged where the touches meet CAD exactly: off it by their noise, the points of a line span a
         plane. Of the state only the rotation counts, which no column can be made to vanish by.
         """
         R = state[0]
-        W = self._touches.measured().base_whiteners() @ R.T
+        W = self._touches.measured().base_sqrt_informations() @ R.T
         by_X = np.concatenate([np.broadcast_to(-np.eye(3), W.shape), hat(self._p)], axis=2)
         J = (W @ np.concatenate([by_X, -R @ self._R], axis=2)).reshape(-1, 9)
         about_center = np.eye(9)

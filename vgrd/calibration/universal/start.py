@@ -114,7 +114,7 @@ def solve_linear_part(
     points_in_object: Array, touches: TouchSet, R_X: Array
 ) -> tuple[Array, Array, Array]:
     """(R_X, t_X, p_T) with the least squares t_X and p_T for a given rotation of X."""
-    B = touches.base_whiteners()
+    B = touches.base_sqrt_informations()
     N = np.concatenate([B @ touches.rotations, B], axis=2).reshape(-1, 6)
     right = np.einsum("mij,mj->mi", B, points_in_object @ R_X - touches.translations).ravel()
     x = np.linalg.lstsq(N, right, rcond=1e-9)[0]
@@ -123,7 +123,7 @@ def solve_linear_part(
 
 def reduced_cost(points_in_object: Array, touches: TouchSet) -> Array:
     """Square root (n, 10), n <= 10, of the cost in (vec S, 1), rows of S one after the other."""
-    B, p = touches.base_whiteners(), points_in_object
+    B, p = touches.base_sqrt_informations(), points_in_object
     A = (B[:, :, :, None] * (p - p.mean(axis=0))[:, None, None, :]).reshape(-1, 9)
     b = np.einsum("mij,mj->mi", B, touches.translations - touches.translations.mean(axis=0))
     N = np.concatenate([B @ touches.rotations, B], axis=2).reshape(-1, 6)

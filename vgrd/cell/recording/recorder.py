@@ -46,7 +46,7 @@ class Recorder:
         self.paused = ""
         self.opened_s = 0.0
         self._thinning = PoseThinning()
-        self._pen = ThreadPoolExecutor(1, thread_name_prefix="recorder", initializer=give_way)
+        self._executor = ThreadPoolExecutor(1, thread_name_prefix="recorder", initializer=give_way)
         self._pending = 0
         self._counting = threading.Lock()
         self._places: list[Place] = []
@@ -147,7 +147,7 @@ class Recorder:
             return
         with self._counting:
             self._pending += 1
-        self._pen.submit(write).add_done_callback(self._written)
+        self._executor.submit(write).add_done_callback(self._written)
 
     def _written(self, done: Future[object]) -> None:
         """Called in the thread; what is raised here is heard by nobody, so nothing is."""
@@ -163,7 +163,7 @@ class Recorder:
             log.error("recording_fails", reason=self.trouble, exc_info=error)
 
     async def _in_thread(self, work: Callable[[], Result]) -> Result:
-        return await asyncio.get_running_loop().run_in_executor(self._pen, work)
+        return await asyncio.get_running_loop().run_in_executor(self._executor, work)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -371,9 +371,9 @@ class Serving:
             return
         if sight.base_from_wrist is None or sight.tag_a is None:
             return
-        by_camera = calibration.base_from_camera.compose(sight.tag_a.camera_from_tag)
+        J_camera = calibration.base_from_camera.compose(sight.tag_a.camera_from_tag)
         by_robot = sight.base_from_wrist.compose(calibration.wrist_from_tag_a)
-        drift_mm, _ = by_camera.distance(by_robot)
+        drift_mm, _ = J_camera.distance(by_robot)
         self._drifting = self._drifting + 1 if drift_mm > self.drift_mm else 0
 
     def _guard_tcp(self) -> None:

@@ -74,7 +74,7 @@ class PointFitter(Fitter):
         samples: Sequence[PointSample],
         *,
         refine: bool,
-        may_be_free: int,
+        allow_unobservable: int,
         places: Mapping[str, Place],
     ) -> None:
         guessed = [
@@ -93,7 +93,7 @@ class PointFitter(Fitter):
             refine_intrinsics=refine,
             robot_sigma_mm=ARM_SIGMA_MM,
             robot_sigma_rad=ARM_SIGMA_RAD,
-            may_be_free=may_be_free,
+            allow_unobservable=allow_unobservable,
             places=places,
         )
 
@@ -112,12 +112,12 @@ class PointFitter(Fitter):
 
     def _own_sigma_px(self, result: HandEyeResult) -> float:
         """Noise of one pixel coordinate when every picture has its own pose."""
-        squares = freedom = 0.0
+        squares = degrees_of_freedom = 0.0
         for index, sample in enumerate(self._problem.samples):
             off = self.off_px(index, result.camera, self.own_pose(index, result.camera))
             squares += float((off * off).sum())
-            freedom += sample.pixels.size - 6
-        return max(float(np.sqrt(squares / max(freedom, 1))), _MIN_SIGMA_PX)
+            degrees_of_freedom += sample.pixels.size - 6
+        return max(float(np.sqrt(squares / max(degrees_of_freedom, 1))), _MIN_SIGMA_PX)
 
     def fit(self, chosen: Sequence[int], near: HandEyeResult) -> HandEyeResult:
         """Fit the chosen samples, as they are, starting from a result near by."""
@@ -163,7 +163,7 @@ class PoseFitter(Fitter):
     """
 
     def __init__(
-        self, mount: Mount, samples: Sequence[tuple[str, Pose, Pose]], *, may_be_free: int
+        self, mount: Mount, samples: Sequence[tuple[str, Pose, Pose]], *, allow_unobservable: int
     ) -> None:
         self._problem = HandEyeProblem(
             mount,
@@ -174,7 +174,7 @@ class PoseFitter(Fitter):
             ),
             robot_sigma_mm=ARM_SIGMA_MM,
             robot_sigma_rad=ARM_SIGMA_RAD,
-            may_be_free=may_be_free,
+            allow_unobservable=allow_unobservable,
         )
 
     def match_noise(self) -> HandEyeResult:

@@ -7,11 +7,11 @@ import numpy as np
 
 from vgrd.calibration.checks.agreement import Poses, agreement
 from vgrd.calibration.checks.conventions import mistaken_unit
-from vgrd.calibration.checks.readings import Reading, best_of
-from vgrd.calibration.hand_eye.null_space import free_findings
+from vgrd.calibration.checks.interpretations import Interpretation, best_of
+from vgrd.calibration.hand_eye.null_space import null_space_findings
 from vgrd.calibration.hand_eye.points import TargetScale
 from vgrd.calibration.hand_eye.pose_pairs import HandEyeResult
-from vgrd.calibration.hand_eye.state import move_of
+from vgrd.calibration.hand_eye.state import flange_motion_of
 from vgrd.errors import InputError
 from vgrd.geometry import Pose
 from vgrd.geometry.rotation_formats import RotationFormat, pose_from, value_count
@@ -64,7 +64,7 @@ class Evidence:
 def judge(evidence: Evidence) -> Verdict:
     """All findings, worst first; camera and target are not judged by contradictory samples."""
     general = _contradiction(evidence) or [
-        *free_findings(evidence.dataset.mount, evidence.result.free),
+        *null_space_findings(evidence.dataset.mount, evidence.result.null_space),
         *_weakness(evidence),
         *_camera(evidence),
         *_size(evidence),
@@ -133,7 +133,7 @@ def suspects(
     """Other readings of the same numbers (rotation format, mount) under which the samples agree."""
     rows = {s.name: v for s, v in zip(dataset.samples, dataset.pose_values, strict=True)}
     cameras = Poses.of(camera_from_target)
-    readings: dict[tuple[RotationFormat, Mount], Reading] = {}
+    readings: dict[tuple[RotationFormat, Mount], Interpretation] = {}
     for fmt in RotationFormat:
         if value_count(fmt) != value_count(dataset.rotation):
             continue
@@ -142,9 +142,11 @@ def suspects(
         except InputError:
             continue
         for mount in Mount:
-            moves = Poses.of([move_of(mount, pose) for pose in poses])
+            moves = Poses.of([flange_motion_of(mount, pose) for pose in poses])
             meant = None if fmt is dataset.rotation else fmt
-            readings[fmt, mount] = Reading(moves, meant=meant, inverted=mount != dataset.mount)
+            readings[fmt, mount] = Interpretation(
+                moves, meant=meant, inverted=mount != dataset.mount
+            )
     own = agreement(readings.pop((dataset.rotation, dataset.mount)).poses, cameras)
     found = best_of(
         list(readings.values()),

@@ -104,7 +104,7 @@ def solve_dataset(
         refined=dataset.refine,
         verdict=judge(evidence),
         method=method,
-        undetermined=undetermined_in_words(dataset.mount, result.free),
+        undetermined=undetermined_in_words(dataset.mount, result.null_space),
         features=result.features,
     )
     steps.finish()
@@ -167,12 +167,12 @@ def _fitter(dataset: Dataset, found: Found, method: str | None) -> Fitter:
 def _likelihood_fitter(dataset: Dataset, found: Found) -> Fitter:
     pairs = list(zip(found.samples, found.seen, strict=True))
     axes, _ = turned_axes([sample.base_from_wrist.rotation for sample in found.samples])
-    may_be_free = int(axes is not Axes.NONE)
+    allow_unobservable = int(axes is not Axes.NONE)
     if dataset.camera is None:
         return PoseFitter(
             dataset.mount,
             [(s.name, s.base_from_wrist, seen) for s, seen in pairs if isinstance(seen, Pose)],
-            may_be_free=may_be_free,
+            allow_unobservable=allow_unobservable,
         )
     boards = [seen for _, seen in pairs if isinstance(seen, BoardObservation)]
     if dataset.target is not None and not has_direction(dataset.target):
@@ -188,7 +188,7 @@ def _likelihood_fitter(dataset: Dataset, found: Found) -> Fitter:
         dataset.camera,
         points,
         refine=dataset.refine,
-        may_be_free=may_be_free,
+        allow_unobservable=allow_unobservable,
         places={name: place for name, place in dataset.features.items() if place is not None},
     )
 

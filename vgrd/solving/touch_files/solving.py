@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from scipy.special import gammaincc
 
-from vgrd.calibration.checks.misreading import VariedWrists, misreading
+from vgrd.calibration.checks.misinterpretation import VariedWrists, misinterpretation
 from vgrd.calibration.observability.leave_one_out import (
     RobustFit,
     TouchFit,
@@ -16,8 +16,8 @@ from vgrd.calibration.observability.leave_one_out import (
     noise_scale,
 )
 from vgrd.calibration.tcp.fixed_point import FixedPointResult, calibrate_fixed_point
-from vgrd.calibration.tcp.plane import fit_plane, require_one_plane
-from vgrd.calibration.tcp.sphere import fit_sphere, require_one_sphere
+from vgrd.calibration.tcp.plane import check_one_plane, fit_plane
+from vgrd.calibration.tcp.sphere import check_one_sphere, fit_sphere
 from vgrd.calibration.touches.touch_set import TouchSet
 from vgrd.calibration.universal.estimate import (
     UniversalProblem,
@@ -29,7 +29,7 @@ from vgrd.geometry.covariance import radius95
 from vgrd.geometry.rotation_relaxation import Certificate
 from vgrd.model import Finding, Verdict
 from vgrd.solving.touch_files.document import TouchFile, TouchKind, load_touches
-from vgrd.solving.touch_files.repeats import Repeats, find_repeats, with_repeated_sigma
+from vgrd.solving.touch_files.repeatability import Repeats, find_repeats, with_repeated_sigma
 
 _CHANCE = 1e-3
 _CONTRADICTORY = 3.0
@@ -174,7 +174,7 @@ def _plane(file: TouchFile) -> _Solved:
         len(file.names),
     )
     best = fit.result
-    require_one_plane(best)
+    check_one_plane(best)
     proof = _CLOSED_FORM if file.plane else None
     off = np.abs(best.residuals_mm)
     return _Solved(fit, best.tcp_in_wrist, best.covariance, off, certificate=proof)
@@ -186,7 +186,7 @@ def _sphere(file: TouchFile) -> _Solved:
         len(file.names),
     )
     best = fit.result
-    require_one_sphere(best)
+    check_one_sphere(best)
     off = np.abs(best.residuals_mm)
     return _Solved(fit, best.tcp_in_wrist, best.covariance, off, certificate=None)
 
@@ -201,16 +201,16 @@ _SOLVERS = {
 
 def _measured_mm(touches: TouchSet, off_in_base: Array) -> Array:
     """Length (m,) of errors (m, 3), directions that were not measured left out."""
-    off = np.einsum("mij,mj->mi", touches.measured().base_whiteners(), off_in_base)
+    off = np.einsum("mij,mj->mi", touches.measured().base_sqrt_informations(), off_in_base)
     return np.asarray(np.linalg.norm(off, axis=1))
 
 
 def _is_noisy(fit: TouchFit) -> bool:
     """Whether chance explains the scatter in less than one of a thousand good files."""
-    if fit.freedom < 1:
+    if fit.degrees_of_freedom < 1:
         return False
     squares = float(np.sum(fit.whitened**2))
-    return float(gammaincc(fit.freedom / 2, squares / 2)) < _CHANCE
+    return float(gammaincc(fit.degrees_of_freedom / 2, squares / 2)) < _CHANCE
 
 
 def _contradiction(file: TouchFile, solved: _Solved, *, noisy: bool) -> list[Finding]:
@@ -220,7 +220,7 @@ def _contradiction(file: TouchFile, solved: _Solved, *, noisy: bool) -> list[Fin
         points = file.points_in_object
         everything = calibrate_universal(UniversalProblem(points, file.touches))
         wrists = VariedWrists(file.touches)
-        found = misreading(file.names, points, wrists, noise_scale(everything))
+        found = misinterpretation(file.names, points, wrists, noise_scale(everything))
         if found is not None:
             return [found]
     if not noisy:

@@ -198,7 +198,7 @@ def _fitted(
     if H is None:
         raise TagNotSeen("the points seen of the board do not lie on a plane")
     rays_from_board = np.asarray(H, dtype=np.float64)
-    _require_agreement(_seen_by(camera, rays_from_board, points) - pixels)
+    _check_agreement(_seen_by(camera, rays_from_board, points) - pixels)
     lens = lens_vector(camera)
     fits: list[tuple[Refined, _Layout]] = []
     for layout in layouts:
@@ -228,7 +228,7 @@ def _seen_by(camera: CameraModel, rays_from_board: Array, points: Array) -> Arra
     return camera.project(np.column_stack([apply(rays_from_board, points), np.ones(len(points))]))
 
 
-def _require_agreement(off: Array) -> None:
+def _check_agreement(off: Array) -> None:
     """Refuse a board whose points are seen elsewhere, by off (n, 2) px, than on one plane."""
     agreeing = np.linalg.norm(off, axis=1) < _POINT_PX
     if agreeing.mean() < _AGREEING:

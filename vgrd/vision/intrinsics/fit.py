@@ -132,9 +132,9 @@ class _Problem:
         prior = self._prior(state)
         kept = float(np.sum(prior * C))  # unknowns that the prior, not the pixels, determines
         rows = sum(view.pixels.size for view in self.views)
-        freedom = max(rows + kept - len(prior) - 6 * len(self.views), 1.0)
+        degrees_of_freedom = max(rows + kept - len(prior) - 6 * len(self.views), 1.0)
         squares = sum(float(np.sum(r * r)) for r in self._residuals(state))
-        pixel = np.clip(np.sqrt(squares / freedom), *_SIGMAS_PX)
+        pixel = np.clip(np.sqrt(squares / degrees_of_freedom), *_SIGMAS_PX)
         if fixed_print:
             return replace(self.noise, pixel_px=float(pixel))
         spread = C[first:].reshape(-1, 3)
@@ -256,10 +256,10 @@ def _matrix(intrinsics: Array) -> Array:
 
 def _component(offsets: Array, variances: Array, sigma: float) -> float:
     """Standard deviation of a prior, as the offsets and their remaining variances show it."""
-    freedom = offsets.size - float(variances.sum()) / sigma**2
-    if freedom < 1:
+    degrees_of_freedom = offsets.size - float(variances.sum()) / sigma**2
+    if degrees_of_freedom < 1:
         return sigma
-    return float(np.clip(np.sqrt(np.sum(offsets**2) / freedom), *_SIGMAS_MM))
+    return float(np.clip(np.sqrt(np.sum(offsets**2) / degrees_of_freedom), *_SIGMAS_MM))
 
 
 def _sigmas(noise: Noise) -> Array:

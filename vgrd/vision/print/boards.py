@@ -258,7 +258,7 @@ def _apriltag_corners(image: Grey, target: SingleTag) -> Array:
     """Corners (4, 2), as OpenCV counts: pyapriltags starts at (-1, +1) and at a pixel's rim."""
     found = _apriltag_detector(target.dictionary).detect(np.ascontiguousarray(image))
     good = [tag for tag in found if tag.tag_id == target.id and tag.hamming == 0]
-    _require_one(len(good), target, sorted({tag.tag_id for tag in found}))
+    _check_one(len(good), target, sorted({tag.tag_id for tag in found}))
     return np.asarray(good[0].corners, dtype=np.float64)[[3, 2, 1, 0]] - 0.5
 
 
@@ -272,11 +272,11 @@ def _aruco_detector(dictionary: str) -> cv2.aruco.ArucoDetector:
 def _aruco_corners(image: Grey, target: SingleTag) -> Array:
     corners, ids, _ = _aruco_detector(target.dictionary).detectMarkers(image)
     seen = [] if ids is None else [int(marker) for marker in np.ravel(ids)]
-    _require_one(seen.count(target.id), target, sorted(set(seen)))
+    _check_one(seen.count(target.id), target, sorted(set(seen)))
     return np.asarray(corners[seen.index(target.id)], dtype=np.float64).reshape(4, 2)
 
 
-def _require_one(count: int, target: SingleTag, seen: list[int]) -> None:
+def _check_one(count: int, target: SingleTag, seen: list[int]) -> None:
     if count == 0:
         others = f"; other ids seen: {seen}" if seen else ""
         raise TagNotSeen(f"tag {target.id} of {target.dictionary} is not in the picture{others}")

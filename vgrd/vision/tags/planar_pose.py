@@ -14,7 +14,7 @@ import numpy as np
 
 from vgrd.geometry import Array, Pose, nearest_rotation
 from vgrd.geometry.camera import CameraModel
-from vgrd.geometry.covariance import whitener
+from vgrd.geometry.covariance import sqrt_information
 from vgrd.vision.images.compiling import compiled
 from vgrd.vision.images.warp import lens_vector, project, slopes
 
@@ -69,7 +69,7 @@ def planar_poses(
 
     corners_in_target: (4, 3) with z = 0, mm; corners_px (4, 2); covariance (8, 8) px^2.
     """
-    W = whitener(covariance)
+    W = sqrt_information(covariance)
     found: list[PlanarPose] = []
     _, rotvecs, translations, _ = cv2.solvePnPGeneric(
         corners_in_target, corners_px, camera.matrix, camera.distortion, flags=cv2.SOLVEPNP_IPPE

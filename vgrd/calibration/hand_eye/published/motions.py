@@ -27,25 +27,25 @@ class Motions:
     t_B: Array  # noqa: N815
 
     @classmethod
-    def absolute(cls, moves: Sequence[Pose], cameras: Sequence[Pose]) -> Self:
+    def absolute(cls, flange_motions: Sequence[Pose], cameras: Sequence[Pose]) -> Self:
         """The poses themselves, for A X = Z B."""
         return cls(
-            np.array([move.rotation for move in moves]),
-            np.array([move.translation for move in moves]),
+            np.array([move.rotation for move in flange_motions]),
+            np.array([move.translation for move in flange_motions]),
             np.array([camera.rotation for camera in cameras]),
             np.array([camera.translation for camera in cameras]),
         )
 
     @classmethod
-    def between_all(cls, moves: Sequence[Pose], cameras: Sequence[Pose]) -> Self:
+    def between_all(cls, flange_motions: Sequence[Pose], cameras: Sequence[Pose]) -> Self:
         """Motions from every pose to every other one, both ways, for A X = X B.
 
         Both ways, since most methods weigh a motion and its inverse a little differently: so the
         order of the samples cannot matter. Turns near 180 degrees are left out, their axis has no
         sign. Raises NotObservable when too few are left.
         """
-        poses = cls.absolute(moves, cameras)
-        to, start = np.nonzero(~np.eye(len(moves), dtype=np.bool_))
+        poses = cls.absolute(flange_motions, cameras)
+        to, start = np.nonzero(~np.eye(len(flange_motions), dtype=np.bool_))
         R_A, t_A = _difference(poses.R_A, poses.t_A, to, start)
         R_B, t_B = _difference(poses.R_B, poses.t_B, to, start)
         turns = log_rotation(R_A), log_rotation(R_B)

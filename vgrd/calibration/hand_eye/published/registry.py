@@ -9,11 +9,11 @@ from vgrd.calibration.hand_eye.published.motions import Motions, mean_of
 from vgrd.calibration.hand_eye.published.robot_world import li, shah
 from vgrd.calibration.hand_eye.published.separable import horaud_dornaika, park_martin, tsai_lenz
 from vgrd.calibration.hand_eye.published.simultaneous import andreff, daniilidis, gwak, lu_chou, wu
-from vgrd.calibration.hand_eye.state import move_of
+from vgrd.calibration.hand_eye.state import flange_motion_of
 from vgrd.calibration.observability.motion import (
     Axes,
-    refuse_repeats,
-    require_hand_eye_motion,
+    check_distinct,
+    check_hand_eye_motion,
     turned_axes,
 )
 from vgrd.errors import NotObservable
@@ -48,12 +48,12 @@ class Method(ABC):
         Raises TooFewObservations (below 3), InputError (one flange pose twice), NotObservable
         (names the missing motion), DidNotConverge (Gwak).
         """
-        _require_motion(pairs)
-        moves = [move_of(mount, pair.base_from_wrist) for pair in pairs]
-        return self._solve(moves, [pair.camera_from_target for pair in pairs])
+        _check_motion(pairs)
+        flange_motions = [flange_motion_of(mount, pair.base_from_wrist) for pair in pairs]
+        return self._solve(flange_motions, [pair.camera_from_target for pair in pairs])
 
     @abstractmethod
-    def _solve(self, moves: Sequence[Pose], cameras: Sequence[Pose]) -> HandEyePoses: ...
+    def _solve(self, flange_motions: Sequence[Pose], cameras: Sequence[Pose]) -> HandEyePoses: ...
 
 
 class _FromMotions(Method):
@@ -62,9 +62,9 @@ class _FromMotions(Method):
     def __init__(self, core: Callable[[Motions], Pose]) -> None:
         self._core = core
 
-    def _solve(self, moves: Sequence[Pose], cameras: Sequence[Pose]) -> HandEyePoses:
-        X = self._core(Motions.between_all(moves, cameras))
-        Y = mean_of([m.inverse() @ X @ c for m, c in zip(moves, cameras, strict=True)])
+    def _solve(self, flange_motions: Sequence[Pose], cameras: Sequence[Pose]) -> HandEyePoses:
+        X = self._core(Motions.between_all(flange_motions, cameras))
+        Y = mean_of([m.inverse() @ X @ c for m, c in zip(flange_motions, cameras, strict=True)])
         return HandEyePoses(X, Y)
 
 
@@ -74,8 +74,8 @@ class _FromPoses(Method):
     def __init__(self, core: Callable[[Motions], tuple[Pose, Pose]]) -> None:
         self._core = core
 
-    def _solve(self, moves: Sequence[Pose], cameras: Sequence[Pose]) -> HandEyePoses:
-        Y, X = self._core(Motions.absolute(moves, cameras))
+    def _solve(self, flange_motions: Sequence[Pose], cameras: Sequence[Pose]) -> HandEyePoses:
+        Y, X = self._core(Motions.absolute(flange_motions, cameras))
         return HandEyePoses(X, Y)
 
 
@@ -95,11 +95,11 @@ METHODS: Mapping[str, Method] = MappingProxyType(
 )
 
 
-def _require_motion(pairs: Sequence[PosePair]) -> None:
+def _check_motion(pairs: Sequence[PosePair]) -> None:
     """Robot and target must both have turned, about two axes."""
     wrists = [pair.base_from_wrist for pair in pairs]
-    refuse_repeats([str(i + 1) for i in range(len(pairs))], wrists)
-    require_hand_eye_motion(wrists)
+    check_distinct([str(i + 1) for i in range(len(pairs))], wrists)
+    check_hand_eye_motion(wrists)
     axes, _ = turned_axes([pair.camera_from_target.rotation for pair in pairs])
     if axes is not Axes.MANY:
         seen = "kept its orientation" if axes is Axes.NONE else "turned about one axis only"

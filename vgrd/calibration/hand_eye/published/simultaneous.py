@@ -13,7 +13,7 @@ from vgrd.calibration.hand_eye.published.motions import (
 )
 from vgrd.calibration.hand_eye.published.separable import park_martin
 from vgrd.geometry import Array, Pose, hat
-from vgrd.geometry.least_squares import minimize, require_convergence
+from vgrd.geometry.least_squares import check_convergence, minimize
 
 _SMALL = 1e-5  # size of the translations on the sphere of SO(4): its square is what is neglected
 _GENERATORS = hat(np.eye(3))
@@ -170,5 +170,5 @@ def gwak(motions: Motions) -> Pose:
         lambda X, step: Pose.exp(step) @ X,
         park_martin(motions),
     )
-    require_convergence(minimum.report, "hand-eye, Gwak")
+    check_convergence(minimum.report, "hand-eye, Gwak")
     return Pose(minimum.state.rotation, size * minimum.state.translation)

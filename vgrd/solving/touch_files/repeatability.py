@@ -42,7 +42,7 @@ def find_repeats(file: TouchFile, tcp_in_wrist: Array, used: NDArray[np.bool_]) 
     if file.kind not in (TouchKind.UNIVERSAL, TouchKind.FIXED_POINT):
         return None
     chosen = np.flatnonzero(used)
-    touches = file.touches.some(chosen)
+    touches = file.touches.subset(chosen)
     targets = [str(file.points_in_object[i].tolist()) for i in chosen]
     try:
         found = repeatability(touches, targets, tcp_in_wrist, tcp_is_fitted=True)
@@ -54,7 +54,7 @@ def find_repeats(file: TouchFile, tcp_in_wrist: Array, used: NDArray[np.bool_]) 
 def with_repeated_sigma(file: TouchFile, repeats: Repeats) -> TouchFile | None:
     """The file with that sigma where none was given; None where all were, or the repeats are few."""
     scatter, given = repeats.scatter, np.array(file.sigma_given)
-    if given.all() or not repeats.has_axial or scatter.axial.freedom < _ENOUGH:
+    if given.all() or not repeats.has_axial or scatter.axial.degrees_of_freedom < _ENOUGH:
         return None
     old = file.touches
     lateral, axial = (max(s.value_mm, _LEAST_MM) for s in (scatter.lateral, scatter.axial))

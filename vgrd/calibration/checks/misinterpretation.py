@@ -75,16 +75,20 @@ class ConstantWrist:
 
     def scatter(self, points: Array) -> float:
         """Infinite where the points determine nothing."""
-        freedom = self.touches.equations() - 6
+        degrees_of_freedom = self.touches.equations() - 6
         try:
             off = fit_cad(points, self.touches).residuals_mm
         except CalibrationError:
             return float("inf")
-        whitened = np.einsum("mij,mj->mi", self.touches.base_whiteners(), off)
-        return float(np.sqrt(np.sum(whitened**2) / freedom)) if freedom > 0 else 1.0
+        whitened = np.einsum("mij,mj->mi", self.touches.base_sqrt_informations(), off)
+        return (
+            float(np.sqrt(np.sum(whitened**2) / degrees_of_freedom))
+            if degrees_of_freedom > 0
+            else 1.0
+        )
 
 
-def misreading(
+def misinterpretation(
     names: Sequence[str],
     points_in_object: Array,
     wrists: Wrists,

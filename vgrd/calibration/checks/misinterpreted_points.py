@@ -5,7 +5,11 @@ from itertools import combinations
 
 import numpy as np
 
-from vgrd.calibration.checks.misreading import ConstantWrist, VariedWrists, misreading
+from vgrd.calibration.checks.misinterpretation import (
+    ConstantWrist,
+    VariedWrists,
+    misinterpretation,
+)
 from vgrd.calibration.observability.motion import Axes, turned_axes
 from vgrd.calibration.touches.recorded import arm_touches
 from vgrd.calibration.universal.start import lowest_cost, reduced_cost
@@ -19,7 +23,7 @@ _SHOWS = (
 )
 
 
-def misread_points(recording: Recording) -> Finding | None:
+def misinterpreted_points(recording: Recording) -> Finding | None:
     """Mirrored CAD points, two targets swapped, or their order wrong; None where nothing shows it.
 
     Four touches are the least, five where the wrists vary; touches about one axis tell nothing.
@@ -37,14 +41,14 @@ def misread_points(recording: Recording) -> Finding | None:
         return None
     names = [f"{i + 1} ({touch.target})" for i, touch in enumerate(touches)]
     places = [list(targets).index(touch.target) for touch in touches]
-    return misreading(names, points, wrists, scale, places)
+    return misinterpretation(names, points, wrists, scale, places)
 
 
 def rival_names(recording: Recording) -> str:
     """Which wrong names the touches would not show, in words; "" where every single mistake would.
 
     Two targets exchanged all through, or one touch of another target than it says. A flat list of
-    targets that is mirrored as a whole never shows (`misreading`).
+    targets that is mirrored as a whole never shows (`misinterpretation`).
     """
     touches = recording.touches
     names = [touch.target for touch in touches]

@@ -41,7 +41,7 @@ _BLOCKS = (
 )
 
 
-class Desk:
+class RegisterBank:
     """Registers, coils and inputs, and the one request that may be pending.
 
     `forward` passes a request to the cell and tells whether that was possible; `abort` tells the

@@ -38,7 +38,7 @@ _ALIKE = 1.5
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Reading:
+class Interpretation:
     """Poses as they may have been meant; read_as, meant: formats, None where nothing was mixed up."""
 
     poses: Poses
@@ -56,13 +56,13 @@ class Reading:
 class Fitted:
     """A reading and how well the samples agree under it."""
 
-    reading: Reading
+    reading: Interpretation
     fit: Agreement
 
 
 def other_readings(
     poses: Poses, cameras: Poses, *, deg: float, read_as: Format | None = None
-) -> Iterator[Reading]:
+) -> Iterator[Interpretation]:
     """Readings with one format taken for another, inverted or not, and inverted alone.
 
     Only those under which robot and target turn by the same angles, median within `deg`.
@@ -70,7 +70,7 @@ def other_readings(
     """
     turned = Turns(cameras.rotations)
     if turned.off_deg(poses.rotations) <= deg:
-        yield Reading(poses.inverted(), inverted=True)
+        yield Interpretation(poses.inverted(), inverted=True)
     few = np.unique(np.linspace(0, len(poses) - 1, _SIFTED).astype(int))
     sieve = Turns(cameras.rotations[few])
     for read, meant in product(_DISTINCT, _DISTINCT):
@@ -84,8 +84,8 @@ def other_readings(
         for R in turned.chosen(reread_candidates(poses.rotations, read, meant)):
             if turned.off_deg(R) <= deg:
                 again = Poses(R, poses.translations)
-                yield Reading(again, read, meant)
-                yield Reading(again.inverted(), read, meant, inverted=True)
+                yield Interpretation(again, read, meant)
+                yield Interpretation(again.inverted(), read, meant, inverted=True)
 
 
 class Turns:
@@ -158,7 +158,7 @@ def _same_as(fmt: Format) -> Format:
 
 
 def best_of(
-    readings: Sequence[Reading],
+    readings: Sequence[Interpretation],
     fit: Callable[[Poses], Agreement],
     *,
     deg: float,
@@ -181,7 +181,7 @@ def best_of(
     return sorted(alike, key=lambda one: (one.reading.faults, off(one)))
 
 
-def degrees_as_radians(poses: Poses, cameras: Poses, *, mm: float) -> Iterator[Reading]:
+def degrees_as_radians(poses: Poses, cameras: Poses, *, mm: float) -> Iterator[Interpretation]:
     """Readings of degrees that were taken for radians: whole turns are lost and sought again.
 
     Flange positions and pictures tell all rotations but a constant one; each number of the first
@@ -205,7 +205,7 @@ def degrees_as_radians(poses: Poses, cameras: Poses, *, mm: float) -> Iterator[R
                 break
         else:
             best = constant[np.argmin(off_rad)]
-            yield Reading(Poses(turned @ best, poses.translations), read, meant)
+            yield Interpretation(Poses(turned @ best, poses.translations), read, meant)
 
 
 def _unwound(rotation: Array, read: Format) -> Array:
