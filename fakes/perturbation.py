@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from vgrd.calibration.hand_eye.points import PointHandEyeProblem, PointSample
 from vgrd.calibration.hand_eye.pose_pairs import HandEyeProblem, PoseSample
 from vgrd.calibration.hand_eye.published import PosePair
-from vgrd.calibration.joint.estimate import Sighting
+from vgrd.calibration.joint.problem import Sighting
 from vgrd.calibration.touches.touch_set import TouchSet
 from vgrd.calibration.universal.estimate import UniversalProblem
 from vgrd.geometry import Array, Pose, exp_rotation

@@ -14,7 +14,7 @@ from fakes.cell.load import Load
 from fakes.cell.processes import MARK, left_behind
 from fakes.cell.taught import TaughtCell, rehearse
 from fakes.perturbation import Perturbation, installed
-from vgrd.model import Calibration
+from vgrd.calibration.calibration import Calibration
 
 TIMEOUT_S = 900  # of any test: 10 s of computing took 120 on a machine with nine times as much work as processors
 GONE_WITHIN_S = 20.0  # SIGKILL takes no time, the scheduler of a busy machine does

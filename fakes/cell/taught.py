@@ -14,9 +14,9 @@ from fakes.controllers.rtde import RtdeFaults, RtdeServer
 from fakes.world.layout import Layout
 from fakes.world.poses import retracted_pose
 from fakes.world.world import World
+from vgrd.calibration.calibration import Calibration
 from vgrd.calibration.solve import calibrate_system
 from vgrd.errors import ControlError
-from vgrd.model import Calibration
 from vgrd.store.calibrations import CalibrationStore
 
 SEED = 1

@@ -185,7 +185,7 @@ class Booted:
                 stdin=subprocess.DEVNULL,
                 stdout=log,
                 stderr=log,
-                cwd=Path(__file__).parents[1],
+                cwd=Path(__file__).parents[2],
             )
         try:
             self._wait()

@@ -10,7 +10,7 @@ from fakes.cell.daemon import Daemon, has_devices
 from fakes.confinement.booted import Booted
 from vgrd.ipc.control import ControlClient
 
-PROJECT = Path(__file__).parents[1]
+PROJECT = Path(__file__).parents[2]
 TEMPLATE = PROJECT / "config" / "vgrd.service"
 
 

@@ -2,10 +2,12 @@
 
 import numpy as np
 
+from vgrd.calibration.calibration import Calibration
+from vgrd.calibration.stepwise.chain import CameraChain, Pivot
+from vgrd.calibration.stepwise.solution import UniversalSolution
 from vgrd.devices import CameraImage, FlangeReading
 from vgrd.geometry import Array, Pose
 from vgrd.model import (
-    Calibration,
     CellFacts,
     Finding,
     Mount,
@@ -15,6 +17,7 @@ from vgrd.model import (
     TagSpec,
     Target,
     TaughtPoint,
+    TcpEstimate,
     Tool,
     Touch,
     Verdict,
@@ -96,17 +99,15 @@ class Samples:
             id="",
             session="s1",
             created_unix_s=1.7e9,
-            method="universal",
             facts=facts,
-            base_from_camera=self.pose(),
-            hand_eye_covariance=self.array(6, 6),
-            wrist_from_tag_a=self.pose(),
-            tcp_in_wrist=self.array(3),
-            tcp_covariance=self.array(3, 3),
-            camera_from_tag_b_ref=self.pose(),
-            pivot_in_tag_b=self.array(3),
-            pivot_in_base=self.array(3),
             taught=taught,
+            solution=UniversalSolution(
+                chain=CameraChain(self.pose(), self.array(6, 6), self.pose(), self.array(6, 6)),
+                wrist_from_tag_a=self.pose(),
+                pivot=Pivot(self.array(3), self.array(3), self.array(3, 3)),
+                touch_covariances={name: self.array(9, 9) for name in taught},
+                tcp=TcpEstimate(self.array(3), self.array(3, 3)),
+            ),
             residuals={"touch_rms_mm": 0.2, "axis_sigma": float("inf")},
             verdict=Verdict((Finding("few-looks", "take three looks more"),)),
         )

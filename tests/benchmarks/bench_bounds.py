@@ -22,22 +22,17 @@ from fakes.world.simulation import (
 )
 from tests.benchmarks.harness import Row
 from vgrd.calibration.hand_eye.pose_pairs import HandEyeProblem, PoseSample, calibrate_hand_eye
-from vgrd.calibration.joint.estimate import (
-    ArmModel,
-    JointResult,
-    Turntable,
-    calibrate_joint,
-    result_at,
-)
+from vgrd.calibration.joint.estimate import calibrate_joint, fit_as_if
 from vgrd.calibration.joint.expected import expected_by_joint
-from vgrd.calibration.joint.problem import EvidenceKind, JointData
+from vgrd.calibration.joint.fit import JointFit
+from vgrd.calibration.joint.problem import EvidenceKind, JointData, Turntable
 from vgrd.calibration.joint.samples import gather
 from vgrd.calibration.joint.state import JointState
 from vgrd.calibration.touches.touch_set import TouchSet
 from vgrd.calibration.universal.estimate import Equations, UniversalProblem, calibrate_universal
 from vgrd.geometry import Array, Pose, hat
 from vgrd.geometry.covariance import covariance_from
-from vgrd.model import Mount, Policy, Recording
+from vgrd.model import ArmModel, Mount, Policy, Recording
 
 SEED = 31
 UNIVERSAL_RUNS = 1000
@@ -137,7 +132,7 @@ def _joint(name: str, arm: ArmErrors) -> list[Row]:
         parts = ((off, T), (miss[:2], C[:2, :2]), (miss[2:], C[2:, 2:]))
         inside.append([e @ np.linalg.solve(S, e) <= chdtri(len(e), 0.05) for e, S in parts])
         errors.append((off, miss))
-        true = result_at(recording, *_truth(cell, recording, model))
+        true = fit_as_if(*_truth(cell, recording, model))
         bounds.append([covariance for _, covariance in _answers(true, request)])
     return [
         *_coverage(name, np.mean(inside, axis=0)),
@@ -153,9 +148,7 @@ def _joint(name: str, arm: ArmErrors) -> list[Row]:
     ]
 
 
-def _answers(
-    result: JointResult, request: Request
-) -> tuple[tuple[Array, Array], tuple[Pose, Array]]:
+def _answers(result: JointFit, request: Request) -> tuple[tuple[Array, Array], tuple[Pose, Array]]:
     """TCP and flange pose of the expected coordinate, each with its covariance."""
     part = result.layout.TCP
     expected = expected_by_joint(result, request.target, request.seen, Policy.FIXED, WORK_ROTATION)

@@ -13,12 +13,12 @@ from scipy.spatial.transform import Rotation
 
 from fakes.world.simulation import Simulation
 from tests.benchmarks.harness import Row, ratio_of
-from vgrd.calibration.joint.estimate import ArmModel, calibrate_joint
+from vgrd.calibration.joint.estimate import calibrate_joint
 from vgrd.calibration.joint.problem import JointData, Tags
 from vgrd.calibration.joint.samples import gather
 from vgrd.calibration.joint.state import JointState, guess
 from vgrd.geometry import hat
-from vgrd.model import Recording
+from vgrd.model import ArmModel, Recording
 
 ROUNDS = 3
 BAR = 0.1

@@ -5,11 +5,12 @@ import numpy as np
 import pytest
 
 from fakes.world.simulation import FINE, ArmErrors, Simulation
-from vgrd.calibration.joint.estimate import ArmModel, PriorSigmas, calibrate_joint
+from vgrd.calibration.joint.camera_corrections import PriorSigmas
+from vgrd.calibration.joint.estimate import calibrate_joint
 from vgrd.calibration.joint.expected import expected_by_joint
 from vgrd.calibration.planning.error_budget import Source, Systematic, error_budget
 from vgrd.geometry import Pose, exp_rotation
-from vgrd.model import Policy
+from vgrd.model import ArmModel, Policy
 
 FIELD_ARM = ArmErrors(sigma_mm=0.04, field_mm=0.12)
 SYSTEMATIC = Systematic(PriorSigmas(0.05, 0.05, 3.0, 2.0), 0.1)

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from fakes.world.simulation import COARSE, Simulation
-from vgrd.calibration.joint.estimate import ArmModel, calibrate_joint
+from vgrd.calibration.joint.estimate import calibrate_joint
 from vgrd.calibration.joint.expected import expected_by_joint
 from vgrd.calibration.planning.next_sample import (
     Job,
@@ -27,7 +27,7 @@ from vgrd.calibration.planning.reach import (
 )
 from vgrd.errors import InputError
 from vgrd.geometry import Pose, exp_rotation
-from vgrd.model import Motion, Policy
+from vgrd.model import ArmModel, Motion, Policy
 
 TILT = np.radians(30)
 

@@ -5,15 +5,15 @@ import pytest
 
 from fakes.studies.paper.baselines import expected_by_method
 from fakes.world.simulation import FINE, WORK_ROTATION, ArmErrors, Simulation, Vision
-from vgrd.calibration.joint.basis import basis_of
-from vgrd.calibration.joint.estimate import ArmModel, Sighting, Turntable, calibrate_joint
+from vgrd.calibration.joint.estimate import calibrate_joint
 from vgrd.calibration.joint.expected import expected_by_joint, predict, work_orientation
-from vgrd.calibration.joint.problem import EvidenceKind
+from vgrd.calibration.joint.problem import EvidenceKind, Sighting, Turntable
 from vgrd.calibration.joint.rows import arm_jacobian, linearize
 from vgrd.calibration.joint.samples import gather
+from vgrd.calibration.joint.solution import solution_of
 from vgrd.errors import InputError, NotObservable, TagNotSeen, TooFewObservations
 from vgrd.geometry import Pose, exp_rotation
-from vgrd.model import Motion, Mount, Policy
+from vgrd.model import ArmModel, Motion, Mount, Policy
 
 PERFECT = Vision(1e-6, 1e-6, 1e-7, 1e-7)
 EXACT = ArmModel()
@@ -198,10 +198,11 @@ def test_derivatives_of_the_coordinate_are_true(kind, policy):
 
     def flange(step):
         moved = replace(result, state=result.state.retract(step, result.layout))
-        made = predict(basis_of(moved), request.target, request.seen.tag_b, policy, work)
+        made = predict(moved, solution_of(moved), request.target, request.seen.tag_b, policy, work)
         return made.base_from_wrist.translation
 
-    J = predict(basis_of(result), request.target, request.seen.tag_b, policy, work).by_unknowns
+    ask = (request.target, request.seen.tag_b, policy, work)
+    J = predict(result, solution_of(result), *ask).J_unknowns
     if kind is not FreeSimulation:
         J = J[:, :15]
     for i in range(min(J.shape[1], 15)):
@@ -285,14 +286,14 @@ def test_an_object_off_its_turntable_is_served_from_the_picture_alone():
     sim = perfect()
     result = calibrate_joint(sim.record(wrists=mixed(sim)), arm=EXACT)
     request = sim.request()
-    basis = basis_of(result)
+    solution = solution_of(result)
     work = work_orientation(result.recording, request.target, Policy.FIXED, None)
-    on = predict(basis, request.target, request.seen.tag_b, Policy.FIXED, work)
+    on = predict(result, solution, request.target, request.seen.tag_b, Policy.FIXED, work)
     lifted = Pose.from_rotvec((0.0, 0.0, 0.0), (0.0, 0.0, 5.0))
     off = sim.base_from_camera.inverse() @ lifted @ sim.base_from_camera
     tag = request.seen.tag_b
     moved = replace(tag, camera_from_tag=off @ tag.camera_from_tag)
-    made = predict(basis, request.target, moved, Policy.FIXED, work)
+    made = predict(result, solution, request.target, moved, Policy.FIXED, work)
     assert on.fits_model
     assert not made.fits_model
     shift = made.base_from_wrist.translation - on.base_from_wrist.translation

@@ -4,13 +4,14 @@ import numpy as np
 import pytest
 
 from fakes.world.simulation import FINE, Simulation
-from vgrd.calibration.joint.camera_corrections import FOCAL, TAG_A, TAG_B
-from vgrd.calibration.joint.estimate import ArmModel, PriorSigmas, calibrate_joint
+from vgrd.calibration.joint.camera_corrections import FOCAL, TAG_A, TAG_B, PriorSigmas
+from vgrd.calibration.joint.estimate import calibrate_joint
 from vgrd.calibration.joint.expected import expected_by_joint
 from vgrd.calibration.joint.rows import linearize
 from vgrd.geometry import Pose, exp_rotation, log_rotation
 from vgrd.geometry.camera import CameraModel
 from vgrd.geometry.resection import pose_from_points
+from vgrd.model import ArmModel
 
 EXACT = ArmModel()
 SQUARE = np.array([(-0.5, -0.5, 0.0), (0.5, -0.5, 0.0), (0.5, 0.5, 0.0), (-0.5, 0.5, 0.0)])
@@ -55,7 +56,7 @@ def worst_miss(sim, result):
 
 
 def refined_mm(result, tag):
-    corrections = result.corrections
+    corrections = result.refined
     column = result.layout.refined_columns.start + list(corrections.corrections.sigmas).index(tag)
     sigma = np.sqrt(result.covariance[column, column]) * corrections.corrections.sigmas[tag]
     return corrections.corrections.size_mm(tag, corrections.values), sigma
@@ -80,7 +81,7 @@ def test_a_camera_that_is_not_as_assumed_is_found():
     moved = np.array([20.0, 20.0, 8.0, -5.0, 0.02, 0.0])
     sim, recording = taught(4, moved=moved)
     result = calibrate_joint(recording, arm=EXACT, refine=EVERYTHING)
-    camera = result.corrections.corrections.camera_at(result.corrections.values)
+    camera = result.refined.corrections.camera_at(result.refined.values)
     off = np.abs(camera.intrinsics() - sim.camera.intrinsics())
     assert (off <= [5, 5, 3, 3, 1e-3, 0]).all()
     assert worst_miss(sim, result) < 0.05
@@ -102,12 +103,12 @@ def test_a_corrected_tag_is_the_one_that_would_have_been_measured():
     sim, recording = taught(6, larger=(1.003, 0.998), moved=(15, 15, 4, 3, 0.01, 0), vision=FINE)
     result = calibrate_joint(recording, arm=EXACT, refine=EVERYTHING)
     values = np.zeros(6)
-    sigmas = result.corrections.corrections.sigmas
+    sigmas = result.refined.corrections.sigmas
     truth = {TAG_A: 0.075, TAG_B: -0.05, FOCAL: 15.0, "cx": 4.0, "cy": 3.0, "k1": 0.01}
     for i, (name, sigma) in enumerate(sigmas.items()):
         values[i] = truth[name] / sigma
     tag = sim.observe(sim.standing, 0.7).tag_b
-    corrected = replace(result.corrections, values=values).corrected(tag)
+    corrected = replace(result.refined, values=values).corrected(tag)
     camera_from_base = sim.base_from_camera.inverse()
     there = camera_from_base @ sim.base_from_object(0.7) @ sim.object_from_tag_b
     mm, rad = corrected.camera_from_tag.distance(there)
@@ -119,7 +120,7 @@ def test_a_corrected_tag_is_the_one_that_would_have_been_measured():
 def test_derivatives_by_the_refined_numbers_are_true():
     _, recording = taught(7)
     result = calibrate_joint(recording, arm=EXACT, refine=EVERYTHING)
-    tag, corrections, h = recording.spins[2].tag_b, result.corrections, 1e-4
+    tag, corrections, h = recording.spins[2].tag_b, result.refined, 1e-4
     by = corrections.corrected_jacobian(tag)
     for i in range(by.shape[1]):
         step = h * np.eye(by.shape[1])[i]
@@ -184,7 +185,7 @@ def test_rounded_poses_are_what_the_model_of_rounding_says():
 
 def test_the_deviations_of_an_arm_have_the_variances_that_it_states():
     arm = ArmModel(0.03, 0.15, quantum_mm=0.1, quantum_rad=1e-3)
-    H = arm.half(np.array([[0.0, 0, 0], [100.0, 0, 0]]))
+    H = arm.cholesky_factor(np.array([[0.0, 0, 0], [100.0, 0, 0]]))
     both = H @ H.T
     np.testing.assert_allclose(np.diag(both)[:6], arm.variances(), rtol=1e-6)
     shared = 0.15**2 * np.exp(-0.5 * (100 / 200) ** 2)

@@ -4,14 +4,15 @@ import numpy as np
 import pytest
 
 from fakes.world.simulation import FINE, Simulation
-from vgrd.calibration.joint.estimate import ArmModel, Sighting, calibrate_joint
+from vgrd.calibration.joint.estimate import calibrate_joint
 from vgrd.calibration.joint.expected import expected_by_joint
 from vgrd.calibration.joint.fit import fit_joint
-from vgrd.calibration.joint.problem import SAMPLED, EvidenceKind
+from vgrd.calibration.joint.problem import SAMPLED, EvidenceKind, Sighting
 from vgrd.calibration.joint.robust import leave_one_out
 from vgrd.calibration.joint.samples import gather
 from vgrd.calibration.joint.state import guess, layout_of
 from vgrd.geometry import Pose
+from vgrd.model import ArmModel
 
 EXACT = ArmModel()
 FIELD = ArmModel(0.03, 0.15, rad_per_mm=0.75e-3)

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from fakes.world.simulation import WORK_ROTATION, Simulation
-from vgrd.calibration.expected_coordinate import expected_coordinate
+from vgrd.calibration.calibration import expected_coordinate
 from vgrd.calibration.joint.estimate import calibrate_joint
 from vgrd.calibration.joint.expected import expected_by_joint
 from vgrd.calibration.solve import calibrate_system

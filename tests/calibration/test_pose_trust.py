@@ -7,7 +7,8 @@ import pytest
 
 from fakes.world.simulation import COARSE, Simulation
 from vgrd.calibration.checks.misinterpreted_points import rival_names
-from vgrd.calibration.joint.estimate import JointResult, calibrate_joint
+from vgrd.calibration.joint.estimate import calibrate_joint
+from vgrd.calibration.joint.fit import JointFit
 from vgrd.calibration.planning.pose_trust import MARGIN_MM, place_u95_mm, reason_against
 from vgrd.calibration.planning.reach import Looking, Reach, Spinning, Touching, flange_of
 from vgrd.geometry import Pose, exp_rotation
@@ -17,7 +18,7 @@ TILT = np.radians(20)
 
 
 @pytest.fixture(scope="module")
-def result() -> JointResult:
+def result() -> JointFit:
     sim = Simulation(1, vision=COARSE)
     wrists = [sim.wrist()] * 3 + [sim.wrist(TILT) for _ in range(4)]
     return calibrate_joint(sim.record(looks=4, spins=3, wrists=wrists))

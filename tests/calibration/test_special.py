@@ -7,7 +7,7 @@ import pytest
 
 from fakes.studies.paper.baselines import SPECIAL, SPECIAL_CAD, expected_by_method
 from fakes.world.recordings import SimulatedCell, Vision, fixed_wrist
-from vgrd.calibration.expected_coordinate import expected_coordinate
+from vgrd.calibration.calibration import expected_coordinate
 from vgrd.calibration.joint.problem import Sighting
 from vgrd.calibration.solve import calibrate_system
 from vgrd.calibration.stepwise.hole_center import combine, find_hole_center
@@ -58,7 +58,7 @@ def test_a_4_axis_robot_at_constant_yaw_is_served_exactly_without_any_tcp():
     assert calibration.tcp_in_wrist is None
     assert calibration.verdict.ok
     assert "height_free" in [finding.code for finding in calibration.verdict.findings]
-    assert np.linalg.eigvalsh(calibration.hand_eye_covariance)[-1] > 500.0**2
+    assert np.linalg.eigvalsh(calibration.solution.chain.hand_eye_covariance)[-1] > 500.0**2
     _, off, _ = misses(cell, calibration)
     np.testing.assert_allclose(off, 0, atol=2e-3)
 

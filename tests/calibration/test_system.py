@@ -5,7 +5,7 @@ import pytest
 
 from fakes.studies.paper.baselines import expected_by_method
 from fakes.world.recordings import SimulatedCell, Vision, fixed_wrist
-from vgrd.calibration.expected_coordinate import expected_coordinate
+from vgrd.calibration.calibration import expected_coordinate
 from vgrd.calibration.solve import calibrate_system
 from vgrd.errors import InputError, NotObservable, TooFewObservations
 from vgrd.geometry import Pose, exp_rotation

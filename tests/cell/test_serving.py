@@ -14,6 +14,8 @@ from fakes.testing import ManualClock
 from fakes.world.layout import Layout
 from fakes.world.poses import retracted_pose
 from fakes.world.world import Noise, World
+from vgrd.calibration.calibration import Calibration
+from vgrd.calibration.joint.state import Layout as Unknowns
 from vgrd.calibration.solve import calibrate_system
 from vgrd.cell.measuring import Sight
 from vgrd.cell.serving.answering import Limits, answer_request, check_request
@@ -30,7 +32,7 @@ from vgrd.errors import (
 )
 from vgrd.geometry import Pose
 from vgrd.ipc.ring import RingReader, RingWriter
-from vgrd.model import Calibration, Policy, Verdict
+from vgrd.model import Policy, Verdict
 from vgrd.registers import (
     PACKED_BYTES,
     REGISTER_KIND,
@@ -49,7 +51,7 @@ CALIBRATION_ID = 0xC0FFEE
 NONCE = 2**63 + 5
 
 
-class FittedTouches:
+class Taught:
     """One perfect rehearsed cell, shared by the tests of this file."""
 
     def __init__(self, folder: Path) -> None:
@@ -67,8 +69,8 @@ class FittedTouches:
 
 
 @pytest.fixture(scope="module")
-def taught(tmp_path_factory: pytest.TempPathFactory) -> FittedTouches:
-    return FittedTouches(tmp_path_factory.mktemp("taught"))
+def taught(tmp_path_factory: pytest.TempPathFactory) -> Taught:
+    return Taught(tmp_path_factory.mktemp("taught"))
 
 
 def request(*, oriented: bool = True, **fields: int) -> Request:
@@ -77,16 +79,14 @@ def request(*, oriented: bool = True, **fields: int) -> Request:
     return Request.parse(REQUEST.encode(values), NONCE, orientation_written=oriented)
 
 
-def answered(
-    taught: FittedTouches, asked: Request, sight: Sight | None = None, now_s: float = 1000.5
-):
+def answered(taught: Taught, asked: Request, sight: Sight | None = None, now_s: float = 1000.5):
     answer, _ = answer_request(
         asked, taught.calibration, CALIBRATION_ID, sight or taught.sight, LIMITS, now_s, 1.7e9
     )
     return answer
 
 
-def test_a_good_request_leads_the_true_tip_to_the_target(taught: FittedTouches) -> None:
+def test_a_good_request_leads_the_true_tip_to_the_target(taught: Taught) -> None:
     for number in range(1, 7):
         asked = request(POINT=number)
         assert check_request(asked, taught.calibration) is None
@@ -101,7 +101,7 @@ def test_a_good_request_leads_the_true_tip_to_the_target(taught: FittedTouches) 
 
 @pytest.mark.parametrize("code", list(RotationFormat))
 def test_all_rotation_formats_mean_the_same_orientation(
-    taught: FittedTouches, code: RotationFormat
+    taught: Taught, code: RotationFormat
 ) -> None:
     from scipy.spatial.transform import Rotation
 
@@ -118,7 +118,7 @@ def test_all_rotation_formats_mean_the_same_orientation(
 
 @pytest.mark.parametrize("code", list(RotationFormat))
 def test_the_tip_meets_the_target_with_the_wrist_as_the_robot_requests(
-    taught: FittedTouches, code: RotationFormat
+    taught: Taught, code: RotationFormat
 ) -> None:
     from scipy.spatial.transform import Rotation
 
@@ -136,7 +136,7 @@ def test_the_tip_meets_the_target_with_the_wrist_as_the_robot_requests(
     assert np.linalg.norm(taught.world.miss_at(pose, "P1", 0.7)) < 0.08
 
 
-def test_the_wrist_turns_with_the_object_when_it_is_to_follow(taught: FittedTouches) -> None:
+def test_the_wrist_turns_with_the_object_when_it_is_to_follow(taught: Taught) -> None:
     fixed = answered(taught, request(OPT=PolicyCode.FIXED << 8))
     follow = answered(taught, request(OPT=PolicyCode.FOLLOW << 8))
     turn = Pose.from_rotvec(fixed.rotation).inverse() @ Pose.from_rotvec(follow.rotation)
@@ -145,7 +145,7 @@ def test_the_wrist_turns_with_the_object_when_it_is_to_follow(taught: FittedTouc
     assert np.linalg.norm(taught.world.miss_at(pose, "P1", 0.7)) < 0.08
 
 
-def test_the_tcp_pose_is_given_where_the_tcp_is_known(taught: FittedTouches) -> None:
+def test_the_tcp_pose_is_given_where_the_tcp_is_known(taught: Taught) -> None:
     flange, tcp = answered(taught, request()), answered(taught, request(OPT=2))
     way = (np.array(tcp.position_um) - np.array(flange.position_um)) / 1000
     assert np.linalg.norm(way) == pytest.approx(
@@ -169,22 +169,26 @@ def test_the_tcp_pose_is_given_where_the_tcp_is_known(taught: FittedTouches) -> 
     ],
 )
 def test_what_cannot_be_served_is_refused_with_its_code(
-    taught: FittedTouches, fields: dict[str, int], status: Status, detail: int
+    taught: Taught, fields: dict[str, int], status: Status, detail: int
 ) -> None:
     refusal = check_request(request(**fields), taught.calibration)
     assert refusal is not None
     assert (refusal.status, refusal.detail, refusal.echo) == (status, detail, 7)
 
 
-def test_a_tcp_that_is_not_known_is_not_served(taught: FittedTouches) -> None:
-    unknown = replace(taught.calibration, tcp_in_wrist=None)
+def test_a_tcp_that_is_not_known_is_not_served(taught: Taught) -> None:
+    solution = taught.calibration.solution
+    left_open = np.zeros((len(solution.covariance), 1))
+    left_open[Unknowns.TCP] = 500.0
+    unknown = replace(taught.calibration, solution=replace(solution, undetermined=left_open))
+    assert unknown.tcp is None
     for options in (2, 3 << 8):
         refusal = check_request(request(OPT=options), unknown)
         assert refusal is not None
         assert (refusal.status, refusal.detail) == (Status.BAD_PARAMETER, 3)
 
 
-def test_each_doubt_has_its_status(taught: FittedTouches) -> None:
+def test_each_doubt_has_its_status(taught: Taught) -> None:
     blind = replace(taught.sight, tag_b=None)
     moving = replace(taught.sight, base_from_wrist=None, unpaired=NotSteady("moving"))
     assert answered(taught, request(), blind).status is Status.TAG_B_NOT_FOUND
@@ -265,7 +269,7 @@ def at(sight: Sight, stamp_s: float) -> Sight:
 class Bench:
     """A `Serving` on a bench: request it, read its registers."""
 
-    def __init__(self, folder: Path, taught: FittedTouches, limits: Limits = LIMITS) -> None:
+    def __init__(self, folder: Path, taught: Taught, limits: Limits = LIMITS) -> None:
         self.clock = ManualClock(1000.2)
         facts = taught.calibration.facts
         self.measuring = StillMeasuring(self.clock, taught.sight, facts.wrist_from_tcp)
@@ -302,14 +306,14 @@ class Bench:
 
 
 @pytest.fixture
-def bench(tmp_path: Path, taught: FittedTouches) -> Iterator[Bench]:
+def bench(tmp_path: Path, taught: Taught) -> Iterator[Bench]:
     bench = Bench(tmp_path, taught)
     yield bench
     with contextlib.suppress(ValueError):
         bench.reader.close()
 
 
-def turned(taught: FittedTouches, angle_rad: float, stamp_s: float) -> Sight:
+def turned(taught: Taught, angle_rad: float, stamp_s: float) -> Sight:
     """What is seen when the table has turned."""
     taught.rehearsal.stand(retracted_pose(), 0.7 + angle_rad)
     try:
@@ -322,7 +326,7 @@ def hidden(sight: Sight, stamp_s: float) -> Sight:
     return replace(at(sight, stamp_s), tag_b=None)
 
 
-def test_an_answer_stands_until_the_object_moves(bench: Bench, taught: FittedTouches) -> None:
+def test_an_answer_stands_until_the_object_moves(bench: Bench, taught: Taught) -> None:
     assert bench.ask().answer.status is Status.OK
     assert bench.measuring.watching
     bench.measuring.show(at(taught.sight, 1000.3))
@@ -351,7 +355,7 @@ def test_an_answer_that_a_fault_has_ended_does_not_come_back_with_its_cause_gone
 
 
 def test_without_pictures_an_answer_expires_in_the_registers_after_period_latency_and_margin(
-    bench: Bench, taught: FittedTouches
+    bench: Bench, taught: Taught
 ) -> None:
     """The camera froze or is off the net; the registers need nobody to tell them."""
     vouch = bench.serving.vouch
@@ -375,9 +379,7 @@ def test_the_first_picture_after_an_answer_must_come_in_time(bench: Bench) -> No
     assert bench.status_after(0.02) is Status.GRAB_TIMEOUT
 
 
-def test_pictures_never_make_an_answer_older_than_it_may_be(
-    bench: Bench, taught: FittedTouches
-) -> None:
+def test_pictures_never_make_an_answer_older_than_it_may_be(bench: Bench, taught: Taught) -> None:
     assert bench.ask().answer.status is Status.OK
     until_s = taught.sight.stamp_s + LIMITS.max_age_s
     while bench.clock.monotonic() < until_s + 1.0:
@@ -386,7 +388,7 @@ def test_pictures_never_make_an_answer_older_than_it_may_be(
         assert bench.read().answer.valid_until_s <= bench.serving.answer.captured_s + 3.0
 
 
-def test_a_hidden_tag_ends_the_answer(bench: Bench, taught: FittedTouches) -> None:
+def test_a_hidden_tag_ends_the_answer(bench: Bench, taught: Taught) -> None:
     bench.ask()
     bench.measuring.show(hidden(taught.sight, 1000.3))
     assert bench.read().answer.status is Status.TAG_B_NOT_FOUND
@@ -400,7 +402,7 @@ class TestHold:
     LIMITS = replace(LIMITS, hold=Hold(1.0, 60.0))
 
     @pytest.fixture
-    def bench(self, tmp_path: Path, taught: FittedTouches) -> Bench:
+    def bench(self, tmp_path: Path, taught: Taught) -> Bench:
         bench = Bench(tmp_path, taught, self.LIMITS)
         image = bench.ask()
         assert image.answer.status is Status.OK
@@ -409,7 +411,7 @@ class TestHold:
         return bench
 
     def test_an_arm_near_the_target_may_hide_the_tag_for_a_while(
-        self, bench: Bench, taught: FittedTouches
+        self, bench: Bench, taught: Taught
     ) -> None:
         bench.measuring.show(hidden(taught.sight, 1000.3))
         image = bench.read()
@@ -428,7 +430,7 @@ class TestHold:
         assert bench.status_after(0.02) is Status.TAG_B_NOT_FOUND
 
     def test_a_camera_that_freezes_ends_it_as_it_ends_every_answer(
-        self, bench: Bench, taught: FittedTouches
+        self, bench: Bench, taught: Taught
     ) -> None:
         bench.measuring.show(hidden(taught.sight, 1000.25))
         assert bench.read().answer.status is Status.OK
@@ -438,7 +440,7 @@ class TestHold:
         assert bench.read().answer.status is Status.GRAB_TIMEOUT
 
     def test_it_goes_on_when_the_tag_comes_back_in_its_place_and_ends_when_elsewhere(
-        self, bench: Bench, taught: FittedTouches
+        self, bench: Bench, taught: Taught
     ) -> None:
         bench.measuring.show(hidden(taught.sight, 1000.3))
         bench.clock.sleep(0.3)
@@ -452,7 +454,7 @@ class TestHold:
         assert bench.read().answer.status is Status.OBJECT_MOVED
 
     def test_an_arm_that_is_away_or_goes_away_cannot_be_what_hides_it(
-        self, bench: Bench, taught: FittedTouches
+        self, bench: Bench, taught: Taught
     ) -> None:
         bench.measuring.show(hidden(taught.sight, 1000.3))
         assert bench.read().answer.status is Status.OK
@@ -462,7 +464,7 @@ class TestHold:
 
     @pytest.mark.parametrize("trouble", ["robot", "blind", "camera"])
     def test_it_ends_with_the_camera_or_the_robot(
-        self, bench: Bench, taught: FittedTouches, trouble: str
+        self, bench: Bench, taught: Taught, trouble: str
     ) -> None:
         bench.measuring.show(hidden(taught.sight, 1000.3))
         bench.measuring.troubles[trouble] = "gone"
@@ -476,7 +478,7 @@ class TestNewest:
         return bench.ask(CMD=Command.EC_NEWEST).answer.status
 
     def test_a_picture_that_a_newer_region_disproved_is_not_served_again(
-        self, bench: Bench, taught: FittedTouches
+        self, bench: Bench, taught: Taught
     ) -> None:
         bench.measuring.show(at(taught.sight, 1000.1))
         assert self.ask(bench) is Status.OK
@@ -490,7 +492,7 @@ class TestNewest:
         assert image.answer.captured_s > 1000.2
 
     def test_a_region_without_the_tag_is_newer_evidence_too(
-        self, bench: Bench, taught: FittedTouches
+        self, bench: Bench, taught: Taught
     ) -> None:
         bench.measuring.show(at(taught.sight, 1000.1))
         bench.measuring.watched(hidden(taught.sight, 1000.25))
@@ -498,7 +500,7 @@ class TestNewest:
         assert self.ask(bench) is Status.TAG_B_NOT_FOUND
 
     def test_a_camera_that_hangs_is_not_believed_for_its_last_picture(
-        self, bench: Bench, taught: FittedTouches
+        self, bench: Bench, taught: Taught
     ) -> None:
         bench.measuring.show(at(taught.sight, 1000.1))
         assert self.ask(bench) is Status.OK
@@ -510,7 +512,7 @@ class TestNewest:
         assert bench.serving.answer.captured_s > 1001.0
 
     def test_a_picture_after_the_answered_one_is_heard_before_the_answer_is_given(
-        self, bench: Bench, taught: FittedTouches
+        self, bench: Bench, taught: Taught
     ) -> None:
         fresh = bench.measuring.fresh
 
@@ -524,7 +526,7 @@ class TestNewest:
 
 
 def test_an_answer_that_is_too_old_ends_and_is_watched_no_more(
-    bench: Bench, taught: FittedTouches
+    bench: Bench, taught: Taught
 ) -> None:
     assert bench.ask().answer.status is Status.OK
     until_s = bench.read().answer.captured_s + LIMITS.max_age_s
@@ -543,7 +545,7 @@ class TestAgreement:
         assert bench.measuring.wishes == 1
 
     def test_a_turned_table_takes_a_second_picture_and_is_answered_where_it_stands(
-        self, bench: Bench, taught: FittedTouches
+        self, bench: Bench, taught: Taught
     ) -> None:
         bench.measuring.coming = [turned(taught, 0.3, 1000.21), turned(taught, 0.3, 1000.25)]
         image = bench.ask()
@@ -553,13 +555,13 @@ class TestAgreement:
         assert np.linalg.norm(taught.world.miss_at(pose, "P1", 1.0)) < 0.1
 
     def test_a_table_that_turns_during_the_request_is_refused(
-        self, bench: Bench, taught: FittedTouches
+        self, bench: Bench, taught: Taught
     ) -> None:
         bench.measuring.coming = [turned(taught, 0.3, 1000.21), turned(taught, 0.31, 1000.25)]
         assert bench.ask().answer.status is Status.OBJECT_MOVED
 
     def test_a_tag_that_the_second_picture_does_not_show_is_refused(
-        self, bench: Bench, taught: FittedTouches
+        self, bench: Bench, taught: Taught
     ) -> None:
         bench.measuring.coming = [turned(taught, 0.3, 1000.21), hidden(taught.sight, 1000.25)]
         assert bench.ask().answer.status is Status.TAG_B_NOT_FOUND
@@ -572,7 +574,7 @@ class TestAgreement:
 
 @pytest.mark.parametrize("moment", ["picture", "second"])
 def test_a_calibration_activated_during_a_request_ends_it(
-    bench: Bench, taught: FittedTouches, moment: str
+    bench: Bench, taught: Taught, moment: str
 ) -> None:
     """Neither the old one's coordinate nor its identity may come out afterwards."""
     other = replace(taught.calibration, id="cal-000009")
@@ -704,7 +706,7 @@ def test_a_camera_known_to_be_lost_is_told_without_waiting_for_a_picture(
     assert bench.ask().answer.status is Status.CAMERA_OFFLINE
 
 
-def test_a_cell_that_drifted_stops_serving(bench: Bench, taught: FittedTouches) -> None:
+def test_a_cell_that_drifted_stops_serving(bench: Bench, taught: Taught) -> None:
     assert taught.sight.base_from_wrist is not None
     bumped = Pose.from_rotvec((0, 0, 0), (3.0, 0, 0)) @ taught.sight.base_from_wrist
     for _ in range(3):
@@ -716,7 +718,7 @@ def test_a_cell_that_drifted_stops_serving(bench: Bench, taught: FittedTouches) 
 
 @pytest.mark.parametrize("pictures", [0, 1, 2])
 def test_no_answer_is_given_while_tag_a_may_have_moved(
-    bench: Bench, taught: FittedTouches, pictures: int
+    bench: Bench, taught: Taught, pictures: int
 ) -> None:
     """A watch shows no tag A: what the whole pictures began to say must be heard to its end before."""
     assert taught.sight.base_from_wrist is not None
@@ -728,9 +730,7 @@ def test_no_answer_is_given_while_tag_a_may_have_moved(
     assert bench.ask().answer.status is Status.CALIBRATION_DRIFT
 
 
-def test_one_picture_that_errs_about_tag_a_costs_another_one(
-    bench: Bench, taught: FittedTouches
-) -> None:
+def test_one_picture_that_errs_about_tag_a_costs_another_one(bench: Bench, taught: Taught) -> None:
     assert taught.sight.base_from_wrist is not None
     bumped = Pose.from_rotvec((0, 0, 0), (3.0, 0, 0)) @ taught.sight.base_from_wrist
     erring = at(replace(taught.sight, base_from_wrist=bumped), 1000.21)
@@ -739,9 +739,7 @@ def test_one_picture_that_errs_about_tag_a_costs_another_one(
     assert bench.measuring.wishes == 2
 
 
-def test_the_newest_picture_serves_while_it_shows_the_object(
-    bench: Bench, taught: FittedTouches
-) -> None:
+def test_the_newest_picture_serves_while_it_shows_the_object(bench: Bench, taught: Taught) -> None:
     bench.measuring.show(at(taught.sight, 1000.2))
     assert bench.ask(CMD=Command.EC_NEWEST).answer.status is Status.OK
     assert bench.measuring.wishes == 0
@@ -760,7 +758,7 @@ def test_clear_drops_the_answer(bench: Bench) -> None:
 
 
 def test_an_answer_that_another_calibration_drops_stays_the_answer_to_its_request(
-    bench: Bench, taught: FittedTouches
+    bench: Bench, taught: Taught
 ) -> None:
     first = bench.ask().answer
     bench.serving.use(taught.calibration, CALIBRATION_ID + 1)
@@ -781,7 +779,7 @@ def test_a_tcp_that_the_robot_does_not_tell_is_no_difference() -> None:
     assert "5.00 mm" in tcp_difference(Pose.identity(), Pose.from_rotvec((0, 0, 0), (0, 0, 5.0)))
 
 
-def test_the_calibration_of_the_tests_is_accepted(taught: FittedTouches) -> None:
+def test_the_calibration_of_the_tests_is_accepted(taught: Taught) -> None:
     calibration: Calibration = taught.calibration
     assert calibration.verdict.ok, calibration.verdict
     assert isinstance(calibration.verdict, Verdict)

@@ -12,7 +12,7 @@ from fakes.world.layout import Layout
 from fakes.world.optics import Optics
 from fakes.world.poses import retracted_pose
 from fakes.world.world import World
-from vgrd.calibration.expected_coordinate import expected_coordinate
+from vgrd.calibration.calibration import Calibration, expected_coordinate
 from vgrd.calibration.joint.fit import fit_joint, information_inverse
 from vgrd.calibration.joint.problem import Sighting
 from vgrd.calibration.joint.samples import gather
@@ -22,7 +22,7 @@ from vgrd.clock import SystemClock
 from vgrd.devices import CameraImage
 from vgrd.errors import InputError
 from vgrd.geometry.camera import CameraModel
-from vgrd.model import Calibration, Plan, Policy, Recording, frozen_array
+from vgrd.model import Plan, Policy, Recording, frozen_array
 from vgrd.solving import hole_sightings
 from vgrd.solving.hole_pictures import draw_searched
 from vgrd.solving.hole_sightings import HolesSeen, see_holes
@@ -46,7 +46,7 @@ def small_layout() -> Layout:
     return Layout(optics=small, targets=holes)
 
 
-class FittedTouches:
+class Taught:
     """A session of six touches with one wrist, its pictures, and what they showed of the holes."""
 
     def __init__(self, folder: Path) -> None:
@@ -76,13 +76,11 @@ class FittedTouches:
 
 
 @pytest.fixture(scope="module")
-def taught(tmp_path_factory: pytest.TempPathFactory) -> FittedTouches:
-    return FittedTouches(tmp_path_factory.mktemp("taught"))
+def taught(tmp_path_factory: pytest.TempPathFactory) -> Taught:
+    return Taught(tmp_path_factory.mktemp("taught"))
 
 
-def stored(
-    taught: FittedTouches, state: Path, *, plan: Plan = Plan.JOINT, pictures: bool = True
-) -> Path:
+def stored(taught: Taught, state: Path, *, plan: Plan = Plan.JOINT, pictures: bool = True) -> Path:
     recording = taught.recording
     writer = SessionWriter(state, "taught", plan, recording.facts, SystemClock())
     with writer:
@@ -254,7 +252,7 @@ def test_holes_give_plan_special_its_centre_where_the_object_never_turned(taught
     assert (np.linalg.norm(misses, axis=1) <= told_mm).mean() > 0.9
 
 
-def still_ones(taught: FittedTouches) -> list[Sighting]:
+def still_ones(taught: Taught) -> list[Sighting]:
     return [one for one in taught.holes.sightings if one.spin is None]
 
 

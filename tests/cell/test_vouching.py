@@ -10,7 +10,7 @@ from fakes.world.layout import Layout
 from fakes.world.poses import retracted_pose
 from fakes.world.samples import Samples
 from fakes.world.world import Noise, World
-from vgrd.calibration.expected_coordinate import expected_coordinate
+from vgrd.calibration.calibration import expected_coordinate
 from vgrd.calibration.solve import calibrate_system
 from vgrd.cell.serving.vouching import (
     MARGIN_S,
@@ -80,7 +80,7 @@ def test_no_coordinate_moves_farther_than_the_displacement_says(taught, policy, 
 
 def test_one_target_far_from_the_tag_moves_as_far_as_it_does(taught) -> None:
     _, calibration = taught
-    now = seen(calibration.camera_from_tag_b_ref)
+    now = seen(calibration.solution.camera_from_tag_b)
     far = Pose.from_rotvec((0, 0, 0), (0, 200.0, 0))
     answer = calibration.base_from_camera @ now.camera_from_tag @ far
     points = points_in_tag(calibration, answer, now)

@@ -14,7 +14,7 @@ from fakes.testing import ManualClock
 from fakes.world.samples import Samples
 from vgrd.errors import Corrupt, InputError, NoCurrentCalibration, SchemaTooNew, StoreError
 from vgrd.orphans import dying_with_us
-from vgrd.store.calibrations import Activation, CalibrationStore
+from vgrd.store.calibrations import SCHEMA, Activation, CalibrationStore
 from vgrd.store.encoding import encode
 from vgrd.store.files import read_document, write_document
 
@@ -128,8 +128,8 @@ def test_a_calibration_that_was_replaced_or_removed_behind_its_back_is_refused(s
         store.save(Samples(seed).calibration())
     store.activate("cal-000001")
     path = store.path / "cal-000001.json"
-    forged = read_document(path, 1) | {"session": "another"}
-    write_document(path, forged, 1)
+    forged = read_document(path, SCHEMA) | {"session": "another"}
+    write_document(path, forged, SCHEMA)
     with pytest.raises(Corrupt, match="not the file that was activated"):
         store.current()
     (store.path / "cal-000002.json").replace(path)
@@ -143,15 +143,15 @@ def test_a_calibration_that_was_replaced_or_removed_behind_its_back_is_refused(s
 def test_a_newer_schema_is_told_apart_from_damage(store):
     name = store.save(Samples(1).calibration())
     path = store.path / f"{name}.json"
-    write_document(path, read_document(path, 1) | {"joint_zero": []}, 2)
-    with pytest.raises(SchemaTooNew, match=r"cal-000001\.json: schema 2.*update vgrd"):
+    write_document(path, read_document(path, SCHEMA) | {"joint_zero": []}, SCHEMA + 1)
+    with pytest.raises(SchemaTooNew, match=r"cal-000001\.json: schema \d+.*update vgrd"):
         store.load(name)
 
 
 def test_a_key_of_another_version_is_named(store):
     name = store.save(Samples(1).calibration())
     path = store.path / f"{name}.json"
-    write_document(path, read_document(path, 1) | {"joint_zero": []}, 1)
+    write_document(path, read_document(path, SCHEMA) | {"joint_zero": []}, SCHEMA)
     with pytest.raises(Corrupt, match=r"cal-000001\.json: unknown key 'joint_zero'"):
         store.load(name)
 
@@ -173,14 +173,11 @@ def test_kills_never_leave_half_a_calibration(tmp_path):
     assert result.returncode == 0, result.stdout + result.stderr
 
 
-def test_a_calibration_activated_by_a_version_with_fewer_fields_stays_in_use(store):
-    name = store.save(Samples(1).calibration())
-    store.activate(name)
-    path = store.path / f"{name}.json"
-    body = read_document(path, 1)
-    del body["joint"]  # a field that came later
-    write_document(path, body, 1)
-    sealed = json.loads(path.read_bytes())["sha256"]
+def test_a_calibration_activated_by_an_older_version_stays_in_use(store):
+    text = (Path(__file__).parent / "schema_1" / "joint.json").read_text()
+    name, sealed = json.loads(text)["body"]["id"], json.loads(text)["sha256"]
+    store.path.mkdir(parents=True, exist_ok=True)
+    (store.path / f"{name}.json").write_text(text)
     write_document(store.path / "CURRENT", {"id": name, "sha256": sealed}, 1)
     assert store.current().id == name
     assert store.current().register_id == int(sealed[:8], 16)

@@ -17,7 +17,7 @@ from fakes.controllers.raw_modbus import RawModbus
 from fakes.controllers.robot_program import RobotProgram
 from fakes.world.layout import Layout
 from fakes.world.world import World
-from vgrd.model import Calibration
+from vgrd.calibration.calibration import Calibration
 from vgrd.orphans import dying_with_us
 from vgrd.store.calibrations import CalibrationStore
 

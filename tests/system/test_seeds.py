@@ -14,7 +14,7 @@ from fakes.cell.rehearsal import Rehearsal, facts_of
 from fakes.world.layout import Layout
 from fakes.world.poses import retracted_pose
 from fakes.world.world import World
-from vgrd.calibration.expected_coordinate import expected_coordinate
+from vgrd.calibration.calibration import expected_coordinate
 from vgrd.calibration.solve import calibrate_system
 from vgrd.geometry import Array
 from vgrd.model import Policy

@@ -1,10 +1,10 @@
 """Accept or reject against the job's tolerance, with the confidence of it."""
 
 import numpy as np
-from scipy.special import gammainc, gammaincinv
 
 from vgrd.errors import InputError
 from vgrd.geometry import Array
+from vgrd.geometry.chi2 import chi2_probability, chi2_quantile
 from vgrd.model import Finding
 
 _DIRECTIONS = 3.0
@@ -58,8 +58,8 @@ def confidence_of(
     if covariance is not None:
         squares = float(np.einsum("ij,ji->", covariance, covariance))
         degrees_of_freedom = float(np.trace(covariance)) ** 2 / squares
-    g = predicted_u95_mm**2 / (2 * gammaincinv(degrees_of_freedom / 2, _95))
-    return float(gammainc(degrees_of_freedom / 2, float(tolerance_mm**2 / g / 2)))
+    g = predicted_u95_mm**2 / chi2_quantile(_95, degrees_of_freedom)
+    return chi2_probability(tolerance_mm**2 / g, degrees_of_freedom)
 
 
 def _percent(share: float) -> str:

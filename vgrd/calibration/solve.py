@@ -3,20 +3,15 @@
 from collections.abc import Sequence
 from dataclasses import replace
 
+from vgrd.calibration.calibration import Calibration, Solution
 from vgrd.calibration.checks import cannot_tell, examine
 from vgrd.calibration.joint.calibration import calibrate_jointly
 from vgrd.calibration.joint.problem import Sighting
+from vgrd.calibration.outcome import Outcome
 from vgrd.calibration.stepwise.calibration import calibrate_in_steps
 from vgrd.calibration.verification import verify
 from vgrd.errors import DidNotConverge, InputError
-from vgrd.model import (
-    Calibration,
-    Mount,
-    Plan,
-    Policy,
-    Recording,
-    Verdict,
-)
+from vgrd.model import Mount, Plan, Policy, Recording, Verdict
 
 
 def calibrate_system(
@@ -42,16 +37,27 @@ def calibrate_system(
         )
     found = examine(recording, policy)
     try:
-        if recording.plan is not Plan.JOINT:
-            calibration = calibrate_in_steps(recording, sightings)
+        outcome: Outcome[Solution]
+        if recording.plan is Plan.JOINT:
+            outcome = calibrate_jointly(recording, tolerance_mm, policy, sightings)
         else:
-            calibration = calibrate_jointly(recording, tolerance_mm, policy, sightings)
+            outcome = calibrate_in_steps(recording, sightings)
     except DidNotConverge as err:
         why = "; ".join(one.message for one in found if one.fatal)
         raise DidNotConverge(f"{why} ({err})" if why else str(err)) from err
+    calibration = Calibration(
+        id="",
+        session=recording.session,
+        created_unix_s=0.0,
+        facts=facts,
+        taught=outcome.taught,
+        solution=outcome.solution,
+        residuals=outcome.residuals,
+        verdict=Verdict(),
+    )
     verified, misses = verify(calibration, recording.verifications)
     return replace(
         calibration,
-        residuals={**calibration.residuals, **misses},
-        verdict=Verdict((*found, *cannot_tell(facts), *calibration.verdict.findings, *verified)),
+        residuals={**outcome.residuals, **misses},
+        verdict=Verdict((*found, *cannot_tell(facts), *outcome.findings, *verified)),
     )

@@ -3,12 +3,12 @@
 from collections.abc import Sequence
 
 import numpy as np
-from scipy.special import gammaincinv
 
-from vgrd.calibration.expected_coordinate import expected_coordinate
+from vgrd.calibration.calibration import Calibration, expected_coordinate
 from vgrd.errors import InputError, NotObservable
 from vgrd.geometry import Array
-from vgrd.model import Calibration, ExpectedCoordinate, Finding, Policy, Touch
+from vgrd.geometry.chi2 import chi2_quantile
+from vgrd.model import ExpectedCoordinate, Finding, Policy, Touch
 
 _MARGIN = 1.5  # on what 95 % of the misses stay within: a good one fails 1 in 300 (one direction) to 1,900
 _EXACT_MM = 1e-6  # nothing is known better than that: keeps an exact direction invertible
@@ -81,6 +81,6 @@ def _share_of_allowed(off: Array, covariance: Array) -> float:
     """Sigmas over those that chance explains; infinite where the numbers are none."""
     covariance = covariance + _EXACT_MM**2 * np.eye(len(off))
     squared = float(off @ np.linalg.solve(covariance, off))
-    limit = _MARGIN * np.sqrt(2 * gammaincinv(len(off) / 2, _95))
+    limit = _MARGIN * np.sqrt(chi2_quantile(_95, len(off)))
     share = float(np.sqrt(squared) / limit) if squared >= 0 else np.inf
     return share if share < np.inf else np.inf  # a share that is no number is none that passes

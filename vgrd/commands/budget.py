@@ -101,11 +101,11 @@ def _budget(
 ) -> "Budget":
     from dataclasses import replace
 
-    from vgrd.calibration.joint.estimate import ArmModel, calibrate_joint
+    from vgrd.calibration.joint.estimate import calibrate_joint
     from vgrd.calibration.planning.error_budget import error_budget
     from vgrd.calibration.planning.predicted_rows import picture_of
     from vgrd.geometry import exp_rotation
-    from vgrd.model import Policy
+    from vgrd.model import ArmModel, Policy
 
     arm = ArmModel.of(recording.facts.robot_sigma_mm)
     arm = replace(arm, quantum_mm=quanta[0], quantum_rad=quanta[1])

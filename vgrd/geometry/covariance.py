@@ -8,9 +8,9 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.special import gammaincinv
 
 from vgrd.errors import InputError, NotObservable
+from vgrd.geometry.chi2 import chi2_quantile
 from vgrd.geometry.pose import Array, Pose
 
 _NOISE_STANDS_OUT = 3.0  # columns of noise alone reach 1 + sqrt(columns / rows) < 2 of their rms
@@ -88,7 +88,7 @@ def radius95(covariance: Array) -> float:
         return 0.0
     squares = float(np.einsum("ij,ji->", covariance, covariance))
     g, degrees_of_freedom = squares / total, total * total / squares
-    return float(np.sqrt(g * 2 * gammaincinv(degrees_of_freedom / 2, 0.95)))
+    return float(np.sqrt(g * chi2_quantile(0.95, degrees_of_freedom)))
 
 
 def rms(values: ArrayLike) -> float:

@@ -3,27 +3,25 @@
 Imports geometry only. Units: mm, rad, s; poses are named `target_from_source`.
 """
 
+from vgrd.model.arm import ArmKnowledge, ArmModel
 from vgrd.model.arrays import frozen_array
 from vgrd.model.calibration import (
-    Calibration,
     ExpectedCoordinate,
     Finding,
     Policy,
     TaughtPoint,
+    TcpEstimate,
     Verdict,
 )
 from vgrd.model.cell import CellFacts, Motion, Mount, ObjectSpec, TagSpec, Target, Tool
-from vgrd.model.estimate import ArmKnowledge, ArmModel, JointEstimate
 from vgrd.model.session import Observation, Plan, Recording, TagObservation, Touch
 
 __all__ = [
     "ArmKnowledge",
     "ArmModel",
-    "Calibration",
     "CellFacts",
     "ExpectedCoordinate",
     "Finding",
-    "JointEstimate",
     "Motion",
     "Mount",
     "ObjectSpec",
@@ -35,6 +33,7 @@ __all__ = [
     "TagSpec",
     "Target",
     "TaughtPoint",
+    "TcpEstimate",
     "Tool",
     "Touch",
     "Verdict",

@@ -12,7 +12,8 @@ from itertools import chain, zip_longest
 
 import numpy as np
 
-from vgrd.calibration.joint.estimate import Sighting, calibrate_joint, start_near_tag_plane
+from vgrd.calibration.joint.estimate import calibrate_joint, start_near_tag_plane
+from vgrd.calibration.joint.problem import Sighting
 from vgrd.calibration.joint.state import JointState
 from vgrd.calibration.turntable.usable_spins import without_useless_spins
 from vgrd.devices import CameraImage

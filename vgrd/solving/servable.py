@@ -4,10 +4,10 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from vgrd.calibration.expected_coordinate import expected_coordinate
+from vgrd.calibration.calibration import Calibration, expected_coordinate
 from vgrd.errors import CalibrationError, InputError
 from vgrd.geometry import Pose
-from vgrd.model import Calibration, Finding, Policy, TagObservation, frozen_array
+from vgrd.model import Finding, Policy, TagObservation, frozen_array
 
 # An object turned a little and a lot: what a turn needs and the recording did not tell shows in both.
 TURNS_RAD = (0.0, 0.3, -1.5)
@@ -41,20 +41,14 @@ def _refusal(calibration: Calibration, name: str, policy: Policy) -> str:
 
 def _pictures(calibration: Calibration) -> Iterator[TagObservation]:
     """Tag B as it would be seen with the object turned about its own axis."""
-    reference = calibration.camera_from_tag_b_ref
-    if calibration.joint is not None:
-        axis = calibration.joint.camera_from_axis
-    else:
-        pivot = calibration.pivot_in_tag_b
-        place = reference.translation if pivot is None else reference.apply(np.asarray(pivot))
-        axis = Pose(reference.rotation, place)
-    covariance = calibration.reference_covariance
+    solution = calibration.solution
+    reference, axis = solution.camera_from_tag_b, solution.camera_from_axis
     for angle_rad in TURNS_RAD:
         turn = axis @ Pose.from_rotvec((0.0, 0.0, angle_rad)) @ axis.inverse()
         yield TagObservation(
             calibration.facts.tag_b,
             turn @ reference,
-            frozen_array(np.zeros((6, 6)) if covariance is None else covariance, 6, 6),
+            solution.reference_covariance,
             frozen_array(np.zeros((4, 2)), 4, 2),
             rms_px=0.0,
         )

@@ -14,10 +14,11 @@ import numpy as np
 import structlog
 
 from vgrd import logs
+from vgrd.calibration.calibration import Calibration
 from vgrd.calibration.solve import calibrate_system
 from vgrd.clock import Clock, SystemClock
 from vgrd.errors import CalibrationError, InternalError, StoreError, VgrdError
-from vgrd.model import Calibration, Plan, Policy, Recording, Verdict
+from vgrd.model import Plan, Policy, Recording, Verdict
 from vgrd.orphans import die_with
 from vgrd.solving.hole_pictures import draw_searched
 from vgrd.solving.hole_sightings import HolesSeen, Report, holes_of, see_holes
@@ -92,15 +93,14 @@ def _holes_in(
 
 def summary(calibration: Calibration) -> dict[str, object]:
     """What a person wants to know of a calibration, JSON-able."""
-    tcp = calibration.tcp_in_wrist
-    covariance = calibration.tcp_covariance
+    tcp = calibration.tcp
     return {
         "session": calibration.session,
         "method": calibration.method,
-        "tcp_in_wrist_mm": None if tcp is None else [float(value) for value in tcp],
+        "tcp_in_wrist_mm": None if tcp is None else [float(value) for value in tcp.in_wrist],
         "tcp_sigma_mm": None
-        if covariance is None
-        else [float(value) for value in np.sqrt(np.diag(covariance))],
+        if tcp is None
+        else [float(value) for value in np.sqrt(np.diag(tcp.covariance))],
         "residuals": {key: float(value) for key, value in calibration.residuals.items()},
         "verdict": {
             "ok": calibration.verdict.ok,

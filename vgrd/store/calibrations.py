@@ -18,15 +18,23 @@ from typing import NamedTuple
 
 from filelock import FileLock, Timeout
 
+from vgrd.calibration.calibration import Calibration
 from vgrd.clock import Clock, SystemClock
 from vgrd.errors import Corrupt, InputError, NoCurrentCalibration, StoreError
-from vgrd.model import Calibration
 from vgrd.permissions import make_folder
+from vgrd.store import migrations
 from vgrd.store.encoding import decode, encode
-from vgrd.store.files import LOCK_MODE, guarded, read_document, read_sealed, write_document
+from vgrd.store.files import (
+    LOCK_MODE,
+    guarded,
+    migrated,
+    read_document,
+    read_sealed,
+    write_document,
+)
 from vgrd.store.journal import Journal, read_journal
 
-SCHEMA = 1
+SCHEMA = migrations.CALIBRATION_SCHEMA
 _LOCK_S = 10.0  # a save of the largest calibration takes 2 s on a busy machine
 _ID = re.compile(r"cal-(\d{6})")
 
@@ -95,7 +103,8 @@ class CalibrationStore:
             raise InputError(f"no calibration {name!r} in {self.path}; there are: {known}")
         remedy = "restore it from a backup or solve its session again"
         sealed = read_sealed(path, SCHEMA, remedy)
-        calibration = decode(Calibration, sealed.body, str(path))
+        body = migrated(migrations.calibration, sealed, str(path))
+        calibration = decode(Calibration, body, str(path))
         if calibration.id != name:
             raise Corrupt(f"{path} holds {calibration.id}: the file was renamed; name it back")
         return StoredCalibration(calibration, sealed.sha256)

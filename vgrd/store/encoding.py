@@ -22,9 +22,7 @@ T = TypeVar("T")
 Json = Any  # what the json module takes and gives
 Hint = Any  # a class or a form of the typing module
 
-_ADDED_LATER = frozenset(
-    {"chi2", "hole_diameter_mm", "hole_sigma_mm", "joint", "step_mm", "step_rad"}
-)  # fields with a default that files of older versions do not have
+_KIND = "METHOD"  # class attribute that tells the members of a union apart, stored under "method"
 _NESTED = (dict, list, tuple)
 _INFINITIES = {"inf": math.inf, "-inf": -math.inf}
 
@@ -88,7 +86,8 @@ def encode(value: object, where: str = "value") -> Json:
     if isinstance(value, list | tuple):
         return [encode(item, f"{where}[{i}]") for i, item in enumerate(value)]
     if is_dataclass(value):
-        return {
+        kind = {"method": getattr(value, _KIND)} if hasattr(value, _KIND) else {}
+        return kind | {
             item.name: encode(getattr(value, item.name), f"{where}.{item.name}")
             for item in fields(value)
         }
@@ -121,7 +120,7 @@ def _encode_float(value: float, where: str) -> float | str:
 def _decode(kind: Hint, data: object, where: str) -> object:
     origin: Hint = get_origin(kind)
     if origin in (Union, UnionType):
-        return _decode_optional(kind, data, where)
+        return _decode_union(kind, data, where)
     if origin is np.ndarray:
         return _decode_array(data, where)
     if origin is tuple:
@@ -143,9 +142,19 @@ def _decode(kind: Hint, data: object, where: str) -> object:
     return data
 
 
-def _decode_optional(kind: Hint, data: object, where: str) -> object:
-    (inner,) = (item for item in get_args(kind) if item is not NoneType)
-    return None if data is None else _decode(inner, data, where)
+def _decode_union(kind: Hint, data: object, where: str) -> object:
+    """One kind or None, or one of several dataclasses that name themselves."""
+    members = [item for item in get_args(kind) if item is not NoneType]
+    if data is None and len(members) < len(get_args(kind)):
+        return None
+    if len(members) == 1:
+        return _decode(members[0], data, where)
+    _require(data, dict, where)
+    named = cast(dict[str, object], data).get("method")
+    known = {getattr(member, _KIND): member for member in members}
+    if named not in known:
+        raise _wrong(named, f"one of the methods {', '.join(known)}", where)
+    return _decode_dataclass(known[named], data, where)
 
 
 def _decode_float(data: object, where: str) -> float:
@@ -184,7 +193,9 @@ def _decode_dataclass(kind: type, data: object, where: str) -> object:
     _require(data, dict, where)
     entries = cast(dict[str, object], data)
     hints = _hints(kind)
-    if missing := sorted(hints.keys() - entries.keys() - _ADDED_LATER):
+    if hasattr(kind, _KIND):
+        entries = {key: item for key, item in entries.items() if key != "method"}
+    if missing := sorted(hints.keys() - entries.keys()):
         raise Corrupt(f"{where}: key {missing[0]!r} is missing; restore the file from a backup")
     if unknown := sorted(entries.keys() - hints.keys()):
         raise Corrupt(f"{where}: unknown key {unknown[0]!r}; known are {', '.join(hints)}")

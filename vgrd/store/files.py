@@ -3,7 +3,7 @@
 import errno
 import hashlib
 import os
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import IO, NamedTuple
@@ -88,6 +88,7 @@ class Sealed(NamedTuple):
 
     body: Json
     sha256: str
+    schema: int
 
 
 def read_document(path: Path, schema: int, remedy: str = "restore it from a backup") -> Json:
@@ -95,9 +96,20 @@ def read_document(path: Path, schema: int, remedy: str = "restore it from a back
     return read_sealed(path, schema, remedy).body
 
 
+def migrated(migrate: Callable[[int, Json], Json], sealed: Sealed, where: str) -> Json:
+    """Body of a document as this version writes it; raises Corrupt naming `where`."""
+    try:
+        return migrate(sealed.schema, sealed.body)
+    except (KeyError, TypeError, AttributeError) as error:
+        raise Corrupt(
+            f"{where}: is not what schema {sealed.schema} holds ({error!r}); restore it from a backup"
+        ) from error
+
+
 def read_sealed(path: Path, schema: int, remedy: str = "restore it from a backup") -> Sealed:
     """Content of a file written by `write_document`.
 
+    schema: the newest that is understood; an older body is returned as it is, see `migrations`.
     Raises StoreError (unreadable), Corrupt (a bit differs from what was written) naming `remedy`,
     SchemaTooNew.
     """
@@ -120,6 +132,6 @@ def read_sealed(path: Path, schema: int, remedy: str = "restore it from a backup
             f"{path}: schema {found} was written by a newer vgrd, this one reads up to {schema}; "
             "update vgrd"
         )
-    if found < schema:
+    if found < 1:
         raise Corrupt(f"{path}: schema {found} is unknown; {remedy}")
-    return Sealed(sealed["body"], sealed["sha256"])
+    return Sealed(sealed["body"], sealed["sha256"], found)

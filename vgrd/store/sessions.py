@@ -28,15 +28,23 @@ from vgrd.devices import CameraImage, FlangeReading
 from vgrd.errors import Corrupt, InputError, StoreError
 from vgrd.model import CellFacts, Observation, Plan, Recording, Touch
 from vgrd.permissions import make_folder
+from vgrd.store import migrations
 from vgrd.store.encoding import Json, canonical, decode, encode, parse
-from vgrd.store.files import LOCK_MODE, guarded, read_document, write_document
+from vgrd.store.files import (
+    LOCK_MODE,
+    guarded,
+    migrated,
+    read_document,
+    read_sealed,
+    write_document,
+)
 from vgrd.store.images import EncodedImage, decode_image, encode_image, stamp_of
 from vgrd.store.journal import Journal, read_journal
 from vgrd.store.recovery import StoredMessage, read_messages, recover
 from vgrd.store.segments import SegmentWriter
 from vgrd.store.topics import Topic, pose_in_frame
 
-SCHEMA = 1
+SCHEMA = migrations.SESSION_SCHEMA
 _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,79}")
 _HEADER, _SAMPLES, _LOCK = "session.json", "samples.jsonl", ".lock"
 _CLOSED = "closed.json"
@@ -263,13 +271,17 @@ def iterate_flanges(directory: Path) -> Iterator[FlangeReading]:
     (`vgrd.devices.thinning`): judge rest from those within `AROUND_S` of a picture.
     """
     for path, message in _messages(directory, Topic.FLANGE):
-        yield decode(FlangeReading, parse(message.data, str(path))["reading"], str(path))
+        yield decode(
+            FlangeReading, migrations.reading(parse(message.data, str(path))["reading"]), str(path)
+        )
 
 
 def iterate_observations(directory: Path) -> Iterator[Observation]:
     """Yield the recorded observations as written; damaged chunks are left out."""
     for path, message in _messages(directory, Topic.OBSERVATION):
-        yield decode(Observation, parse(message.data, str(path)), str(path))
+        yield decode(
+            Observation, migrations.observation(parse(message.data, str(path))), str(path)
+        )
 
 
 def iterate_images(
@@ -298,7 +310,8 @@ def _read_header(directory: Path) -> SessionHeader:
     path = directory / _HEADER
     if not path.exists():
         raise StoreError(f"{directory} is not a session: it has no {_HEADER}; check the name")
-    return decode(SessionHeader, read_document(path, SCHEMA), str(path))
+    body = migrated(migrations.session_header, read_sealed(path, SCHEMA), str(path))
+    return decode(SessionHeader, body, str(path))
 
 
 def _check_complete(directory: Path, lines: int) -> None:
@@ -326,7 +339,7 @@ def _recording(header: SessionHeader, records: tuple[Json, ...], path: Path) -> 
                 raise Corrupt(f"{where}: undoes sample {record['value']}, which is not there")
             continue
         kind = SampleKind(record["kind"])
-        taught[number] = kind, decode(kind.value_type, record["value"], where)
+        taught[number] = kind, decode(kind.value_type, migrations.sample(record["value"]), where)
 
     def of(kind: SampleKind, value_type: type[T]) -> tuple[T, ...]:
         return tuple(

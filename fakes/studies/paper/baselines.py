@@ -5,7 +5,7 @@ from functools import lru_cache, partial
 
 import numpy as np
 
-from vgrd.calibration.expected_coordinate import expected_coordinate
+from vgrd.calibration.calibration import expected_coordinate
 from vgrd.calibration.hand_eye.pose_pairs import HandEyeProblem, HandEyeResult, calibrate_hand_eye
 from vgrd.calibration.hand_eye.samples import hand_eye_samples
 from vgrd.calibration.observability.motion import Axes, turned_axes

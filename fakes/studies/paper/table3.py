@@ -23,8 +23,10 @@ from fakes.studies.paper.baselines import (
 from fakes.studies.sessions import SESSIONS, Session
 from fakes.studies.study import Figure, Parameters, Study, Trials
 from fakes.world.simulation import COARSE, FINE, WORK_ROTATION, Request, Simulation
-from vgrd.calibration.joint.estimate import JointResult, Sighting, calibrate_joint
+from vgrd.calibration.joint.estimate import calibrate_joint
 from vgrd.calibration.joint.expected import expected_by_joint
+from vgrd.calibration.joint.fit import JointFit
+from vgrd.calibration.joint.problem import Sighting
 from vgrd.charts import COLORS, legend, panels, published
 from vgrd.geometry import Array, Pose
 from vgrd.model import Plan, Policy, Recording
@@ -93,7 +95,7 @@ def _joint(recording: Recording, sightings: tuple[Sighting, ...] = ()) -> Answer
     return partial(_by_joint, calibrate_joint(recording, sightings))
 
 
-def _by_joint(result: JointResult, request: Request) -> Pose:
+def _by_joint(result: JointFit, request: Request) -> Pose:
     expected = expected_by_joint(result, request.target, request.seen, Policy.FIXED, WORK_ROTATION)
     return expected.base_from_wrist
 

@@ -17,15 +17,16 @@ from numpy.random import SeedSequence
 from fakes.studies.sessions import Session
 from fakes.studies.study import Figure, Parameters, Study, Trials
 from fakes.world.simulation import COARSE, WORK_ROTATION, Request, Simulation
-from vgrd.calibration.expected_coordinate import expected_coordinate
-from vgrd.calibration.joint.estimate import JointResult, calibrate_joint
+from vgrd.calibration.calibration import Calibration, expected_coordinate
+from vgrd.calibration.joint.estimate import calibrate_joint
 from vgrd.calibration.joint.expected import expected_by_joint
+from vgrd.calibration.joint.fit import JointFit
 from vgrd.calibration.joint.problem import EvidenceKind
 from vgrd.calibration.solve import calibrate_system
 from vgrd.charts import COLORS, legend, panels
 from vgrd.errors import CalibrationError
 from vgrd.geometry import Pose
-from vgrd.model import Calibration, ExpectedCoordinate, Plan, Policy, Recording
+from vgrd.model import ExpectedCoordinate, Plan, Policy, Recording
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure as Drawing
@@ -110,7 +111,7 @@ def _named(calibration: Calibration) -> set[int]:
     return {int(match[1]) - 1 for text in words if (match := _NUMBER.match(text))}
 
 
-def _left_out(result: JointResult) -> set[int]:
+def _left_out(result: JointFit) -> set[int]:
     """Indices of the touches that the joint estimate names."""
     names = [s.name for s in result.samples if s.kind == EvidenceKind.TOUCHES and not s.used]
     return {int(match[1]) - 1 for name in names if (match := _NUMBER.match(name))}
@@ -123,7 +124,7 @@ def _system_answer(calibration: Calibration, request: Request) -> ExpectedCoordi
     return expected_coordinate(calibration, request.target, tag, Policy.FIXED, WORK_ROTATION)
 
 
-def _joint_answer(result: JointResult, request: Request) -> ExpectedCoordinate:
+def _joint_answer(result: JointFit, request: Request) -> ExpectedCoordinate:
     return expected_by_joint(result, request.target, request.seen, Policy.FIXED, WORK_ROTATION)
 
 

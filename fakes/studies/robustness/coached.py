@@ -17,9 +17,10 @@ from numpy.random import SeedSequence
 
 from fakes.studies.study import Figure, Parameters, Study, Trials
 from fakes.world.simulation import COARSE, WORK_ROTATION, Request, Simulation
-from vgrd.calibration.joint.basis import basis_of
-from vgrd.calibration.joint.estimate import ArmModel, JointResult, calibrate_joint
+from vgrd.calibration.joint.estimate import calibrate_joint
 from vgrd.calibration.joint.expected import expected_by_joint, predict
+from vgrd.calibration.joint.fit import JointFit
+from vgrd.calibration.joint.solution import solution_of
 from vgrd.calibration.planning.next_sample import (
     Job,
     Reach,
@@ -32,7 +33,7 @@ from vgrd.calibration.planning.predicted_error import PredictedError
 from vgrd.charts import COLORS, legend, panels
 from vgrd.errors import TagNotSeen
 from vgrd.geometry import Array, exp_rotation
-from vgrd.model import Policy, Recording
+from vgrd.model import ArmModel, Policy, Recording
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure as Drawing
@@ -133,7 +134,7 @@ def _wrists(rng: np.random.Generator, session: _Session, count: int) -> list[Arr
 
 
 def _square_miss(
-    cell: Simulation, result: JointResult, requests: Sequence[Request], works: Sequence[Array]
+    cell: Simulation, result: JointFit, requests: Sequence[Request], works: Sequence[Array]
 ) -> float:
     squares = []
     for request, work in zip(requests, works, strict=True):
@@ -142,22 +143,20 @@ def _square_miss(
     return float(np.mean(squares))
 
 
-def _square_floor(
-    result: JointResult, requests: Sequence[Request], works: Sequence[Array]
-) -> float:
+def _square_floor(result: JointFit, requests: Sequence[Request], works: Sequence[Array]) -> float:
     """Predicted square of the miss with the same samples and a TCP known to 1 um."""
     known = np.zeros((3, result.layout.size))
     known[:, result.layout.TCP] = 1e3 * np.eye(3)
     N = result.undetermined
     P = PredictedError.with_rows(result.covariance + N @ N.T, known)
-    basis, squares = basis_of(result), []
+    solution, squares = solution_of(result), []
     for request, work in zip(requests, works, strict=True):
         tag = request.seen.tag_b
         if tag is None:
             raise TagNotSeen("tag B is not in the picture")
-        made = predict(basis, request.target, tag, Policy.REQUESTED, work)
+        made = predict(result, solution, request.target, tag, Policy.REQUESTED, work)
         seen = made.J_picture @ tag.covariance @ made.J_picture.T
-        squares.append(np.trace(made.by_unknowns @ P @ made.by_unknowns.T + seen))
+        squares.append(np.trace(made.J_unknowns @ P @ made.J_unknowns.T + seen))
     return float(np.mean(squares))
 
 

@@ -21,14 +21,15 @@ from fakes.world.simulation import (
     Request,
     Simulation,
 )
-from vgrd.calibration.expected_coordinate import expected_coordinate
-from vgrd.calibration.joint.estimate import ArmModel, Turntable, calibrate_joint
+from vgrd.calibration.calibration import expected_coordinate
+from vgrd.calibration.joint.estimate import calibrate_joint
 from vgrd.calibration.joint.expected import expected_by_joint
+from vgrd.calibration.joint.problem import Turntable
 from vgrd.calibration.solve import calibrate_system
 from vgrd.charts import COLORS, PAPER, legend, panels
 from vgrd.errors import CalibrationError
 from vgrd.geometry import Array
-from vgrd.model import ExpectedCoordinate, Plan, Policy, Recording, TagObservation
+from vgrd.model import ArmModel, ExpectedCoordinate, Plan, Policy, Recording, TagObservation
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure as Drawing
@@ -51,12 +52,12 @@ def _trial(seed: SeedSequence, parameters: Parameters) -> dict[str, float]:
 
 def _of_system(cell: Simulation, recording: Recording, request: Request) -> dict[str, float]:
     calibration = calibrate_system(recording)
-    if calibration.tcp_in_wrist is None or calibration.tcp_covariance is None:
+    if calibration.tcp is None:
         raise CalibrationError("the tilted touches left the TCP undetermined")
     expected = expected_coordinate(
         calibration, request.target, _tag_b(request), Policy.FIXED, WORK_ROTATION
     )
-    tcp = _ratio(calibration.tcp_in_wrist - cell.tcp_in_wrist, calibration.tcp_covariance)
+    tcp = _ratio(calibration.tcp.in_wrist - cell.tcp_in_wrist, calibration.tcp.covariance)
     return {"system, tcp": tcp, **_of_answer("system", cell, request, expected)}
 
 

@@ -7,7 +7,6 @@ from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import gammaincinv
 
 from vgrd.calibration.hand_eye.certificate import certified_start
 from vgrd.calibration.hand_eye.null_space import (
@@ -19,6 +18,7 @@ from vgrd.calibration.hand_eye.state import HandEye, flange_motion_of
 from vgrd.calibration.observability.motion import check_distinct
 from vgrd.errors import DidNotConverge, NotObservable, TooFewObservations
 from vgrd.geometry import Array, Pose
+from vgrd.geometry.chi2 import chi2_quantile
 from vgrd.geometry.covariance import covariance_from
 from vgrd.geometry.least_squares import Minimum, check_convergence, minimize
 from vgrd.model import Mount
@@ -33,7 +33,7 @@ _NEARLY_SETTLED = 1e-2
 _TOLERANCE = 1e-6
 _CHI2_6_MEDIAN = 5.348
 _CHI2_6_95 = 12.592
-_CHI2_6_REJECT = 2 * float(gammaincinv(3, 1 - 1e-5))
+_CHI2_6_REJECT = chi2_quantile(1 - 1e-5, 6)  # a good picture in 100,000
 
 
 class Rows(ABC):

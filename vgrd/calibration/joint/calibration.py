@@ -5,28 +5,26 @@ from collections.abc import Iterator, Mapping, Sequence
 import numpy as np
 
 from vgrd.calibration.acceptance import accept
-from vgrd.calibration.joint.basis import Basis, basis_of, to_store
-from vgrd.calibration.joint.estimate import JointResult, Sighting, calibrate_joint
-from vgrd.calibration.joint.expected import expected_from, work_orientation
-from vgrd.calibration.joint.problem import EvidenceKind
+from vgrd.calibration.joint.estimate import calibrate_joint, residuals_of
+from vgrd.calibration.joint.expected import work_orientation
+from vgrd.calibration.joint.fit import JointFit
+from vgrd.calibration.joint.problem import EvidenceKind, Sighting
 from vgrd.calibration.joint.rows import left_jacobian
+from vgrd.calibration.joint.solution import IRRELEVANT_MM, JointSolution, solution_of
 from vgrd.calibration.joint.state import Layout
+from vgrd.calibration.outcome import Outcome
 from vgrd.calibration.turntable.usable_spins import without_useless_spins
 from vgrd.errors import NotObservable
-from vgrd.geometry import Array
 from vgrd.model import (
-    Calibration,
     ExpectedCoordinate,
     Finding,
     Motion,
     Policy,
     Recording,
     TaughtPoint,
-    Verdict,
     frozen_array,
 )
 
-_KNOWN_MM = 0.25
 _NOISY = 3.0
 WRONG_SIGMA = 6.0  # residuals so large are a mistake, not noise: 3 sigma is met by chance
 _OUTLIERS: Mapping[str, tuple[str, str]] = {
@@ -47,8 +45,8 @@ def calibrate_jointly(
     tolerance_mm: float | None = None,
     policy: Policy = Policy.FIXED,
     sightings: Sequence[Sighting] = (),
-) -> Calibration:
-    """Everything in one maximum-likelihood problem; id is "" and the time 0, for the caller to set.
+) -> Outcome[JointSolution]:
+    """Everything in one maximum-likelihood problem.
 
     tolerance_mm: what 95 % of the misses must stay within under the policy, else the calibration is
     rejected. sightings: holes that the camera saw; those in spins that tell no axis are passed over.
@@ -57,103 +55,71 @@ def calibrate_jointly(
     """
     usable, doubts = without_useless_spins(recording)
     kept = [one for one in sightings if one.spin is None or usable.spins]
-    result = calibrate_joint(usable, kept)
-    basis = basis_of(result)
-    taught = {name: _taught(basis, recording, name) for name in recording.facts.object.targets}
-    expected = _foreseen(basis, result, taught, policy)
-    findings = [*doubts, *_findings(result)]
-    worst = max(expected, key=lambda one: one.u95_mm)
+    fit = calibrate_joint(usable, kept)
+    solution = solution_of(fit)
+    taught = {name: _taught(solution, recording, name) for name in recording.facts.object.targets}
+    findings = [*doubts, *_findings(fit, solution)]
+    worst = max(_predicted(solution, fit, taught, policy), key=lambda one: one.u95_mm)
     if tolerance_mm is not None:
         findings.append(accept(worst.u95_mm, tolerance_mm, covariance=worst.position_covariance))
-    covariance = result.covariance + result.undetermined @ result.undetermined.T
-    tcp_known = _is_known(result, Layout.TCP)
-    state = result.state
-    return Calibration(
-        id="",
-        session=recording.session,
-        created_unix_s=0.0,
-        method="joint",
-        facts=recording.facts,
-        base_from_camera=state.base_from_camera,
-        hand_eye_covariance=_block(covariance, Layout.CAMERA),
-        wrist_from_tag_a=state.wrist_from_tag_a,
-        tcp_in_wrist=frozen_array(state.tcp_in_wrist, 3) if tcp_known else None,
-        tcp_covariance=_block(covariance, Layout.TCP) if tcp_known else None,
-        camera_from_tag_b_ref=state.camera_from_tag_b,
-        pivot_in_tag_b=None,
-        pivot_in_base=None,
-        taught=taught,
-        residuals=_residuals(result, worst.u95_mm),
-        verdict=Verdict(tuple(findings)),
-        reference_covariance=_block(covariance, Layout.TAG_B),
-        joint=to_store(basis),
-    )
+    return Outcome(solution, taught, _residuals(fit, worst.u95_mm), findings)
 
 
-def _block(covariance: Array, part: slice) -> Array:
-    block = covariance[part, part]
-    return frozen_array(block, *block.shape)
-
-
-def _is_known(result: JointResult, part: slice) -> bool:
-    return float(np.abs(result.undetermined[part]).max(initial=0.0)) < _KNOWN_MM
-
-
-def _taught(basis: Basis, recording: Recording, name: str) -> TaughtPoint:
+def _taught(solution: JointSolution, recording: Recording, name: str) -> TaughtPoint:
     """The target in the base, object as taught. Raises NotObservable where the TCP is missing."""
     target = recording.facts.object.targets[name]
     R_work = work_orientation(recording, name, Policy.FIXED, None)
-    state, n = basis.state, basis.layout.size
-    at = state.base_from_object @ np.asarray(target.point_in_object)
-    by = np.zeros((3, n))
-    by[:, Layout.OBJECT] = left_jacobian(at[None])[0]
-    by[:, Layout.TCP] = -R_work
-    open_mm = float(np.abs(by @ basis.undetermined).max(initial=0.0))
-    if open_mm > _KNOWN_MM:
+    n = solution.layout.size
+    at = solution.base_from_object @ np.asarray(target.point_in_object)
+    J = np.zeros((3, n))
+    J[:, Layout.OBJECT] = left_jacobian(at[None])[0]
+    J[:, Layout.TCP] = -R_work
+    open_mm = float(np.abs(J @ solution.undetermined).max(initial=0.0))
+    if open_mm > IRRELEVANT_MM:
         raise NotObservable(
             f"where the flange must be for target {name!r} is open by {open_mm:.0f} mm or more: "
             "its work orientation differs from the touches, or too few targets were touched; "
             "touch with the wrist tilted by 20 degrees or more about two axes",
-            rank=n - basis.undetermined.shape[1],
+            rank=n - solution.undetermined.shape[1],
             unknowns=n,
         )
-    tip = state.tcp_in_wrist + recording.facts.tool.work_from_touch_mm
+    tip = solution.tip_in_wrist + recording.facts.tool.work_from_touch_mm
     return TaughtPoint(
         target=target,
         flange_in_base=frozen_array(at - R_work @ tip, 3),
         base_from_work=frozen_array(R_work, 3, 3),
-        covariance=frozen_array(by @ basis.covariance @ by.T, 3, 3),
+        covariance=frozen_array(J @ solution.covariance @ J.T, 3, 3),
     )
 
 
-def _foreseen(
-    basis: Basis, result: JointResult, taught: Mapping[str, TaughtPoint], policy: Policy
+def _predicted(
+    solution: JointSolution, fit: JointFit, taught: Mapping[str, TaughtPoint], policy: Policy
 ) -> list[ExpectedCoordinate]:
     """What would be served in the pictures of the session."""
-    recording = result.recording
-    seen = [touch.observation for touch in recording.touches] + list(recording.spins)
-    tags = [one.tag_b for one in seen if one is not None and one.tag_b is not None]
+    recording = fit.recording
+    pictures = [touch.observation for touch in recording.touches] + list(recording.spins)
+    tags = [one.tag_b for one in pictures if one is not None and one.tag_b is not None]
     return [
-        expected_from(basis, name, tag, policy, np.asarray(point.base_from_work))
-        for name, point in taught.items()
+        solution.expected(recording.facts, point, tag, policy, np.asarray(point.base_from_work))
+        for point in taught.values()
         for tag in tags
     ]
 
 
-def _findings(result: JointResult) -> Iterator[Finding]:
-    for sample in result.samples:
+def _findings(fit: JointFit, solution: JointSolution) -> Iterator[Finding]:
+    for sample in fit.samples:
         if not sample.used:
             code, remedy = _OUTLIERS[sample.kind]
             yield Finding(code, f"{sample.name} was left out: {sample.reason}; {remedy}")
-    if result.noise_scale > _NOISY:
+    if fit.noise_scale > _NOISY:
         yield Finding(
             "noisy",
-            f"the samples scatter {result.noise_scale:.1f} times as much as robot, camera and touch "
+            f"the samples scatter {fit.noise_scale:.1f} times as much as robot, camera and touch "
             "promise: check intrinsics, tag sizes and CAD points, and that nothing is loose",
-            fatal=result.noise_scale > WRONG_SIGMA,
+            fatal=fit.noise_scale > WRONG_SIGMA,
         )
-    spec = result.recording.facts.object
-    if spec.motion is Motion.TURNTABLE and not result.layout.spins:
+    spec = fit.recording.facts.object
+    if spec.motion is Motion.TURNTABLE and not fit.layout.spins:
         yield Finding(
             "no_pivot",
             "no rotation centre: expected coordinates rest on the hand-eye translation; record "
@@ -164,7 +130,7 @@ def _findings(result: JointResult) -> Iterator[Finding]:
             "no_cad_center",
             "the turntable's centre is not known in CAD: set [object] center_mm for less error",
         )
-    if not _is_known(result, Layout.TCP):
+    if solution.tcp is None:
         yield Finding(
             "tcp_open",
             "the TCP is not determined, which the answers do not need as long as the wrist stands "
@@ -172,21 +138,22 @@ def _findings(result: JointResult) -> Iterator[Finding]:
         )
 
 
-def _residuals(result: JointResult, worst_u95_mm: float) -> dict[str, float]:
-    touches = [s.score for s in result.samples if s.kind == EvidenceKind.TOUCHES.value and s.used]
+def _residuals(fit: JointFit, worst_u95_mm: float) -> dict[str, float]:
+    rms_by_kind = residuals_of(fit)
+    touches = [s.score for s in fit.samples if s.kind == EvidenceKind.TOUCHES.value and s.used]
     return {
-        "touch_rms_mm": result.residuals["touches_rms_mm"],
+        "touch_rms_mm": rms_by_kind["touches_rms_mm"],
         "touch_worst_sigma": max(touches, default=0.0),
-        "hand_eye_rms_mm": result.residuals["hand_eye_rms_mm"],
-        "hand_eye_rms_deg": result.residuals["hand_eye_rms_deg"],
-        "noise_scale": result.noise_scale,
+        "hand_eye_rms_mm": rms_by_kind["hand_eye_rms_mm"],
+        "hand_eye_rms_deg": rms_by_kind["hand_eye_rms_deg"],
+        "noise_scale": fit.noise_scale,
         "predicted_u95_mm": worst_u95_mm,
-        **_of_holes(result),
+        **_of_holes(fit, rms_by_kind),
     }
 
 
-def _of_holes(result: JointResult) -> dict[str, float]:
-    count = len(result.data.holes.cad)
+def _of_holes(fit: JointFit, rms_by_kind: Mapping[str, float]) -> dict[str, float]:
+    count = len(fit.data.holes.cad)
     if not count:
         return {}
-    return {"holes_used": float(count), "holes_rms_px": result.residuals["holes_rms_px"]}
+    return {"holes_used": float(count), "holes_rms_px": rms_by_kind["holes_rms_px"]}

@@ -6,16 +6,20 @@ widen the noise to I + G S G^T. It is renewed, as the refined tag sizes are, unt
 
 from dataclasses import dataclass
 from functools import partial
+from types import MappingProxyType
 
 import numpy as np
 from scipy.linalg import solve_triangular
 
+from vgrd.calibration.joint.camera_corrections import TAG_A, TAG_B, RefinedCorrections
 from vgrd.calibration.joint.problem import JointData
 from vgrd.calibration.joint.rows import arm_jacobian, linearize
 from vgrd.calibration.joint.state import JointState, Layout
 from vgrd.errors import DidNotConverge
 from vgrd.geometry import Array
+from vgrd.geometry.chi2 import chi2_quantile
 from vgrd.geometry.least_squares import Report, check_convergence, minimize
+from vgrd.model import Recording, TagObservation
 
 _UNDETERMINED_MM = 500.0
 _UNDETERMINED_RAD = 1.0
@@ -23,27 +27,92 @@ _ROUNDS = 8
 _SETTLED_MM = 2e-2
 _SETTLED_SIGMA = 1e-3
 _TOLERANCE = 1e-6
+_NOISE_CONFIDENCE = 0.999
+
+
+@dataclass(frozen=True, slots=True)
+class JointSample:
+    """One sample of one kind: name as recorded ("touch 3 (P1)"), kind of what it measured.
+
+    score: sigmas it is off what all others say. reason: why it was left out, "" where it was used.
+    """
+
+    name: str
+    kind: str
+    used: bool
+    score: float
+    reason: str
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Optimum:
-    """Evidence as seen with the refined numbers, the state, and the fit around it.
+class JointFit:
+    """Estimates (`state`), their uncertainty, and how well the samples agree.
 
-    whitened (r,), jacobian (r, n): in sigmas, noise of the arm included by `arm_factor`, the lower
-    triangle of I + G S G^T of `J_deviations`: G.
+    data: the samples in use, as seen with the refined numbers; samples: all of them, the bad ones
+    named. covariance: (n, n) of a step in `layout`, undetermined directions left out; where the
+    residuals are larger than chance it was enlarged by `variance_inflation`. undetermined: (n, z),
+    the step that 500 mm or 1 rad along each of them is. whitened (r,), jacobian (r, n): residuals and
+    derivative at the optimum, in sigmas, noise of the arm included by `arm_factor` (lower triangle
+    of I + G S G^T) of `J_deviations`: G.
     """
 
     data: JointData
     layout: Layout
     state: JointState
+    covariance: Array
+    undetermined: Array
     whitened: Array
     jacobian: Array
     J_deviations: Array
     arm_factor: Array
     report: Report
+    samples: tuple[JointSample, ...] = ()
+
+    @property
+    def recording(self) -> Recording:
+        """What was fitted."""
+        return self.data.recording
+
+    @property
+    def cost(self) -> float:
+        """Half the sum of squares, in sigmas."""
+        return self.report.cost
+
+    @property
+    def degrees_of_freedom(self) -> int:
+        """Measured rows minus determined unknowns."""
+        return _degrees_of_freedom(self.data, self.layout, self.undetermined)
+
+    @property
+    def noise_scale(self) -> float:
+        """Residuals over what the sigmas promise."""
+        freedom = self.degrees_of_freedom
+        return float(np.sqrt(2 * self.cost / freedom)) if freedom else 1.0
+
+    @property
+    def variance_scale(self) -> float:
+        """What the covariance was multiplied by."""
+        return variance_inflation(2 * self.cost, self.degrees_of_freedom)
+
+    @property
+    def refined(self) -> RefinedCorrections:
+        """Refined tag sizes and intrinsics: what corrects a new picture."""
+        facts = self.recording.facts
+        tags = {facts.tag_a or facts.tag_b: TAG_A, facts.tag_b: TAG_B}
+        return RefinedCorrections(
+            self.data.corrections, self.state.refined, MappingProxyType(tags)
+        )
+
+    def corrected(self, tag: TagObservation) -> TagObservation:
+        """A tag in a new picture, as seen with the refined tag sizes and intrinsics."""
+        return self.refined.corrected(tag)
+
+    def unknown_in_words(self) -> str:
+        """Which unknowns the data leave undetermined."""
+        return unknown_in_words(self.layout, self.undetermined)
 
 
-def fit_joint(raw: JointData, layout: Layout, state: JointState) -> Optimum:
+def fit_joint(raw: JointData, layout: Layout, state: JointState) -> JointFit:
     """Most likely state near the one given, which keeps what nothing determines as it was.
 
     Raises DidNotConverge.
@@ -72,12 +141,37 @@ def fit_joint(raw: JointData, layout: Layout, state: JointState) -> Optimum:
     return fit_at(raw, layout, state, minimum.report)
 
 
-def fit_at(raw: JointData, layout: Layout, state: JointState, report: Report) -> Optimum:
+def fit_at(raw: JointData, layout: Layout, state: JointState, report: Report) -> JointFit:
     """The fit as it looks at a state."""
     data = raw.refined(state.refined)
     G, factor = arm_noise(state, data)
     r, J = _whitened(state, data, layout, factor)
-    return Optimum(data, layout, state, r, J, G, factor, report)
+    covariance, undetermined = information_inverse(J, layout)
+    freedom = _degrees_of_freedom(data, layout, undetermined)
+    return JointFit(
+        data=data,
+        layout=layout,
+        state=state,
+        covariance=covariance * variance_inflation(2 * report.cost, freedom),
+        undetermined=undetermined,
+        whitened=r,
+        jacobian=J,
+        J_deviations=G,
+        arm_factor=factor,
+        report=report,
+    )
+
+
+def variance_inflation(squares: float, degrees_of_freedom: int) -> float:
+    """1, or squares / degrees_of_freedom where that is beyond chance."""
+    if degrees_of_freedom <= 0 or squares <= chi2_quantile(_NOISE_CONFIDENCE, degrees_of_freedom):
+        return 1.0
+    return squares / degrees_of_freedom
+
+
+def _degrees_of_freedom(data: JointData, layout: Layout, undetermined: Array) -> int:
+    determined = layout.size - int(undetermined.shape[1])
+    return max(data.measured() - determined, 0)
 
 
 def arm_noise(state: JointState, data: JointData) -> tuple[Array, Array]:
@@ -85,7 +179,7 @@ def arm_noise(state: JointState, data: JointData) -> tuple[Array, Array]:
     if data.arm.is_exact:
         return np.zeros((0, 0)), np.zeros((0, 0))
     G = arm_jacobian(state, data)
-    F = G @ data.arm.half(data.flange_at)
+    F = G @ data.arm.cholesky_factor(data.flange_at)
     return G, np.asarray(np.linalg.cholesky(np.eye(len(G)) + F @ F.T), dtype=np.float64)
 
 

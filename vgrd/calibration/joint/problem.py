@@ -13,8 +13,8 @@ from vgrd.calibration.touches.touch_set import TouchSet
 from vgrd.errors import InputError
 from vgrd.geometry import Array, Pose
 from vgrd.geometry.camera import CameraModel
-from vgrd.model import CellFacts, Motion, Target
-from vgrd.model.estimate import ArmModel
+from vgrd.model import CellFacts, Motion, Recording, Target
+from vgrd.model.arm import ArmModel
 
 __all__ = [
     "EvidenceKind",
@@ -181,7 +181,7 @@ class JointData:
     refined of tag sizes and intrinsics; refined_at: (e,) values of it at which tags are seen here.
     """
 
-    motion: Motion
+    recording: Recording
     looks: Looks
     touches: TouchSet
     cad: Array
@@ -198,6 +198,11 @@ class JointData:
     names: Mapping[EvidenceKind, tuple[str, ...]]
     corrections: CameraCorrections
     refined_at: Array = field(default_factory=lambda: np.zeros(0))
+
+    @property
+    def motion(self) -> Motion:
+        """How the object can move."""
+        return self.recording.facts.object.motion
 
     @property
     def axis(self) -> Array | None:

@@ -11,7 +11,7 @@ from types import MappingProxyType
 
 import numpy as np
 
-from vgrd.calibration.joint.fit import Optimum, fit_joint, units
+from vgrd.calibration.joint.fit import JointFit, JointSample, fit_joint, units
 from vgrd.calibration.joint.problem import SAMPLED, EvidenceKind, JointData
 from vgrd.calibration.joint.state import JointState, layout_of
 from vgrd.calibration.observability.leave_one_out import OUTLIER_SIGMA, fit_without_outliers
@@ -25,20 +25,6 @@ _PICTURE_SIGMA = 4.5
 Weights = Mapping[EvidenceKind, Array]
 
 
-@dataclass(frozen=True, slots=True)
-class JointSample:
-    """One sample of one kind: name as recorded ("touch 3 (P1)"), kind of what it measured.
-
-    score: sigmas it is off what all others say. reason: why it was left out, "" where it was used.
-    """
-
-    name: str
-    kind: str
-    used: bool
-    score: float
-    reason: str
-
-
 @dataclass(frozen=True, slots=True, eq=False)
 class KindFit:
     """How the n samples of one kind fit: whitened (n, k), scores (n,), redundancy of the kind."""
@@ -48,17 +34,17 @@ class KindFit:
     degrees_of_freedom: int
 
 
-def screen(data: JointData, optimum: Optimum) -> tuple[Optimum, tuple[JointSample, ...]]:
-    """The fit without what the other samples contradict, and a verdict on every sample.
+def screen(data: JointData, optimum: JointFit) -> JointFit:
+    """The fit without what the other samples contradict, with a verdict on every sample.
 
     optimum: of all of `data`, as gathered. At most a third of each kind is left out.
     """
     search = _Screening(data, optimum)
     search.run()
-    return search.optimum, search.samples()
+    return replace(search.optimum, samples=search.samples())
 
 
-def leave_one_out(optimum: Optimum) -> dict[EvidenceKind, KindFit]:
+def leave_one_out(optimum: JointFit) -> dict[EvidenceKind, KindFit]:
     """Every sample against all others: squared deleted residuals, noise of the arm included."""
     k, J = len(optimum.arm_factor), optimum.jacobian * units(optimum.layout)
     U, s, _ = np.linalg.svd(J, full_matrices=False)
@@ -106,7 +92,7 @@ def _blind(data: JointData, link: EvidenceKind) -> Array:
 class _Screening:
     """Which samples are in use, and the fit of these."""
 
-    def __init__(self, data: JointData, optimum: Optimum) -> None:
+    def __init__(self, data: JointData, optimum: JointFit) -> None:
         self._data = data
         self._all = optimum
         self.optimum = optimum
@@ -153,7 +139,7 @@ class _Screening:
         whitened = _spread(fit.whitened, weights)
         return KindFit(whitened, _spread(fit.scores, weights), fit.degrees_of_freedom)
 
-    def _solve(self, weights: Weights) -> tuple[Optimum, Mapping[EvidenceKind, KindFit]]:
+    def _solve(self, weights: Weights) -> tuple[JointFit, Mapping[EvidenceKind, KindFit]]:
         """Fit with these weights, and its samples against all others; solved once."""
         key = _key(weights)
         if key not in self._solved:

@@ -8,7 +8,7 @@ from vgrd.calibration.joint.camera_corrections import adjoints
 from vgrd.calibration.joint.problem import EvidenceKind, Indices, JointData, Tags
 from vgrd.calibration.joint.state import JointState, Layout
 from vgrd.calibration.touches.touch_set import TouchSet
-from vgrd.geometry import Array, hat, log_rotation
+from vgrd.geometry import Array, Pose, hat, log_rotation
 
 _EYE = np.eye(3)
 _BERNOULLI = (1 / 12, -1 / 720, 1 / 30240)
@@ -179,9 +179,9 @@ def _reference(state: JointState, data: JointData, layout: Layout) -> tuple[Arra
     return _flat(r, J)
 
 
-def object_motions(state: JointState, table_motion: Array, layout: Layout) -> ObjectMotions:
+def object_motions(camera_from_axis: Pose, table_motion: Array, layout: Layout) -> ObjectMotions:
     """How the object moved since it was touched; planar: (n, 3) x, y, angle."""
-    G = state.camera_from_axis
+    G = camera_from_axis
     c, s = np.cos(table_motion[:, 2]), np.sin(table_motion[:, 2])
     P = np.zeros((len(c), 3, 3))
     P[:, 0, 0], P[:, 0, 1], P[:, 1, 0], P[:, 1, 1], P[:, 2, 2] = c, -s, s, c, 1.0
@@ -197,13 +197,13 @@ def object_motions(state: JointState, table_motion: Array, layout: Layout) -> Ob
 
 
 def moved_tag(
-    state: JointState, tags: Tags, moved: ObjectMotions, layout: Layout
+    camera_from_tag_b: Pose, tags: Tags, moved: ObjectMotions, layout: Layout
 ) -> tuple[Array, Array, Array]:
     """Residuals (n, 6) of tag B on the moved object, derivatives by the unknowns and the moves.
 
     (n, 6, unknowns) without, and (n, 6, k) of each one's own motion.
     """
-    F = state.camera_from_tag_b
+    F = camera_from_tag_b
     t = moved.rotations @ F.translation + moved.translations
     r, D, E = _tag_residuals(moved.rotations @ F.rotation, t, tags)
     J = _rows(len(r), 6, layout)
@@ -215,8 +215,8 @@ def moved_tag(
 
 
 def _spins(state: JointState, data: JointData, layout: Layout) -> tuple[Array, Array]:
-    moved = object_motions(state, state.table_motion, layout)
-    r, J, J_motion = moved_tag(state, data.spins, moved, layout)
+    moved = object_motions(state.camera_from_axis, state.table_motion, layout)
+    r, J, J_motion = moved_tag(state.camera_from_tag_b, data.spins, moved, layout)
     _put_moves(J, J_motion, np.arange(len(r)), layout)
     return _flat(r, J)
 
@@ -236,7 +236,10 @@ def _holes(state: JointState, data: JointData, layout: Layout) -> tuple[Array, A
     J_base = np.broadcast_to(camera_from_base.rotation, (len(at), 3, 3)).copy()
     own = np.zeros((len(at), 3, layout.size))
     if spun.any():
-        moved, k = object_motions(state, state.table_motion, layout), holes.spin[spun]
+        moved, k = (
+            object_motions(state.camera_from_axis, state.table_motion, layout),
+            holes.spin[spun],
+        )
         at[spun] = np.einsum("nij,nj->ni", moved.rotations[k], at[spun]) + moved.translations[k]
         J_base[spun] = moved.rotations[k] @ J_base[spun]
         lever, part = left_jacobian(at[spun]), np.zeros((len(k), 3, layout.size))

@@ -20,7 +20,7 @@ from vgrd.errors import InputError, TooFewObservations
 from vgrd.geometry import Array, Pose
 from vgrd.geometry.covariance import sqrt_information
 from vgrd.model import Motion, Mount, Observation, Recording, TagObservation, Touch
-from vgrd.model.estimate import ArmModel
+from vgrd.model.arm import ArmModel
 
 _STILL = -1
 
@@ -58,7 +58,7 @@ def gather(
     poses = [touch.base_from_wrist for _, touch in (*touches, *points)]
     poses += [picture.base_from_wrist for _, picture in (*looks, *spins)]
     return JointData(
-        motion=motion,
+        recording=recording,
         looks=_looks(seen, of_a),
         touches=_touch_set(recording, [touch for _, touch in touches]),
         cad=np.array([target_of(recording.facts, t.target).point_in_object for _, t in touches]),

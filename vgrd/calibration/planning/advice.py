@@ -7,7 +7,8 @@ import numpy as np
 
 from vgrd.calibration.checks import examine, missing_motions
 from vgrd.calibration.joint.calibration import WRONG_SIGMA
-from vgrd.calibration.joint.estimate import JointResult, calibrate_joint
+from vgrd.calibration.joint.estimate import calibrate_joint
+from vgrd.calibration.joint.fit import JointFit
 from vgrd.calibration.planning.next_sample import Advice, next_best, without_pose
 from vgrd.calibration.planning.pose_trust import reason_against
 from vgrd.calibration.planning.predicted_error import Job, PredictedError, Undetermined
@@ -113,9 +114,7 @@ def _missing(recording: Recording, policy: Policy) -> frozenset[str]:
     return frozenset({_SPINS_UNUSABLE, *(one.code for one in missing_motions(recording, policy))})
 
 
-def _advice(
-    result: JointResult, told: _Told, reach: Reach, works: Sequence[Array]
-) -> SessionAdvice:
+def _advice(result: JointFit, told: _Told, reach: Reach, works: Sequence[Array]) -> SessionAdvice:
     outliers = _outliers(result)
     if not result.noise_scale <= WRONG_SIGMA:  # not a number is wrong too
         noisy = _contradiction(result.noise_scale)
@@ -149,7 +148,7 @@ def _contradiction(noise_scale: float) -> Finding:
     )
 
 
-def _outliers(result: JointResult) -> tuple[Finding, ...]:
+def _outliers(result: JointFit) -> tuple[Finding, ...]:
     """Samples that the others contradict."""
     return tuple(
         Finding("sample_outlier", f"{one.name}: {one.reason}; undo it and take it again")

@@ -12,12 +12,11 @@ from enum import StrEnum
 import numpy as np
 from scipy.linalg import solve_triangular
 
-from vgrd.calibration.joint.basis import basis_of
 from vgrd.calibration.joint.camera_corrections import TAG_A, TAG_B, CameraCorrections, PriorSigmas
-from vgrd.calibration.joint.estimate import JointResult
-from vgrd.calibration.joint.expected import Prediction, predict, work_orientation
-from vgrd.calibration.joint.fit import whiten_arm
+from vgrd.calibration.joint.expected import predict, work_orientation
+from vgrd.calibration.joint.fit import JointFit, whiten_arm
 from vgrd.calibration.joint.problem import EvidenceKind, Tags
+from vgrd.calibration.joint.solution import Prediction, solution_of
 from vgrd.calibration.planning.predicted_error import Job, PredictedError
 from vgrd.errors import InputError
 from vgrd.geometry import Array
@@ -68,7 +67,7 @@ _SAMPLES: Mapping[EvidenceKind, Source] = {
 class Systematic:
     """Errors that all pictures share, and those of time.
 
-    optics: sigmas of print and intrinsics; what `JointResult` refined counts as it was refined.
+    optics: sigmas of print and intrinsics; what `JointFit` refined counts as it was refined.
     drift_mm: sigma per axis of what moved since the calibration, or while the answer was used.
     """
 
@@ -122,7 +121,7 @@ class Budget:
 
 
 def error_budget(
-    result: JointResult,
+    result: JointFit,
     now: TagObservation,
     policy: Policy = Policy.FIXED,
     base_from_work: Array | None = None,
@@ -137,10 +136,10 @@ def error_budget(
     if not names:
         raise InputError("an error budget needs at least one target")
     chain = _Chain(result, now, systematic or Systematic())
-    basis = basis_of(result)
+    solution = solution_of(result)
     works = [work_orientation(result.recording, n, policy, base_from_work) for n in names]
     per_target = [
-        chain.parts(predict(basis, name, now, policy, work))
+        chain.parts(predict(result, solution, name, now, policy, work))
         for name, work in zip(names, works, strict=True)
     ]
     links = tuple(link for link in Source if link in per_target[0])
@@ -156,19 +155,19 @@ def error_budget(
 class _Chain:
     """Covariances (3, 3) of the links for one picture, target by target."""
 
-    def __init__(self, result: JointResult, now: TagObservation, systematic: Systematic) -> None:
+    def __init__(self, result: JointFit, now: TagObservation, systematic: Systematic) -> None:
         self._result, self._now, self._systematic = result, now, systematic
 
     def parts(self, made: Prediction) -> dict[Source, Array]:
         """Covariance (3, 3) that every link causes."""
         result, scale = self._result, self._result.variance_scale
         gain = self._gain(made)
-        unknown = made.by_unknowns @ result.undetermined
+        unknown = made.J_unknowns @ result.undetermined
         parts = self._of_samples(gain)
         seen = made.J_picture @ self._now.covariance @ made.J_picture.T
         parts[Source.TAG_B] = parts.get(Source.TAG_B, _NOTHING) + seen
         excess = (1 - 1 / scale) * result.covariance
-        parts[Source.EXCESS] = made.by_unknowns @ excess @ made.by_unknowns.T
+        parts[Source.EXCESS] = made.J_unknowns @ excess @ made.J_unknowns.T
         parts[Source.UNDETERMINED] = unknown @ unknown.T
         parts.update(self._of_arm(made, gain))
         for source, part in self._of_pictures(made, gain).items():
@@ -196,7 +195,7 @@ class _Chain:
         """
         result = self._result
         covariance = result.covariance / result.variance_scale
-        gain = np.asarray(-made.by_unknowns @ covariance @ result.jacobian.T)
+        gain = np.asarray(-made.J_unknowns @ covariance @ result.jacobian.T)
         k = len(result.arm_factor)
         if not k:
             return gain

@@ -10,7 +10,8 @@ from functools import cache, partial
 
 import numpy as np
 
-from vgrd.calibration.joint.estimate import JointResult, calibrate_joint
+from vgrd.calibration.joint.estimate import calibrate_joint
+from vgrd.calibration.joint.fit import JointFit
 from vgrd.calibration.planning.predicted_error import Job, PredictedError
 from vgrd.calibration.planning.reach import (
     Candidate,
@@ -65,7 +66,7 @@ class Advice:
 
 
 def next_best(
-    taught: Recording | JointResult,
+    taught: Recording | JointFit,
     job: Job | None = None,
     reach: Reach | None = None,
     *,
@@ -83,7 +84,7 @@ def next_best(
 
 
 def rank_samples(
-    taught: Recording | JointResult,
+    taught: Recording | JointFit,
     candidates: Sequence[Candidate],
     job: Job | None = None,
     *,
@@ -106,7 +107,7 @@ def rank_samples(
     return tuple(advice)
 
 
-def without_pose(result: JointResult, advice: Advice) -> Advice:
+def without_pose(result: JointFit, advice: Advice) -> Advice:
     """The same in words alone: no place to drive to."""
     what = in_words(result, advice.candidate, names_place=False)
     sentence = _with_error(what, advice.before_mm, advice.after_mm)
@@ -118,7 +119,7 @@ def _with_error(what: str, before_mm: float, after_mm: float) -> str:
 
 
 def plan_touches(
-    nominal: JointResult,
+    nominal: JointFit,
     count: int,
     job: Job | None = None,
     reach: Reach | None = None,
@@ -137,7 +138,7 @@ def plan_touches(
 
 
 def plan_samples(
-    nominal: JointResult,
+    nominal: JointFit,
     count: int,
     job: Job | None = None,
     reach: Reach | None = None,
@@ -157,7 +158,7 @@ def plan_samples(
 
 
 def in_words(
-    result: JointResult,
+    result: JointFit,
     candidate: Candidate,
     usual: Callable[[str | None], Array] | None = None,
     *,
@@ -181,7 +182,7 @@ def in_words(
     return f"touch {candidate.target} {tilt}"
 
 
-def _tilt_in_words(result: JointResult, straight: Array, R: Array) -> str:
+def _tilt_in_words(result: JointFit, straight: Array, R: Array) -> str:
     axis = np.asarray(result.recording.facts.tool.axis_in_wrist)
     now, then = straight @ axis, R @ axis
     tilt = float(np.arctan2(np.linalg.norm(np.cross(now, then)), now @ then))
@@ -222,8 +223,8 @@ def _planned(
     return chosen
 
 
-def _solved(taught: Recording | JointResult) -> JointResult:
-    return taught if isinstance(taught, JointResult) else calibrate_joint(taught)
+def _solved(taught: Recording | JointFit) -> JointFit:
+    return taught if isinstance(taught, JointFit) else calibrate_joint(taught)
 
 
 def _require(candidates: Sequence[Candidate]) -> None:

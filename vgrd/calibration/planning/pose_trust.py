@@ -9,7 +9,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from vgrd.calibration.checks.misinterpreted_points import rival_names
-from vgrd.calibration.joint.estimate import JointResult
+from vgrd.calibration.joint.fit import JointFit
 from vgrd.calibration.joint.state import Layout
 from vgrd.calibration.planning.reach import Candidate, Reach, Touching, flange_of
 from vgrd.geometry import Array, Pose, hat, log_rotation
@@ -25,7 +25,7 @@ MARGIN_MM = (
 _SLACK_RAD = 1e-6  # rounding
 
 
-def reason_against(result: JointResult, candidate: Candidate, reach: Reach) -> str:
+def reason_against(result: JointFit, candidate: Candidate, reach: Reach) -> str:
     """Why the flange pose of a candidate may not be named, in words; "" where it may."""
     flange = flange_of(result, candidate)
     if flange is None:
@@ -36,7 +36,7 @@ def reason_against(result: JointResult, candidate: Candidate, reach: Reach) -> s
     return rival_names(result.recording) or _beyond(result.recording, candidate, flange, reach)
 
 
-def place_u95_mm(result: JointResult, candidate: Candidate) -> float:
+def place_u95_mm(result: JointFit, candidate: Candidate) -> float:
     """95 % radius of where the flange has to be for a touch, mm; 0 for a look, which names a place."""
     if not isinstance(candidate, Touching):
         return 0.0

@@ -8,23 +8,21 @@ from dataclasses import dataclass, replace
 from itertools import product
 
 import numpy as np
-from scipy.special import gammaincinv
 
-from vgrd.calibration.joint.basis import basis_of
-from vgrd.calibration.joint.estimate import JointResult
 from vgrd.calibration.joint.expected import predict, work_orientation
-from vgrd.calibration.joint.fit import information_inverse
+from vgrd.calibration.joint.fit import JointFit, information_inverse
 from vgrd.calibration.joint.problem import EvidenceKind
+from vgrd.calibration.joint.solution import IRRELEVANT_MM, solution_of
 from vgrd.calibration.joint.state import Layout
 from vgrd.calibration.planning.predicted_rows import ForeseenRows, picture_of
 from vgrd.calibration.planning.reach import Candidate, Looking
 from vgrd.geometry import Array, Pose
+from vgrd.geometry.chi2 import chi2_quantile
 from vgrd.model import Policy
 
 QUARTERS = (0.0, 0.5 * np.pi, np.pi, 1.5 * np.pi)
-IRRELEVANT_MM = 0.25
-_SHAPES = np.linspace(0.5, 1.5, 501)
-_QUANTILES = gammaincinv(_SHAPES, 0.95)
+_FREEDOMS = np.linspace(1.0, 3.0, 501)  # of a position: 1 where it can miss along one line only
+_QUANTILES = np.array([chi2_quantile(0.95, freedom) for freedom in _FREEDOMS])
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -54,7 +52,7 @@ class PredictedError:
 
     def __init__(
         self,
-        result: JointResult,
+        result: JointFit,
         job: Job,
         tag_a_in_view: Callable[[Pose], bool] | None = None,
     ) -> None:
@@ -134,26 +132,26 @@ class PredictedError:
 
     def _ask(self, job: Job) -> tuple[Array, Array]:
         """Derivatives (j, 3, n) by the unknowns and the rest of the covariance (j, 3, 3)."""
-        result, basis = self._result, basis_of(self._result)
+        result, solution = self._result, solution_of(self._result)
         by, rests = [], []
         works: Sequence[Array | None] = job.works or (None,)
         for angle in job.angles_rad:
             tag = picture_of(result, angle)
             for name, work in product(_targets(result, job), works):
                 R_work = work_orientation(result.recording, name, job.policy, work)
-                made = predict(basis, name, tag, job.policy, R_work, refuse=False)
+                made = predict(result, solution, name, tag, job.policy, R_work, refuse=False)
                 rest = made.J_picture @ tag.covariance @ made.J_picture.T
                 rest = rest + made.J_arm @ made.arm_covariance @ made.J_arm.T
-                by.append(made.by_unknowns)
+                by.append(made.J_unknowns)
                 rests.append(rest)
         return np.array(by), np.array(rests)
 
 
-def _targets(result: JointResult, job: Job) -> Sequence[str]:
+def _targets(result: JointFit, job: Job) -> Sequence[str]:
     return job.targets or sorted(result.recording.facts.object.targets)
 
 
-def _in_words(result: JointResult, direction: Array) -> str:
+def _in_words(result: JointFit, direction: Array) -> str:
     """An undetermined direction (n,): the TCP's share of it, or the unknowns concerned."""
     tcp = direction[Layout.TCP]
     size = float(np.linalg.norm(tcp))
@@ -167,5 +165,5 @@ def _radii95(covariances: Array) -> Array:
     """`radius95` of many (j, 3, 3), its quantile from a table, which differs by less than 1e-6."""
     total = np.trace(covariances, axis1=1, axis2=2)
     squares = np.einsum("jab,jba->j", covariances, covariances)
-    shapes = total**2 / squares / 2
-    return np.asarray(np.sqrt(squares / total * 2 * np.interp(shapes, _SHAPES, _QUANTILES)))
+    freedoms = total**2 / squares
+    return np.asarray(np.sqrt(squares / total * np.interp(freedoms, _FREEDOMS, _QUANTILES)))

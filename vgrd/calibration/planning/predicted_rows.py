@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 
 from vgrd.calibration.joint.camera_corrections import TAG_A, TAG_B, adjoints
-from vgrd.calibration.joint.estimate import JointResult
+from vgrd.calibration.joint.fit import JointFit
 from vgrd.calibration.joint.problem import EvidenceKind, JointData, Looks, Tags, target_of
 from vgrd.calibration.joint.rows import arm_jacobian, linearize, object_motions
 from vgrd.calibration.joint.state import Layout
@@ -25,7 +25,7 @@ _AT_ONCE = 32
 class ForeseenRows:
     """Predicts the rows of candidates; tag_a_in_view: whether the camera sees a camera_from_tag_a."""
 
-    def __init__(self, result: JointResult, tag_a_in_view: Callable[[Pose], bool]) -> None:
+    def __init__(self, result: JointFit, tag_a_in_view: Callable[[Pose], bool]) -> None:
         self._result = result
         self._in_view = tag_a_in_view
         self._body_a = _body_covariance(result.data.looks.tags)
@@ -162,16 +162,17 @@ class ForeseenRows:
         return Tags(R, t, sqrt_information(A @ body @ A.transpose(0, 2, 1)), by)
 
 
-def picture_of(result: JointResult, angle_rad: float) -> TagObservation:
+def picture_of(result: JointFit, angle_rad: float) -> TagObservation:
     """Tag B as the camera will see it once the object has turned by an angle."""
     spec, pose = result.recording.facts.tag_b, moved_tag_b(result, angle_rad)
     return _sighting(pose, _body_covariance(result.data.reference), spec)
 
 
-def moved_tag_b(result: JointResult, angle_rad: float) -> Pose:
+def moved_tag_b(result: JointFit, angle_rad: float) -> Pose:
     """camera_from_tag_b after the object has turned by an angle about its axis."""
     state = result.state
-    at = object_motions(state, np.array([[0.0, 0.0, angle_rad]]), result.layout)
+    turned = np.array([[0.0, 0.0, angle_rad]])
+    at = object_motions(state.camera_from_axis, turned, result.layout)
     return Pose(at.rotations[0], at.translations[0]) @ state.camera_from_tag_b
 
 

@@ -6,7 +6,7 @@ from itertools import product
 
 import numpy as np
 
-from vgrd.calibration.joint.estimate import JointResult
+from vgrd.calibration.joint.fit import JointFit
 from vgrd.calibration.joint.problem import target_of
 from vgrd.calibration.observability.motion import Axes, turned_axes
 from vgrd.calibration.touches.recorded import touched_orientation
@@ -139,7 +139,7 @@ class Reach:
         return [0.0, -self.max_yaw_rad, self.max_yaw_rad]
 
 
-def flange_of(result: JointResult, candidate: Candidate) -> Pose | None:
+def flange_of(result: JointFit, candidate: Candidate) -> Pose | None:
     """base_from_wrist at which the sample is taken, by the present estimate; None for a spin."""
     if isinstance(candidate, Spinning):
         return None
@@ -162,7 +162,7 @@ def usual_wrist(recording: Recording, target: str | None = None) -> Array:
 
 
 def touches_within(
-    result: JointResult, reach: Reach, targets: Sequence[str] | None = None
+    result: JointFit, reach: Reach, targets: Sequence[str] | None = None
 ) -> list[Touching]:
     """Touches of every target (None: all of CAD) that the reach allows."""
     out, tool = [], np.asarray(result.recording.facts.tool.axis_in_wrist)
@@ -174,7 +174,7 @@ def touches_within(
     return out
 
 
-def looks_within(result: JointResult, reach: Reach) -> list[Looking]:
+def looks_within(result: JointFit, reach: Reach) -> list[Looking]:
     """Looks at tag A that the reach allows: in its boxes, else where the arm already stood."""
     recording = result.recording
     straight = usual_wrist(recording)
@@ -188,14 +188,14 @@ def looks_within(result: JointResult, reach: Reach) -> list[Looking]:
     return [look for look in every if _is_allowed(result, reach, look, straight)]
 
 
-def spins_within(result: JointResult, reach: Reach) -> list[Spinning]:
+def spins_within(result: JointFit, reach: Reach) -> list[Spinning]:
     """Turns of the object, where it turns or slides on a plane."""
     if result.recording.facts.object.motion is Motion.FREE:
         return []
     return [Spinning(angle) for angle in reach.turns_rad]
 
 
-def samples_within(result: JointResult, reach: Reach) -> list[Candidate]:
+def samples_within(result: JointFit, reach: Reach) -> list[Candidate]:
     """Touches, looks and spins that the reach allows, always in the same order."""
     return [
         *touches_within(result, reach),
@@ -204,7 +204,7 @@ def samples_within(result: JointResult, reach: Reach) -> list[Candidate]:
     ]
 
 
-def camera_sees_tag_a(result: JointResult) -> Callable[[Pose], bool]:
+def camera_sees_tag_a(result: JointFit) -> Callable[[Pose], bool]:
     """Whether a camera_from_tag_a shows the whole tag in the picture, from its printed side."""
     facts, camera = result.recording.facts, result.data.holes.camera
     edge = 0.5 * (facts.tag_a or facts.tag_b).size_mm
@@ -228,14 +228,14 @@ def _incidence(camera_from_tag: Pose) -> float:
     return float(camera_from_tag.rotation[:, 2] @ t / np.linalg.norm(t))
 
 
-def _is_allowed(result: JointResult, reach: Reach, candidate: Candidate, straight: Array) -> bool:
+def _is_allowed(result: JointFit, reach: Reach, candidate: Candidate, straight: Array) -> bool:
     axis = np.asarray(result.recording.facts.tool.axis_in_wrist)
     nominal = straight @ axis if reach.axis_in_base is None else np.asarray(reach.axis_in_base)
     flange = flange_of(result, candidate)
     return flange is None or reach.allows(flange, axis, nominal)
 
 
-def _known_places(result: JointResult, straight: Array) -> Iterator[Array]:
+def _known_places(result: JointFit, straight: Array) -> Iterator[Array]:
     """Flange positions (3,) of looks so far, at most six far apart; else above the touches."""
     recording = result.recording
     seen = [np.asarray(look.base_from_wrist.translation) for look in recording.looks]

@@ -1,7 +1,6 @@
 """One recording -> one calibration by the paper's plans: hand-eye, touches, reference picture, pivot."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -9,14 +8,17 @@ from vgrd.calibration.hand_eye.null_space import null_space_findings
 from vgrd.calibration.hand_eye.pose_pairs import HandEyeProblem, HandEyeResult, calibrate_hand_eye
 from vgrd.calibration.hand_eye.samples import hand_eye_samples
 from vgrd.calibration.joint.problem import Sighting
+from vgrd.calibration.outcome import Outcome
+from vgrd.calibration.stepwise.chain import CameraChain, Pivot
 from vgrd.calibration.stepwise.hole_center import HoleCenter, combine, find_hole_center
+from vgrd.calibration.stepwise.solution import SpecialSolution, UniversalSolution
 from vgrd.calibration.stepwise.touch_fit import FittedTouches, fit_touches
 from vgrd.calibration.stepwise.verdict import DISAGREE_MM, Evidence, judge
 from vgrd.calibration.touches.reference import find_reference
 from vgrd.calibration.turntable.rotation_center import RotationCenter, find_rotation_center
 from vgrd.errors import DidNotConverge, NotObservable, TooFewObservations
 from vgrd.geometry import Array
-from vgrd.model import Calibration, Finding, Observation, Recording, Verdict, frozen_array
+from vgrd.model import Finding, Observation, Recording, frozen_array
 
 _REACH_MM = 500.0
 
@@ -24,17 +26,10 @@ _UNKNOWN_MM = 1000.0
 _APART_SIGMA, _APART_MM = 5.0, 0.1
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class _Pivot:
-    """Rotation centre as the calibration stores it; in_base as `Calibration.pivot_in_base`."""
-
-    in_tag_b: Array
-    in_base: Array
-    covariance: Array
-
-
-def calibrate_in_steps(recording: Recording, sightings: Sequence[Sighting]) -> Calibration:
-    """Universal where the wrists varied, else special; id is "" and the time 0, for the caller to set.
+def calibrate_in_steps(
+    recording: Recording, sightings: Sequence[Sighting]
+) -> Outcome[UniversalSolution | SpecialSolution]:
+    """Universal where the wrists varied, else special.
 
     The holes that the camera saw (`sightings`) tell the rotation centre, see `find_hole_center`.
     Raises TooFewObservations, NotObservable, InputError or DidNotConverge.
@@ -43,7 +38,7 @@ def calibrate_in_steps(recording: Recording, sightings: Sequence[Sighting]) -> C
     center, doubts = _center(recording)
     holes = _hole_center(recording, sightings, doubts)
     needs_rotation_only = (
-        taught.method == "special"
+        taught.tcp is None
         and taught.pivot_in_base is not None
         and (center is not None or holes is not None)
     )
@@ -53,32 +48,24 @@ def calibrate_in_steps(recording: Recording, sightings: Sequence[Sighting]) -> C
     doubts += null_space_findings(recording.facts.mount, hand_eye.null_space)
     reference = find_reference(recording.touches)
     pivot = _pivot(taught, center, holes, hand_eye, doubts)
-    calibration = Calibration(
-        id="",
-        session=recording.session,
-        created_unix_s=0.0,
-        method=taught.method,
-        facts=recording.facts,
-        base_from_camera=hand_eye.mount_from_camera,
-        hand_eye_covariance=frozen_array(_camera_covariance(hand_eye), 6, 6),
-        wrist_from_tag_a=hand_eye.mount_from_target,
-        tcp_in_wrist=taught.tcp_in_wrist,
-        tcp_covariance=taught.tcp_covariance,
-        camera_from_tag_b_ref=reference.camera_from_tag_b,
-        pivot_in_tag_b=None if pivot is None else pivot.in_tag_b,
-        pivot_in_base=None if pivot is None else pivot.in_base,
-        taught=taught.points(with_pivot=pivot is not None),
-        residuals={},
-        verdict=Verdict(),
-        pivot_covariance=None if pivot is None else pivot.covariance,
-        reference_covariance=reference.covariance,
-    )
     evidence = Evidence(recording, taught, hand_eye, reference, center, pivot is not None)
     findings, residuals = judge(evidence)
     if holes is not None:
         residuals["holes_used"] = float(holes.used)
-    verdict = Verdict((*doubts, *findings))
-    return replace(calibration, residuals=residuals, verdict=verdict)
+    chain = CameraChain(
+        hand_eye.mount_from_camera,
+        frozen_array(_camera_covariance(hand_eye), 6, 6),
+        reference.camera_from_tag_b,
+        reference.covariance,
+    )
+    points, covariances = taught.points(with_pivot=pivot is not None)
+    solution: UniversalSolution | SpecialSolution
+    if taught.tcp is None:
+        solution = SpecialSolution(chain, hand_eye.mount_from_target, pivot, covariances)
+    else:
+        tag_a = hand_eye.mount_from_target
+        solution = UniversalSolution(chain, tag_a, pivot, covariances, taught.tcp)
+    return Outcome(solution, points, residuals, [*doubts, *findings])
 
 
 def _camera_covariance(hand_eye: HandEyeResult) -> Array:
@@ -147,7 +134,7 @@ def _pivot(
     holes: HoleCenter | None,
     hand_eye: HandEyeResult,
     doubts: list[Finding],
-) -> _Pivot | None:
+) -> Pivot | None:
     """Bring the centre in tag B and the centre in CAD together, at the same height if possible."""
     if center is None and holes is None:
         return None
@@ -164,10 +151,10 @@ def _pivot(
         in_tag, covariance = _by_holes(holes, center, doubts)
     elif center is not None:
         in_tag, covariance = center.center_in_tag, center.covariance[:3, :3]
-        if taught.tcp_in_wrist is not None:
+        if taught.tcp is not None:
             wanted = hand_eye.mount_from_camera.inverse() @ taught.pivot_in_base
             in_tag, _ = center.at_height(wanted)
-    return _Pivot(
+    return Pivot(
         frozen_array(in_tag, 3),
         frozen_array(taught.pivot_in_base, 3),
         frozen_array(covariance, 3, 3),

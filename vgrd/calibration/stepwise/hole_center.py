@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from vgrd.calibration.joint.estimate import variance_inflation
+from vgrd.calibration.joint.fit import variance_inflation
 from vgrd.calibration.joint.problem import Sighting, Turntable
 from vgrd.calibration.touches.cad_fit import kabsch
 from vgrd.calibration.touches.reference import Reference

@@ -20,21 +20,19 @@ from vgrd.calibration.universal.estimate import (
 )
 from vgrd.errors import InputError, NotObservable, TooFewObservations
 from vgrd.geometry import Array, hat, log_rotation
-from vgrd.model import Recording, Target, TaughtPoint, Touch, frozen_array
+from vgrd.model import Recording, Target, TaughtPoint, TcpEstimate, Touch, frozen_array
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FittedTouches:
     """Outcome of the touches.
 
-    method, tcp_in_wrist, tcp_covariance, pivot_in_base: as in `Calibration`. parameters: (k, k)
-    covariance of what was fitted; per target its flange (3,), orientation (3, 3) and (3, k)
-    derivative; residuals_mm (m, 3) and scores (m,) of the touches.
+    tcp: None where the wrist was constant (special method). pivot_in_base: as in `Pivot`.
+    parameters: (k, k) covariance of what was fitted; per target its flange (3,), orientation (3, 3)
+    and (3, k) derivative; residuals_mm (m, 3) and scores (m,) of the touches.
     """
 
-    method: str
-    tcp_in_wrist: Array | None
-    tcp_covariance: Array | None
+    tcp: TcpEstimate | None
     pivot_in_base: Array | None
     parameters: Array
     pivot_jacobian: Array
@@ -42,25 +40,25 @@ class FittedTouches:
     residuals_mm: Array
     scores: Array
 
-    def points(self, *, with_pivot: bool) -> dict[str, TaughtPoint]:
-        """Taught points with their joint covariances."""
+    def points(self, *, with_pivot: bool) -> tuple[dict[str, TaughtPoint], dict[str, Array]]:
+        """Taught points, and `touch_covariances` as the solutions have them."""
         pivot = self.pivot_jacobian if with_pivot else np.zeros_like(self.pivot_jacobian)
-        out = {}
+        points, covariances = {}, {}
         for name, (target, flange, R_work, J) in self.flanges.items():
             rows = [J, pivot]
-            if self.tcp_in_wrist is not None:
+            if self.tcp is not None:
                 rows.append(np.eye(3, 9, 6))
             stacked = np.vstack(rows)
-            joint = stacked @ self.parameters @ stacked.T
-            known = self.tcp_in_wrist is not None or with_pivot
-            out[name] = TaughtPoint(
+            together = stacked @ self.parameters @ stacked.T
+            points[name] = TaughtPoint(
                 target=target,
                 flange_in_base=frozen_array(flange, 3),
                 base_from_work=frozen_array(R_work, 3, 3),
-                covariance=frozen_array(joint[:3, :3], 3, 3),
-                joint_covariance=frozen_array(joint, *joint.shape) if known else None,
+                covariance=frozen_array(together[:3, :3], 3, 3),
             )
-        return out
+            if self.tcp is not None or with_pivot:
+                covariances[name] = frozen_array(together, *together.shape)
+        return points, covariances
 
 
 def fit_touches(recording: Recording) -> FittedTouches:
@@ -99,9 +97,7 @@ def _special(recording: Recording, fit: CadFit) -> FittedTouches:
     center = recording.facts.object.center_in_object
     at = np.zeros(3) if center is None else center
     return FittedTouches(
-        method="special",
-        tcp_in_wrist=None,
-        tcp_covariance=None,
+        tcp=None,
         pivot_in_base=None if center is None else fit.flange(center) - R_work @ offset,
         parameters=fit.covariance,
         pivot_jacobian=fit.jacobian(at),
@@ -139,9 +135,9 @@ def _universal(recording: Recording, result: UniversalResult) -> FittedTouches:
     center = recording.facts.object.center_in_object
     at = np.zeros(3) if center is None else center
     return FittedTouches(
-        method="universal",
-        tcp_in_wrist=frozen_array(result.tcp_in_wrist, 3),
-        tcp_covariance=frozen_array(result.covariance[6:, 6:], 3, 3),
+        tcp=TcpEstimate(
+            frozen_array(result.tcp_in_wrist, 3), frozen_array(result.covariance[6:, 6:], 3, 3)
+        ),
         pivot_in_base=None if center is None else base_from_object @ center,
         parameters=result.covariance,
         pivot_jacobian=np.hstack([-R, R @ hat(at), np.zeros((3, 3))]),

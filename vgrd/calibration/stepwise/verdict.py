@@ -44,8 +44,8 @@ def judge(evidence: Evidence) -> tuple[list[Finding], dict[str, float]]:
 
 
 def _method(evidence: Evidence) -> list[Finding]:
-    plan, method = evidence.recording.plan, evidence.taught.method
-    if plan is Plan.UNIVERSAL and method == "special":
+    plan, has_tcp = evidence.recording.plan, evidence.taught.tcp is not None
+    if plan is Plan.UNIVERSAL and not has_tcp:
         return [
             Finding(
                 "constant_wrist",
@@ -53,7 +53,7 @@ def _method(evidence: Evidence) -> list[Finding]:
                 "unknown; touch some targets again with the wrist tilted",
             )
         ]
-    if plan is Plan.SPECIAL and method == "universal":
+    if plan is Plan.SPECIAL and has_tcp:
         return [
             Finding(
                 "varied_wrist",
@@ -133,7 +133,7 @@ def _spins(evidence: Evidence) -> list[Finding]:
 def _pivot_disagrees(evidence: Evidence, center: RotationCenter) -> list[Finding]:
     """Universal: hand-eye and touches must see the axis at one place."""
     pivot = evidence.taught.pivot_in_base
-    if pivot is None or evidence.taught.tcp_in_wrist is None:
+    if pivot is None or evidence.taught.tcp is None:
         return []
     B = evidence.hand_eye.mount_from_camera
     apart = B @ center.center_in_camera - pivot

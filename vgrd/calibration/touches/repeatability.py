@@ -4,11 +4,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.special import gammaincinv
 
 from vgrd.calibration.touches.touch_set import TouchSet
 from vgrd.errors import InputError, TooFewObservations
 from vgrd.geometry import Array
+from vgrd.geometry.chi2 import chi2_quantile
 
 _SAME_WRIST = 0.02
 
@@ -71,6 +71,6 @@ def repeatability(
 
 
 def _sigma(squares: float, degrees_of_freedom: int) -> Sigma:
-    low, high = (2 * float(gammaincinv(degrees_of_freedom / 2, q)) for q in (0.975, 0.025))
+    low, high = (chi2_quantile(q, degrees_of_freedom) for q in (0.975, 0.025))
     value, least, most = (float(np.sqrt(squares / f)) for f in (degrees_of_freedom, low, high))
     return Sigma(value, least, most, degrees_of_freedom)

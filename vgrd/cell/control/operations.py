@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from vgrd.calibration.expected_coordinate import expected_coordinate
+from vgrd.calibration.calibration import expected_coordinate
 from vgrd.cell.control.lines import Arguments, optional_number, optional_text, text_argument
 from vgrd.cell.control.server import Operation
 from vgrd.cell.feeds import GateFeed

@@ -6,10 +6,11 @@ from concurrent.futures import ThreadPoolExecutor
 
 import structlog
 
+from vgrd.calibration.calibration import Calibration
 from vgrd.cell.serving.differences import fact_differences
 from vgrd.cell.serving.service import Serving
 from vgrd.errors import CalibrationMismatch, InputError, VgrdError
-from vgrd.model import Calibration, CellFacts
+from vgrd.model import CellFacts
 from vgrd.registers import Status
 from vgrd.store.calibrations import CalibrationStore, StoredCalibration
 

@@ -3,14 +3,14 @@
 import math
 from dataclasses import dataclass, replace
 
-from vgrd.calibration.expected_coordinate import expected_coordinate
+from vgrd.calibration.calibration import Calibration, expected_coordinate
 from vgrd.cell.measuring import Sight
 from vgrd.cell.serving.vouching import Hold
 from vgrd.errors import InputError, NotObservable
 from vgrd.geometry import Array, Pose
 from vgrd.geometry.rotation_formats import RotationFormat as Format
 from vgrd.geometry.rotation_formats import rotation_from, rotation_to
-from vgrd.model import Calibration, ExpectedCoordinate, Policy, Target
+from vgrd.model import ExpectedCoordinate, Policy, Target
 from vgrd.registers import REQUEST, Answer, Command, Frame, Request, RotationFormat, Status, reply
 from vgrd.registers import Policy as PolicyCode
 

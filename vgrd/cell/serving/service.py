@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import structlog
 
+from vgrd.calibration.calibration import Calibration
 from vgrd.cell.measuring import Measuring, Sight
 from vgrd.cell.serving.answering import Limits, answer_request, check_request
 from vgrd.cell.serving.vouching import Vouch, agree, displacement_mm, points_in_tag
@@ -25,7 +26,7 @@ from vgrd.errors import (
 )
 from vgrd.geometry import Array, Pose
 from vgrd.ipc.ring import RingWriter
-from vgrd.model import Calibration, TagObservation
+from vgrd.model import TagObservation
 from vgrd.registers import Answer, Command, RegisterImage, Request, State, Status, reply
 
 PUBLISH_S = 0.02

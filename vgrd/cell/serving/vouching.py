@@ -11,8 +11,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from vgrd.calibration.calibration import Calibration
 from vgrd.geometry import Array, Pose, hat
-from vgrd.model import Calibration, TagObservation
+from vgrd.model import TagObservation
 
 MARGIN_S = 0.1  # for the machine's scheduling, beyond the pictures' own time
 LATENCIES = 5  # pictures whose time from exposure to evaluation counts: the slowest of them
@@ -34,7 +35,7 @@ def points_in_tag(calibration: Calibration, answer: Pose, seen: TagObservation) 
     ]
     tag_from_base = [
         (calibration.base_from_camera @ camera_from_tag).inverse()
-        for camera_from_tag in (calibration.camera_from_tag_b_ref, seen.camera_from_tag)
+        for camera_from_tag in (calibration.solution.camera_from_tag_b, seen.camera_from_tag)
     ]
     flanges = [tag_from_base[0] @ pose for pose in taught] + [tag_from_base[1] @ answer]
     points = [flange.translation for flange in flanges]

@@ -6,7 +6,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from scipy.special import gammaincc
 
 from vgrd.calibration.checks.misinterpretation import VariedWrists, misinterpretation
 from vgrd.calibration.observability.leave_one_out import (
@@ -25,6 +24,7 @@ from vgrd.calibration.universal.estimate import (
     calibrate_universal,
 )
 from vgrd.geometry import Array, Pose
+from vgrd.geometry.chi2 import chi2_probability
 from vgrd.geometry.covariance import radius95
 from vgrd.geometry.rotation_relaxation import Certificate
 from vgrd.model import Finding, Verdict
@@ -210,7 +210,7 @@ def _is_noisy(fit: TouchFit) -> bool:
     if fit.degrees_of_freedom < 1:
         return False
     squares = float(np.sum(fit.whitened**2))
-    return float(gammaincc(fit.degrees_of_freedom / 2, squares / 2)) < _CHANCE
+    return 1 - chi2_probability(squares, fit.degrees_of_freedom) < _CHANCE
 
 
 def _contradiction(file: TouchFile, solved: _Solved, *, noisy: bool) -> list[Finding]:

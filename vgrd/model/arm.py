@@ -1,10 +1,10 @@
-"""What the joint estimate leaves for the runtime, as frozen values that the store keeps."""
+"""How an arm differs from its report, and what teaching told of it."""
 
 from dataclasses import dataclass
 
 import numpy as np
 
-from vgrd.geometry import Array, Pose
+from vgrd.geometry import Array
 
 _REPEATABILITY = 0.3
 _UNIFORM_VARIANCE = 1 / 12
@@ -61,7 +61,7 @@ class ArmModel:
         own = (self.sigma_mm**2 + self.field_mm**2) * self.scales() ** 2
         return np.asarray(own + self.rounding() ** 2)
 
-    def half(self, flange_at: Array) -> Array:
+    def cholesky_factor(self, flange_at: Array) -> Array:
         """H (6 s, k) with H H^T the covariance of the deviations at all stands (s, 3)."""
         s = len(flange_at)
         L = np.linalg.cholesky(self.prior(flange_at) + 1e-12 * np.eye(s))
@@ -75,14 +75,14 @@ class ArmModel:
 class ArmKnowledge:
     """What teaching told of the arm's deviations (mm, rad), to predict them elsewhere (kriging).
 
-    flange_at: (s, 3) where it stood. Per stand and axis: score (6 s,) of the residuals, by_unknowns
+    flange_at: (s, 3) where it stood. Per stand and axis: score (6 s,) of the residuals, J_unknowns
     (6 s, n) its derivative by the estimate, information (6 s, 6 s). s is 0 for an arm without field.
     """
 
     model: ArmModel
     flange_at: Array
     score: Array
-    by_unknowns: Array
+    J_unknowns: Array
     information: Array
 
     def deviation(self, flange: Array) -> tuple[Array, Array, Array]:
@@ -93,29 +93,6 @@ class ArmKnowledge:
         shared = np.kron(near, np.diag(squares))
         return (
             -shared @ self.score,
-            -shared @ self.by_unknowns,
+            -shared @ self.J_unknowns,
             here - shared @ self.information @ shared.T,
         )
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class JointEstimate:
-    """The joint estimate without what only the session needs (turns of the spins, the fixed point).
-
-    tcp_in_wrist: (3,), any value that fits where it is undetermined. axis, moves: which body-frame
-    moves of camera_from_axis (z: axis of turning) and of the object on it are free. covariance (n, n)
-    of a step in (base_from_camera, wrist_from_tag_a, TCP, base_from_object, camera_from_tag_b, axis);
-    undetermined (n, z): 500 mm or 1 rad along what the session left open.
-    """
-
-    base_from_camera: Pose
-    wrist_from_tag_a: Pose
-    tcp_in_wrist: Array
-    base_from_object: Pose
-    camera_from_tag_b: Pose
-    camera_from_axis: Pose
-    axis: tuple[int, ...]
-    moves: tuple[int, ...]
-    covariance: Array
-    undetermined: Array
-    arm: ArmKnowledge

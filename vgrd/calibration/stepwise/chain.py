@@ -1,0 +1,99 @@
+"""How the object moved, seen by a camera that stands still: Eq. 5 and 19 with their uncertainty."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from vgrd.geometry import Array, Pose, hat
+from vgrd.model import TagObservation
+
+_EYE = np.eye(3)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Pivot:
+    """A point of the object that stays where it is when the object turns (rotation centre).
+
+    in_tag_b: (3,), covariance: (3, 3) of it. in_base: (3,); for a constant wrist, where the flange
+    stands when the work tip is on the pivot.
+    """
+
+    in_tag_b: Array
+    in_base: Array
+    covariance: Array
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class MovedPoint:
+    """A point of the reference, carried along with the object.
+
+    position: (3,) now, base. rotation: (3, 3) of the object since the reference, base.
+    covariance: (3, 3) mm^2 from hand-eye, both pictures and the pivot's place in tag B.
+    """
+
+    position: Array
+    rotation: Array
+    covariance: Array
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class CameraChain:
+    """base_from_camera with its covariance (6, 6), and tag B in the reference picture with its own."""
+
+    base_from_camera: Pose
+    hand_eye_covariance: Array
+    camera_from_tag_b: Pose
+    reference_covariance: Array
+
+    def move_about(self, pivot: Pivot, point: Array, now: TagObservation) -> MovedPoint:
+        """Eq. 19: turn about the pivot, plus how far the pivot moved; only the rotation of the hand-eye counts."""
+        R_bc = self.base_from_camera.rotation
+        ref, C = self.camera_from_tag_b, now.camera_from_tag
+        R_Q = C.rotation @ ref.rotation.T
+        pivot_ref, pivot_now = ref @ pivot.in_tag_b, C @ pivot.in_tag_b
+        arm = R_bc.T @ (point - pivot.in_base)
+        turn = R_bc @ R_Q @ R_bc.T
+        shift = R_bc @ (pivot_now - pivot_ref)
+        u, v = R_bc @ arm, R_bc @ (R_Q @ arm)
+        J_now = R_bc @ np.hstack([_EYE, -hat(pivot_now + R_Q @ arm)])
+        J_ref = -R_bc @ np.hstack([_EYE, -hat(pivot_ref) - R_Q @ hat(arm)])
+        J_hand_eye = turn @ hat(u) - hat(v) - hat(shift)
+        J_pivot = R_bc @ (C.rotation - ref.rotation)
+        covariance = (
+            _quadratic(J_now, now.covariance)
+            + _quadratic(J_ref, self.reference_covariance)
+            + _quadratic(J_hand_eye, self.hand_eye_covariance[3:, 3:])
+            + _quadratic(J_pivot, pivot.covariance)
+        )
+        return MovedPoint(pivot.in_base + v + shift, turn, covariance)
+
+    def move(self, point: Array, now: TagObservation) -> MovedPoint:
+        """Motion of the object by the full hand-eye: B M B^-1."""
+        B = self.base_from_camera
+        M = now.camera_from_tag @ self.camera_from_tag_b.inverse()
+        in_camera_ref = B.inverse() @ point
+        in_camera_now = M @ in_camera_ref
+        position = B @ in_camera_now
+        turn = B.rotation @ M.rotation @ B.rotation.T
+        J_now = B.rotation @ np.hstack([_EYE, -hat(in_camera_now)])
+        J_ref = -B.rotation @ M.rotation @ np.hstack([_EYE, -hat(in_camera_ref)])
+        J_hand_eye = np.hstack([_EYE - turn, turn @ hat(point) - hat(position)])
+        covariance = (
+            _quadratic(J_now, now.covariance)
+            + _quadratic(J_ref, self.reference_covariance)
+            + _quadratic(J_hand_eye, self.hand_eye_covariance)
+        )
+        return MovedPoint(position, turn, covariance)
+
+    def rotation_covariance(self, now: TagObservation, turn: Array) -> Array:
+        """Covariance (3, 3) rad^2 of the object's rotation `turn` (3, 3) in the base."""
+        R_bc = self.base_from_camera.rotation
+        return (
+            _quadratic(R_bc, now.covariance[3:, 3:])
+            + _quadratic(turn @ R_bc, self.reference_covariance[3:, 3:])
+            + _quadratic(_EYE - turn, self.hand_eye_covariance[3:, 3:])
+        )
+
+
+def _quadratic(J: Array, covariance: Array) -> Array:
+    return np.asarray(J @ covariance @ J.T)

@@ -1,0 +1,211 @@
+"""What the paper's plans solve, as it is stored and served.
+
+The object has turned by R_Q (in the camera) since the reference picture. With a recorded pivot the
+flange follows Eq. 19 and only the rotation of the hand-eye counts; without one the full motion
+B M B^-1 is applied, B = base_from_camera.
+"""
+
+from abc import abstractmethod
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+
+from vgrd.calibration.observability.motion import SAME_ORIENTATION_RAD
+from vgrd.calibration.stepwise.chain import CameraChain, MovedPoint, Pivot
+from vgrd.errors import InputError
+from vgrd.geometry import Array, Pose, log_rotation
+from vgrd.geometry.covariance import radius95
+from vgrd.model import (
+    CellFacts,
+    ExpectedCoordinate,
+    Policy,
+    TagObservation,
+    TaughtPoint,
+    TcpEstimate,
+    frozen_array,
+)
+
+_EYE = np.eye(3)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Flange:
+    """Where the flange must be now, mm: position (3,), how the object moved, derivative by the touches."""
+
+    position: Array
+    moved: MovedPoint
+    J_touches: Array
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class StepwiseSolution:
+    """What both of the paper's plans share.
+
+    touch_covariances: by target, mm^2, of what its answer depends on besides the chain. pivot: None
+    where none was recorded; it replaces the hand-eye translation.
+    """
+
+    METHOD: ClassVar[str] = ""
+
+    chain: CameraChain
+    wrist_from_tag_a: Pose | None
+    pivot: Pivot | None
+    touch_covariances: Mapping[str, Array]
+
+    @property
+    def base_from_camera(self) -> Pose:
+        """From the hand-eye calibration."""
+        return self.chain.base_from_camera
+
+    @property
+    def camera_from_tag_b(self) -> Pose:
+        """Tag B in the reference picture (0), at which the targets were taught."""
+        return self.chain.camera_from_tag_b
+
+    @property
+    def reference_covariance(self) -> Array:
+        """(6, 6) of camera_from_tag_b."""
+        return self.chain.reference_covariance
+
+    @property
+    def camera_from_axis(self) -> Pose:
+        """A frame whose z is the axis about which the object may turn."""
+        reference = self.chain.camera_from_tag_b
+        place = reference.translation if self.pivot is None else reference @ self.pivot.in_tag_b
+        return Pose(reference.rotation, place)
+
+    def expected(
+        self,
+        facts: CellFacts,
+        taught: TaughtPoint,
+        tag_b: TagObservation,
+        policy: Policy,
+        R_work: Array,
+    ) -> ExpectedCoordinate:
+        """Flange pose at which the work tip meets the target in the picture given.
+
+        R_work: (3, 3) of the wrist, the object as taught (follow) or at the touch (fixed, requested).
+        u95_mm counts touches, hand-eye, both pictures, pivot and the arm. Raises InputError for
+        what the calibration cannot serve, naming the remedy.
+        """
+        flange = self._flange(facts, taught, tag_b, policy, R_work)
+        turn = flange.moved.rotation
+        touches = self.touch_covariances.get(taught.target.name, taught.covariance)
+        if flange.J_touches.shape[1] == 3:
+            touches = taught.covariance
+        covariance = (
+            flange.J_touches @ touches @ flange.J_touches.T
+            + flange.moved.covariance
+            + facts.robot_sigma_mm**2 * _EYE
+        )
+        follows = policy is Policy.FOLLOW
+        turned = self.chain.rotation_covariance(tag_b, turn)
+        return ExpectedCoordinate(
+            target=taught.target,
+            base_from_wrist=Pose(_wrist(policy, turn, R_work), flange.position),
+            position_covariance=frozen_array(covariance, 3, 3),
+            u95_mm=radius95(covariance),
+            u95_rad=radius95(turned) if follows else 0.0,
+        )
+
+    @abstractmethod
+    def _flange(
+        self,
+        facts: CellFacts,
+        taught: TaughtPoint,
+        now: TagObservation,
+        policy: Policy,
+        R_work: Array,
+    ) -> _Flange: ...
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class UniversalSolution(StepwiseSolution):
+    """Touches with varied wrists: the TCP is known.
+
+    touch_covariances: (9, 9) of (flange_in_base, pivot_in_base, tcp_in_wrist), the pivot's rows 0
+    where there is none.
+    """
+
+    METHOD: ClassVar[str] = "universal"
+
+    tcp: TcpEstimate
+
+    def _flange(
+        self,
+        facts: CellFacts,
+        taught: TaughtPoint,
+        now: TagObservation,
+        policy: Policy,
+        R_work: Array,
+    ) -> _Flange:
+        """By (flange, pivot, TCP).
+
+        A wrist that follows the object carries its own tip along: the motion of the whole flange by
+        the hand-eye then needs no TCP, while the pivot's place in the base would.
+        """
+        tip_in_wrist = self.tcp.in_wrist + facts.tool.work_from_touch_mm
+        tip = taught.flange_in_base + taught.base_from_work @ tip_in_wrist
+        J_pivot = np.zeros((3, 3))
+        if policy is not Policy.FOLLOW and self.pivot is not None:
+            moved = self.chain.move_about(self.pivot, tip, now)
+            J_pivot = _EYE - moved.rotation
+        else:
+            moved = self.chain.move(tip, now)
+        R_now = _wrist(policy, moved.rotation, R_work)
+        J_tcp = moved.rotation @ taught.base_from_work - R_now
+        J_touches = np.hstack([moved.rotation, J_pivot, J_tcp])
+        return _Flange(moved.position - R_now @ tip_in_wrist, moved, J_touches)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SpecialSolution(StepwiseSolution):
+    """Touches with one wrist orientation: no TCP, the flange itself is carried along.
+
+    touch_covariances: (6, 6) of (flange_in_base, pivot_in_base), empty without pivot.
+    """
+
+    METHOD: ClassVar[str] = "special"
+
+    @property
+    def tcp(self) -> TcpEstimate | None:
+        """Not known."""
+        return None
+
+    def _flange(
+        self,
+        facts: CellFacts,
+        taught: TaughtPoint,
+        now: TagObservation,
+        policy: Policy,
+        R_work: Array,
+    ) -> _Flange:
+        """By (flange, pivot flange) of the touches."""
+        del facts  # the tool does not matter
+        _check_orientation(taught, R_work)
+        flange = taught.flange_in_base
+        if policy is Policy.FOLLOW:
+            moved = self.chain.move(flange, now)
+            return _Flange(moved.position, moved, moved.rotation)
+        if self.pivot is None:
+            raise InputError(
+                "policy 'fixed' needs the rotation centre or the TCP: record spins of the turntable "
+                "(and its centre in CAD), or touch with varied wrists, or use policy 'follow'"
+            )
+        moved = self.chain.move_about(self.pivot, flange, now)
+        return _Flange(moved.position, moved, np.hstack([moved.rotation, _EYE - moved.rotation]))
+
+
+def _wrist(policy: Policy, turn: Array, R_work: Array) -> Array:
+    return turn @ R_work if policy is Policy.FOLLOW else R_work
+
+
+def _check_orientation(taught: TaughtPoint, R_work: Array) -> None:
+    turned = float(np.linalg.norm(log_rotation(R_work @ taught.base_from_work.T)))
+    if turned > SAME_ORIENTATION_RAD:
+        raise InputError(
+            f"the wrist is to be turned by {np.degrees(turned):.2f} degrees against the touches, but "
+            "the TCP is unknown (all touches had one orientation): touch with varied wrists"
+        )

@@ -1,0 +1,112 @@
+"""What older versions wrote, step by step as this one would have written it.
+
+Every document carries its schema. A step takes the JSON of one schema and gives that of the next.
+"""
+
+from collections.abc import Callable
+from typing import Any
+
+Json = Any
+
+SESSION_SCHEMA = 2
+CALIBRATION_SCHEMA = 2
+_ZERO = 0.0
+
+
+def facts_of(facts: Json) -> Json:
+    """CellFacts of schema 1, whose early files lack what holes need."""
+    out = dict(facts)
+    out["object"] = dict(out["object"])
+    out["object"].setdefault("hole_sigma_mm", 0.03)  # the default when it was added
+    out["object"]["targets"] = {
+        name: {"hole_diameter_mm": None, **target}
+        for name, target in out["object"]["targets"].items()
+    }
+    return out
+
+
+def session_header(schema: int, body: Json) -> Json:
+    """Content of session.json."""
+    return body if schema > 1 else {**body, "facts": facts_of(body["facts"])}
+
+
+def observation(body: Json) -> Json:
+    """An observation of any schema: early tags do not tell how well the picture fits."""
+    return _changed(_changed(body, "tag_a", _tag), "tag_b", _tag)
+
+
+def sample(body: Json) -> Json:
+    """An observation or a touch of any schema."""
+    return _changed(observation(body), "observation", observation)
+
+
+def reading(body: Json) -> Json:
+    """A reading of the robot: early ones do not tell the steps of the interface."""
+    return {"step_mm": _ZERO, "step_rad": _ZERO, **body} if isinstance(body, dict) else body
+
+
+def _tag(body: Json) -> Json:
+    return {"chi2": 1.0, **body}
+
+
+def _changed(body: Json, key: str, change: Callable[[Json], Json]) -> Json:
+    """The body with one of its tables changed; what is no such table is left to the decoder."""
+    if not isinstance(body, dict) or not isinstance(body.get(key), dict):
+        return body
+    return {**body, key: change(body[key])}
+
+
+def calibration(schema: int, body: Json) -> Json:
+    """Content of a calibration's file: the solution of schema 1 lay open in it."""
+    if schema > 1:
+        return body
+    shared = {
+        key: body[key] for key in ("id", "session", "created_unix_s", "residuals", "verdict")
+    }
+    taught = {
+        name: {key: value for key, value in point.items() if key != "joint_covariance"}
+        for name, point in body["taught"].items()
+    }
+    for point in taught.values():
+        point["target"] = {"hole_diameter_mm": None, **point["target"]}
+    joint = body.get("joint")
+    solution = _stepwise(body) if joint is None else _joint(joint)
+    return {**shared, "facts": facts_of(body["facts"]), "taught": taught, "solution": solution}
+
+
+def _joint(joint: Json) -> Json:
+    names = {"tcp_in_wrist": "tip_in_wrist", "moves": "object_motions"}
+    arm = {"by_unknowns": "J_unknowns"}
+    out = {names.get(key, key): value for key, value in joint.items()}
+    out["arm"] = {arm.get(key, key): value for key, value in joint["arm"].items()}
+    return {"method": "joint", **out}
+
+
+def _stepwise(body: Json) -> Json:
+    none = [[_ZERO] * 6 for _ in range(6)]
+    pivot = None
+    if body["pivot_in_tag_b"] is not None and body["pivot_in_base"] is not None:
+        pivot = {
+            "in_tag_b": body["pivot_in_tag_b"],
+            "in_base": body["pivot_in_base"],
+            "covariance": body.get("pivot_covariance") or [[_ZERO] * 3 for _ in range(3)],
+        }
+    solution = {
+        "method": body["method"],
+        "chain": {
+            "base_from_camera": body["base_from_camera"],
+            "hand_eye_covariance": body["hand_eye_covariance"],
+            "camera_from_tag_b": body["camera_from_tag_b_ref"],
+            "reference_covariance": body.get("reference_covariance") or none,
+        },
+        "wrist_from_tag_a": body["wrist_from_tag_a"],
+        "pivot": pivot,
+        "touch_covariances": {
+            name: point["joint_covariance"]
+            for name, point in body["taught"].items()
+            if point["joint_covariance"] is not None
+        },
+    }
+    if body["method"] == "universal":
+        solution["tcp"] = {"in_wrist": body["tcp_in_wrist"], "covariance": body["tcp_covariance"]}
+    return solution
