@@ -79,7 +79,7 @@ def _joint(joint: Json) -> Json:
     arm = {"by_unknowns": "J_unknowns"}
     out = {names.get(key, key): value for key, value in joint.items()}
     out["arm"] = {arm.get(key, key): value for key, value in joint["arm"].items()}
-    return {"method": "joint", **out}
+    return {"method": "joint", "has_point": False, **out}
 
 
 def _stepwise(body: Json) -> Json:

@@ -6,7 +6,12 @@ import numpy as np
 
 from vgrd.calibration.joint.fit import JointFit
 from vgrd.calibration.joint.problem import target_of
-from vgrd.calibration.joint.solution import JointSolution, Prediction, solution_of
+from vgrd.calibration.joint.solution import (
+    JointSolution,
+    Prediction,
+    kept_columns,
+    solution_of,
+)
 from vgrd.calibration.touches.recorded import touched_orientation
 from vgrd.errors import InputError, TagNotSeen
 from vgrd.geometry import Array
@@ -48,12 +53,10 @@ def predict(
     """
     facts = fit.recording.facts
     made = solution.predict(facts, target_of(facts, target), tag, policy, R_work, refuse=refuse)
-    others = np.zeros((3, fit.layout.size - solution.layout.size))
-    return replace(
-        made,
-        J_unknowns=np.hstack([made.J_unknowns, others]),
-        J_turn_unknowns=np.hstack([made.J_turn_unknowns, others]),
-    )
+    kept = kept_columns(fit.layout)
+    J, J_turn = np.zeros((3, fit.layout.size)), np.zeros((3, fit.layout.size))
+    J[:, kept], J_turn[:, kept] = made.J_unknowns, made.J_turn_unknowns
+    return replace(made, J_unknowns=J, J_turn_unknowns=J_turn)
 
 
 def tag_b_of(seen: Observation | TagObservation) -> TagObservation:

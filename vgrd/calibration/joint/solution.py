@@ -12,11 +12,12 @@ import numpy as np
 from vgrd.calibration.joint.fit import JointFit, unknown_in_words, whiten_arm
 from vgrd.calibration.joint.problem import Tags
 from vgrd.calibration.joint.rows import ObjectMotions, left_jacobian, moved_tag, object_motions
-from vgrd.calibration.joint.state import Layout, table_motion_of
+from vgrd.calibration.joint.state import Columns, Layout, table_motion_of
 from vgrd.errors import NotObservable
 from vgrd.geometry import Array, Pose, hat
 from vgrd.geometry.chi2 import chi2_quantile
 from vgrd.geometry.covariance import radius95, sqrt_information
+from vgrd.judging.thresholds import IRRELEVANT_MM
 from vgrd.model import (
     ArmKnowledge,
     CellFacts,
@@ -30,7 +31,6 @@ from vgrd.model import (
 )
 
 _EYE = np.eye(3)
-IRRELEVANT_MM = 0.25
 _FITS_MODEL = 0.9999
 
 
@@ -55,12 +55,13 @@ class Prediction:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class JointSolution:
-    """Values of the unknowns that answers depend on; spins and the fixed point are marginalised.
+    """Values of the unknowns that answers depend on; the spins are marginalised.
 
     tip_in_wrist: (3,), any value that fits where the TCP is undetermined. axis, object_motions: which
     body-frame motions of camera_from_axis (z: axis of turning) and of the object on it are unknowns.
-    covariance (n, n) of a step in (base_from_camera, wrist_from_tag_a, TCP, base_from_object,
-    camera_from_tag_b, axis); undetermined (n, z): 500 mm or 1 rad along what the session left open.
+    has_point: a fixed point was touched, whose place tells of the arm's errors. covariance (n, n) of a
+    step in (base_from_camera, wrist_from_tag_a, TCP, base_from_object, camera_from_tag_b, axis, fixed
+    point); undetermined (n, z): 500 mm or 1 rad along what the session left open.
     """
 
     METHOD: ClassVar[str] = "joint"
@@ -73,6 +74,7 @@ class JointSolution:
     camera_from_axis: Pose
     axis: tuple[int, ...]
     object_motions: tuple[int, ...]
+    has_point: bool
     covariance: Array
     undetermined: Array
     arm: ArmKnowledge
@@ -80,7 +82,7 @@ class JointSolution:
     @property
     def layout(self) -> Layout:
         """Where the unknowns stand in a step."""
-        return Layout(self.axis, self.object_motions, spins=0, has_point=False)
+        return Layout(self.axis, self.object_motions, spins=0, has_point=self.has_point)
 
     @property
     def reference_covariance(self) -> Array:
@@ -199,7 +201,7 @@ class JointSolution:
 
 def solution_of(fit: JointFit) -> JointSolution:
     """The part of a fit that answers depend on."""
-    state, n = fit.state, fit.layout.axis_columns.stop
+    state, kept = fit.state, kept_columns(fit.layout)
     return JointSolution(
         base_from_camera=state.base_from_camera,
         wrist_from_tag_a=state.wrist_from_tag_a,
@@ -209,14 +211,23 @@ def solution_of(fit: JointFit) -> JointSolution:
         camera_from_axis=state.camera_from_axis,
         axis=fit.layout.axis,
         object_motions=fit.layout.object_motions,
-        covariance=_frozen(fit.covariance[:n, :n]),
-        undetermined=_frozen(fit.undetermined[:n]),
-        arm=_arm_knowledge(fit, n),
+        has_point=fit.layout.has_point,
+        covariance=_frozen(fit.covariance[np.ix_(kept, kept)]),
+        undetermined=_frozen(fit.undetermined[kept]),
+        arm=_arm_knowledge(fit, kept),
     )
 
 
-def _arm_knowledge(fit: JointFit, n: int) -> ArmKnowledge:
-    """What the residuals of the arm tell; n: unknowns that are kept."""
+def kept_columns(layout: Layout) -> Columns:
+    """(n,): columns of a fit's unknowns that its solution keeps, in their order."""
+    points = layout.point_columns
+    return np.concatenate(
+        [np.arange(layout.axis_columns.stop), np.arange(points.start, points.stop)]
+    )
+
+
+def _arm_knowledge(fit: JointFit, kept: Columns) -> ArmKnowledge:
+    """What the residuals of the arm tell; kept: columns of the unknowns."""
     model = fit.data.arm
     if model.field_mm == 0:
         nothing = np.zeros((0, 0))
@@ -224,7 +235,7 @@ def _arm_knowledge(fit: JointFit, n: int) -> ArmKnowledge:
             model,
             frozen_array(np.zeros((0, 3)), 0, 3),
             frozen_array(np.zeros(0), 0),
-            frozen_array(np.zeros((0, n)), 0, n),
+            frozen_array(np.zeros((0, len(kept))), 0, len(kept)),
             frozen_array(nothing, 0, 0),
         )
     G = whiten_arm(fit.arm_factor, fit.J_deviations)
@@ -233,7 +244,7 @@ def _arm_knowledge(fit: JointFit, n: int) -> ArmKnowledge:
         model,
         _frozen(fit.data.flange_at),
         _frozen(G.T @ fit.whitened[:k]),
-        _frozen((G.T @ fit.jacobian[:k])[:, :n]),
+        _frozen((G.T @ fit.jacobian[:k])[:, kept]),
         _frozen(G.T @ G),
     )
 
