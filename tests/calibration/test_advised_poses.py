@@ -77,7 +77,7 @@ def test_four_touches_with_two_targets_exchanged_get_words_and_no_pose():
     told = advice.to_json()
     assert told["next"] is None
     assert told["predicted_u95_mm"] == {}
-    assert "check which target every touch names" in told["trouble"]
+    assert "the targets that the touches name" in told["trouble"]
 
 
 @pytest.mark.ordered("the number of a sample is part of what is expected")

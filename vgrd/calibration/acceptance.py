@@ -5,6 +5,7 @@ import numpy as np
 from vgrd.errors import InputError
 from vgrd.geometry import Array
 from vgrd.geometry.chi2 import chi2_probability, chi2_quantile
+from vgrd.judging.findings import finding
 from vgrd.model import Finding
 
 _DIRECTIONS = 3.0
@@ -31,17 +32,16 @@ def accept(
         )
     sure = confidence_of(predicted_u95_mm, tolerance_mm, covariance)
     if sure >= confidence:
-        return Finding(
+        return finding(
             "meets_tolerance",
             f"meets {tolerance_mm:g} mm with {_percent(sure)} confidence (95 % of the misses are "
             f"predicted within {predicted_u95_mm:.2f} mm)",
         )
-    return Finding(
+    return finding(
         "misses_tolerance",
         f"does not meet {tolerance_mm:g} mm: only with {_percent(sure)} confidence, "
         f"{100 * confidence:g} % are wanted (95 % of the misses are predicted within "
-        f"{predicted_u95_mm:.2f} mm): record the sample that the coach proposes, or relax the "
-        "tolerance",
+        f"{predicted_u95_mm:.2f} mm)",
         fatal=True,
     )
 

@@ -8,6 +8,7 @@ from vgrd.calibration.calibration import Calibration, expected_coordinate
 from vgrd.errors import InputError, NotObservable
 from vgrd.geometry import Array
 from vgrd.geometry.chi2 import chi2_quantile
+from vgrd.judging.findings import finding
 from vgrd.model import ExpectedCoordinate, Finding, Policy, Touch
 
 _MARGIN = 1.5  # on what 95 % of the misses stay within: a good one fails 1 in 300 (one direction) to 1,900
@@ -25,8 +26,8 @@ def verify(
     """
     findings, misses = [], []
     for i, touch in enumerate(verifications):
-        finding, miss_mm = _judged(calibration, touch, f"verification {i + 1}")
-        findings += [finding] if finding is not None else []
+        doubt, miss_mm = _judged(calibration, touch, f"verification {i + 1}")
+        findings += [doubt] if doubt is not None else []
         misses += [miss_mm] if miss_mm is not None else []
     return findings, {"verification_max_mm": max(misses)} if misses else {}
 
@@ -37,19 +38,19 @@ def _judged(
     """What speaks against the calibration, and the miss in mm where it can be told."""
     seen = touch.observation
     if seen is None or seen.tag_b is None:
-        return Finding("verification_unseen", f"{name}: tag B was not in view"), None
+        return finding("verification_unseen", f"{name}: tag B was not in view"), None
     directions, sigmas_mm = _measured(calibration, touch)
     if not len(directions):
         words = (
             f"{name} ({touch.target}): both sigmas of the touch are infinite, it measured nothing"
         )
-        return Finding("verification_unusable", words), None
+        return finding("verification_unusable", words), None
     try:
         expected = expected_coordinate(
             calibration, touch.target, seen.tag_b, Policy.FIXED, touch.base_from_wrist.rotation
         )
     except (InputError, NotObservable) as fault:
-        return Finding("verification_unusable", f"{name}: {fault}"), None
+        return finding("verification_unusable", f"{name}: {fault}"), None
     off = directions @ _off(calibration, touch, expected)
     miss = float(np.linalg.norm(off))
     covariance = directions @ expected.position_covariance @ directions.T
@@ -57,8 +58,7 @@ def _judged(
     if share <= 1:
         return None, miss
     words = f"{name} ({touch.target}) misses by {miss:.2f} mm, {share:.1f} times as much as chance allows"
-    remedy = "touch the targets again, or check that nothing moved"
-    return Finding("verification_failed", f"{words}: {remedy}", fatal=True), miss
+    return finding("verification_failed", words, fatal=True), miss
 
 
 def _off(calibration: Calibration, touch: Touch, expected: ExpectedCoordinate) -> Array:

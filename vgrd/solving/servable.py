@@ -7,6 +7,7 @@ import numpy as np
 from vgrd.calibration.calibration import Calibration, expected_coordinate
 from vgrd.errors import CalibrationError, InputError
 from vgrd.geometry import Pose
+from vgrd.judging.findings import finding
 from vgrd.model import Finding, Policy, TagObservation, frozen_array
 
 # An object turned a little and a lot: what a turn needs and the recording did not tell shows in both.
@@ -20,7 +21,7 @@ def unservable(calibration: Calibration, policy: Policy) -> Sequence[Finding]:
         if reason := _refusal(calibration, name, policy):
             refused.setdefault(reason, []).append(name)
     return tuple(
-        Finding(
+        finding(
             "cannot_be_served",
             f"{', '.join(names)} cannot be served under policy {policy.value}: {reason}",
             fatal=True,

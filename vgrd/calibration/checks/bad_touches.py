@@ -7,16 +7,16 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from vgrd.calibration.observability.leave_one_out import OUTLIER_SIGMA, fit_without_outliers
+from vgrd.calibration.observability.leave_one_out import fit_without_outliers
 from vgrd.calibration.observability.motion import Axes, turned_axes
 from vgrd.calibration.touches.cad_fit import fit_cad
 from vgrd.calibration.touches.recorded import arm_touches
 from vgrd.calibration.touches.touch_set import TouchSet
 from vgrd.calibration.universal.estimate import UniversalProblem, calibrate_universal
 from vgrd.geometry import Array
+from vgrd.judging.findings import finding
+from vgrd.judging.thresholds import OUTLIER_SIGMA, WRONG_SIGMA
 from vgrd.model import Finding, Recording
-
-_WRONG_SIGMA = 6.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -49,11 +49,11 @@ def bad_touches(recording: Recording) -> tuple[Finding, ...]:
     if not bad.size and fit.scores[worst] > OUTLIER_SIGMA:
         bad = np.array([worst])
     return tuple(
-        Finding(
+        finding(
             "touch_outlier",
             f"touch {i + 1} ({touches[i].target}) does not belong to the others: {off[i]:.2f} mm, "
-            f"{fit.scores[i]:.1f} sigma off; undo it and touch that target again",
-            fatal=bool(fit.scores[i] > _WRONG_SIGMA),
+            f"{fit.scores[i]:.1f} sigma off",
+            fatal=bool(fit.scores[i] > WRONG_SIGMA),
         )
         for i in bad
     )

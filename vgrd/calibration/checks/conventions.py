@@ -20,15 +20,14 @@ from vgrd.calibration.checks.interpretations import (
 from vgrd.calibration.hand_eye.pose_pairs import PoseSample
 from vgrd.calibration.hand_eye.samples import hand_eye_samples
 from vgrd.geometry.rotation_formats import RotationFormat
+from vgrd.judging.findings import finding
+from vgrd.judging.thresholds import CONTRADICTORY_DEG, CONTRADICTORY_MM, REACH_MM
 from vgrd.model import CellFacts, Finding, Mount, Recording
 
 _MIN_SAMPLES = 4
 _SIGMAS = 6.0
 _LEAST_DEG = 0.5
 _LEAST_MM = 2.0
-_CONTRADICTORY_DEG = 3.0
-_CONTRADICTORY_MM = 25.0
-_REACH_MM = 500.0
 _UNIT_RATIO = 1.3
 _UNITS: Mapping[float, str] = MappingProxyType(
     {
@@ -63,13 +62,12 @@ def misinterpreted_poses(
     found = explain(flange_motions, cameras, deg=deg, mm=mm, read_as=read_as)
     if found:
         return _finding(found, own, recording)
-    if own.within(_CONTRADICTORY_DEG, _CONTRADICTORY_MM):
+    if own.within(CONTRADICTORY_DEG, CONTRADICTORY_MM):
         return None
-    return Finding(
+    return finding(
         "poses_contradict",
         f"robot poses and pictures of tag A contradict each other, typically {own.deg:.1f} deg and "
-        f"{own.mm:.1f} mm off, whatever rotation format, unit or mount is supposed: check that "
-        "poses and pictures belong together and that tag A and camera are tight",
+        f"{own.mm:.1f} mm off, whatever rotation format, unit or mount is supposed",
         fatal=True,
     )
 
@@ -108,11 +106,10 @@ def cannot_tell(facts: CellFacts) -> tuple[Finding, ...]:
     """
     if facts.wrist_from_tcp is None:
         return (
-            Finding(
+            finding(
                 "flange_not_proven",
                 "whether the robot reports its flange or an active TCP cannot be told from the "
-                "samples, and this robot does not tell it: set TCP and user frame on the pendant "
-                "to zero, or compare with the pendant's flange pose",
+                "samples, and this robot does not tell it",
             ),
         )
     return ()
@@ -121,7 +118,7 @@ def cannot_tell(facts: CellFacts) -> tuple[Finding, ...]:
 def _limits(samples: Sequence[PoseSample], cameras: Poses, sigma_mm: float) -> tuple[float, float]:
     """Medians, degrees and mm, that noise does not explain."""
     covariances = np.array([sample.covariance for sample in samples])
-    noise = noise_of(cameras, covariances, sigma_mm, sigma_mm / _REACH_MM)
+    noise = noise_of(cameras, covariances, sigma_mm, sigma_mm / REACH_MM)
     return (
         max(_LEAST_DEG, _SIGMAS * float(np.degrees(noise.rad))),
         max(_LEAST_MM, _SIGMAS * noise.mm),
@@ -143,10 +140,10 @@ def _unit_finding(
     words = mistaken_unit(own)
     if words is None or agreement(flange_motions, cameras, unit_known=True).within(np.inf, mm):
         return None
-    return Finding(
+    return finding(
         "unit_misread",
         f"by the size of tag A one unit of the robot's positions measures {own.millimetres:.4g} mm "
-        f"instead of 1: they are {words}; correct the unit of the robot's poses",
+        f"instead of 1, they are {words}",
         fatal=True,
     )
 
@@ -161,9 +158,9 @@ def _finding(found: Sequence[Fitted], own: Agreement, recording: Recording) -> F
     message = (
         f"as recorded, robot poses and pictures of tag A are typically {own.deg:.1f} deg and "
         f"{own.mm:.1f} mm off; they agree to {best.fit.deg:.2f} deg and {best.fit.mm:.2f} mm when "
-        f"{' or '.join(words)}{also}: correct that and record again"
+        f"{' or '.join(words)}{also}"
     )
-    return Finding(_code(best.reading, recording), message, fatal=True)
+    return finding(_code(best.reading, recording), message, fatal=True)
 
 
 def _code(reading: Interpretation, recording: Recording) -> str:

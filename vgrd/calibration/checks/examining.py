@@ -12,6 +12,7 @@ from vgrd.calibration.checks.size_and_time import tag_size, time_offset
 from vgrd.calibration.hand_eye.samples import hand_eye_samples
 from vgrd.calibration.observability.motion import Axes, turned_axes
 from vgrd.geometry.rotation_formats import RotationFormat
+from vgrd.judging.findings import finding
 from vgrd.model import Finding, Policy, Recording
 
 
@@ -45,7 +46,7 @@ def _findings(
     if moved is not None:
         yield moved
     yield from (
-        Finding(one.code, one.sentence, fatal=one.essential)
+        finding(one.code, one.sentence, fatal=one.essential)
         for one in missing_motions(recording, policy)
     )
     samples = hand_eye_samples(recording)

@@ -15,6 +15,7 @@ from vgrd.calibration.universal.start import linear_rotation, reduced_cost
 from vgrd.errors import CalibrationError
 from vgrd.geometry import Array
 from vgrd.geometry.rotation_relaxation import relax
+from vgrd.judging.findings import finding
 from vgrd.model import Finding
 
 _CLEARLY_BETTER = 0.3
@@ -117,10 +118,10 @@ def _readings(
     names: Sequence[str], points: Array, places: Sequence[int] | None
 ) -> Iterator[_Reading]:
     yield _Reading(
-        Finding(
+        finding(
             "points_mirrored",
             "the touches fit the mirror image of the CAD points: one axis of the targets has the "
-            "wrong sign, or two axes are exchanged; correct them",
+            "wrong sign, or two axes are exchanged",
             fatal=True,
         ),
         points * (1, 1, -1),
@@ -133,10 +134,10 @@ def _readings(
         touched = sorted(np.flatnonzero(which == k).tolist() for k in (a, b))
         first, second = (", ".join(repr(names[i]) for i in rows) for rows in touched)
         yield _Reading(
-            Finding(
+            finding(
                 "targets_swapped",
                 f"the targets of touch {first} and {second} are swapped: all touches fit when "
-                "they are exchanged; correct the names, or undo these touches and take them again",
+                "they are exchanged",
                 fatal=True,
             ),
             distinct[swapped],
@@ -156,10 +157,9 @@ def _other_orders(points: Array, places: Sequence[int] | None) -> Iterator[_Read
                 continue
             how = " backwards" * backwards + f" from the {shift + 1}. on" * (shift > 0)
             yield _Reading(
-                Finding(
+                finding(
                     "points_order",
-                    f"the targets stand in the wrong order: the touches fit the list read{how}; "
-                    "correct the file",
+                    f"the targets stand in the wrong order, the touches fit the list read{how}",
                     fatal=True,
                 ),
                 listed[order][place],

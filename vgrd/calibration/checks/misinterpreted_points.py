@@ -14,9 +14,9 @@ from vgrd.calibration.observability.motion import Axes, turned_axes
 from vgrd.calibration.touches.recorded import arm_touches
 from vgrd.calibration.universal.start import lowest_cost, reduced_cost
 from vgrd.geometry import Array
+from vgrd.judging.thresholds import NOISY_SCALE
 from vgrd.model import Finding, Recording
 
-_CONTRADICTORY = 3.0
 _MIN_TOUCHES = 4
 _SHOWS = (
     6.0  # sigmas: beyond this a session is refused as contradictory (`joint_system.WRONG_SIGMA`)
@@ -37,7 +37,7 @@ def misinterpreted_points(recording: Recording) -> Finding | None:
     arrays = arm_touches(touches, recording)
     wrists = ConstantWrist(arrays) if axes is Axes.NONE else VariedWrists(arrays)
     scale = wrists.scatter(points)
-    if not _CONTRADICTORY < scale < np.inf:
+    if not NOISY_SCALE < scale < np.inf:
         return None
     names = [f"{i + 1} ({touch.target})" for i, touch in enumerate(touches)]
     places = [list(targets).index(touch.target) for touch in touches]

@@ -5,16 +5,17 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from vgrd.calibration.checks.proposals import MissingMotion, direction, tilted
-from vgrd.calibration.observability.motion import SAME_ORIENTATION_RAD, Axes, turned_axes
+from vgrd.calibration.observability.motion import Axes, turned_axes
 from vgrd.calibration.tcp.fixed_point import calibrate_fixed_point
 from vgrd.calibration.touches.cad_fit import fit_cad
 from vgrd.calibration.touches.recorded import arm_touches
 from vgrd.calibration.universal.estimate import UniversalProblem, calibrate_universal
 from vgrd.errors import CalibrationError, InputError, NotObservable, TooFewObservations
 from vgrd.geometry import Array, log_rotation
+from vgrd.geometry.coincidence import are_in_line
+from vgrd.judging.thresholds import LINE, SAME_ORIENTATION_RAD
 from vgrd.model import Plan, Policy, Recording, Target, Touch
 
-_LINE = 1e-2
 _FEW = 3
 
 
@@ -61,7 +62,7 @@ def missing_touches(recording: Recording, policy: Policy) -> Iterator[MissingMot
             target=beside.name,
         )
         return
-    if _in_line(points):
+    if are_in_line(points, LINE):
         yield MissingMotion(
             "targets_in_line",
             "all touched points lie on one line, the object can turn about it: touch "
@@ -85,10 +86,10 @@ def _tilts(
             yield _tilt_again(
                 "wrist_tilt", recording, touches, rank=6, unknowns=9, essential=needs_tcp
             )
-        elif not _in_line(points):
+        elif not are_in_line(points, LINE):
             yield from _unmeasured(recording, points)
         return
-    if _in_line(points):
+    if are_in_line(points, LINE):
         return
     try:
         calibrate_universal(UniversalProblem(points, arm_touches(touches, recording)))
@@ -165,7 +166,7 @@ def _tip(recording: Recording, touches: Sequence[Touch]) -> tuple[Array, bool]:
         R = np.array([touch.base_from_wrist.rotation for touch in touches])
         t = np.array([touch.base_from_wrist.translation for touch in touches])
         rows = (R - R.mean(axis=0)).reshape(-1, 3)
-        tip = np.linalg.lstsq(rows, -(t - t.mean(axis=0)).ravel(), rcond=_LINE)[0]
+        tip = np.linalg.lstsq(rows, -(t - t.mean(axis=0)).ravel(), rcond=LINE)[0]
         return np.asarray(tip), False
     return np.zeros(3), False
 
@@ -180,17 +181,12 @@ def _points(recording: Recording, touches: Sequence[Touch]) -> Array:
     return np.array([targets[t.target].point_in_object for t in touches]).reshape(-1, 3)
 
 
-def _in_line(points: Array) -> bool:
-    spread = np.linalg.svd(points - points.mean(axis=0), compute_uv=False)
-    return bool(spread[1] <= _LINE * max(spread[0], 1e-9))
-
-
 def _beside(recording: Recording, points: Array) -> Target:
     """The target farthest from the line, or the point, of those that were touched."""
     targets = list(recording.facts.object.targets.values())
     if not len(points):
         return targets[0]
     middle = points.mean(axis=0)
-    along = np.linalg.svd(points - middle)[2][0] * (np.ptp(points, axis=0).max() > _LINE)
+    along = np.linalg.svd(points - middle)[2][0] * (np.ptp(points, axis=0).max() > LINE)
     off = [target.point_in_object - middle for target in targets]
     return targets[int(np.argmax([np.linalg.norm(d - along * (along @ d)) for d in off]))]

@@ -7,6 +7,7 @@ import numpy as np
 from vgrd.calibration.hand_eye.samples import first_of_same, sightings_of_tag_a
 from vgrd.calibration.touches.reference import moved_touches
 from vgrd.geometry import Array, Pose
+from vgrd.judging.findings import finding
 from vgrd.model import Finding, Recording
 
 _SIGMAS_SQUARED = 60.0
@@ -30,17 +31,16 @@ def repeated_poses(recording: Recording) -> Iterator[Finding]:
         )
         (stale if moved else twice).append((seen[k].name, seen[i].name))
     if stale:
-        yield Finding(
+        yield finding(
             "pose_not_read_again",
             f"tag A moved between {_pairs(stale)}, but the robot's pose is the same to the last "
-            "digit: it was not read again; check the connection to the robot and undo them",
+            "digit, so it was not read again",
             fatal=True,
         )
     if twice:
-        yield Finding(
+        yield finding(
             "pose_repeated",
-            f"one robot pose was recorded twice: {_pairs(twice)}; it counts once, move the robot "
-            "between samples",
+            f"one robot pose was recorded twice, {_pairs(twice)}, and counts once",
         )
     yield from _repeated_touches(recording)
 
@@ -52,24 +52,18 @@ def _repeated_touches(recording: Recording) -> Iterator[Finding]:
     first = first_of_same([touch.base_from_wrist for touch in touches])
     same = [(touches[k].target, touches[i].target) for i, k in enumerate(first) if i != k]
     if same:
-        yield Finding(
-            "pose_repeated",
-            f"one robot pose was recorded for two touches: {_pairs(same)}; undo one of them",
+        yield finding(
+            "pose_repeated", f"one robot pose was recorded for two touches, {_pairs(same)}"
         )
 
 
 def moved_object(recording: Recording) -> Finding | None:
-    """Touches while which tag B stood elsewhere; None where it stood still or was not seen."""
+    """Names the touches in which tag B stood elsewhere; None where there are none."""
     moved = moved_touches(recording.touches)
     if not moved:
         return None
     names = ", ".join(str(i + 1) for i in moved)
-    return Finding(
-        "object_moved",
-        f"the object stood elsewhere in touch {names}: hold it still while touching, undo those "
-        "touches and touch again",
-        fatal=True,
-    )
+    return finding("object_moved", f"the object stood elsewhere in touch {names}", fatal=True)
 
 
 def _differ(pose: Pose, other: Pose, covariance: Array) -> bool:

@@ -14,9 +14,10 @@ from vgrd.calibration.hand_eye.pose_pairs import PoseSample
 from vgrd.errors import NotObservable
 from vgrd.geometry import Array, hat, log_rotation
 from vgrd.geometry.covariance import covariance_from, sqrt_information
+from vgrd.judging.findings import finding
+from vgrd.judging.thresholds import REACH_MM
 from vgrd.model import Finding, Mount, Observation, Recording
 
-_REACH_MM = 500.0
 _SIGMAS = 4.0
 _SIZE_MATTERS = 4e-3
 _STEP_S = 0.35
@@ -48,11 +49,10 @@ def tag_size(samples: Sequence[PoseSample], recording: Recording) -> Finding | N
     if tag is None or scale is None or not scale.differs(1.0, _SIZE_MATTERS):
         return None
     size, sigma = scale.value * tag.size_mm, scale.sigma * tag.size_mm
-    return Finding(
+    return finding(
         "tag_size",
         f"tag A measures {size:.2f} +- {sigma:.2f} mm against the robot's motion, the file says "
-        f"{tag.size_mm:g}: measure its black square with a caliper; if the file is right, check "
-        "the camera's focal length and the robot's unit",
+        f"{tag.size_mm:g}",
     )
 
 
@@ -90,12 +90,11 @@ def time_offset(recording: Recording) -> Finding | None:
     speed = float(np.median([np.linalg.norm(moving[k][:3]) for k in fast]))
     if late is None or not late.differs(0.0, _TIME_MATTERS_MM / speed):
         return None
-    return Finding(
+    return finding(
         "time_offset",
         f"pictures show the robot {1e3 * abs(late.value):.0f} +- {1e3 * late.sigma:.0f} ms "
         f"{'after' if late.value > 0 else 'before'} the pose recorded with them, at "
-        f"{speed:.0f} mm/s that is {abs(late.value) * speed:.1f} mm: take looks at rest, or "
-        "correct the camera's delay",
+        f"{speed:.0f} mm/s that is {abs(late.value) * speed:.1f} mm",
         fatal=True,
     )
 
@@ -180,6 +179,6 @@ class _Step:
         by_robot = np.zeros((n, 6, 6))
         by_robot[:, :3, :3] = by_robot[:, 3:, 3:] = np.eye(3)
         by_robot[:, :3, 3:] = -hat(self._moves.rotations @ self._fit.Y.translation)
-        S = np.diag([sigma_mm**2] * 3 + [(sigma_mm / _REACH_MM) ** 2] * 3)
+        S = np.diag([sigma_mm**2] * 3 + [(sigma_mm / REACH_MM) ** 2] * 3)
         noise = J_camera @ covariances @ np.swapaxes(J_camera, 1, 2)
         return sqrt_information(noise + by_robot @ S @ np.swapaxes(by_robot, 1, 2))

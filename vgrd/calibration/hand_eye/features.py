@@ -7,8 +7,7 @@ import numpy as np
 
 from vgrd.geometry import Array, Pose
 from vgrd.geometry.camera import CameraModel
-
-_UNKNOWN_MM = 1000.0
+from vgrd.judging.thresholds import UNKNOWN_MM
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -37,7 +36,7 @@ def first_places(
         elif len(shown) > 1:
             directions = camera.normalize(np.array([sightings[i][name] for i in shown]))
             at = _meeting_point(directions, [camera_from_target[i] for i in shown])
-            places[name] = Place(at, _UNKNOWN_MM)
+            places[name] = Place(at, UNKNOWN_MM)
     return places
 
 

@@ -18,6 +18,7 @@ from vgrd.calibration.observability.motion import (
 )
 from vgrd.errors import NotObservable
 from vgrd.geometry import Array, Pose
+from vgrd.judging.findings import finding
 from vgrd.model import Finding, Mount
 
 _TRANSLATION_ONLY = 0.05
@@ -109,17 +110,15 @@ def null_space_findings(mount: Mount, null_space: Array) -> tuple[Finding, ...]:
     if len(null_space) > 1:
         message = (
             "the wrist did not turn: where the camera is stays open in all directions, its "
-            f"rotation does not; the target's origin is taken at the origin of the {holder}; "
-            "turn the wrist, or measure where the target is"
+            f"rotation does not, and the target's origin is taken at the origin of the {holder}"
         )
-        return (Finding("position_free", message),)
+        return (finding("position_free", message),)
     message = (
         f"the wrist turned about one axis only: the target's height along {_vector(null_space[0, 3:])} "
         f"of the {holder} stays open and is taken as 0 mm; the camera's place along "
-        f"{_vector(null_space[0, :3])} of the {other} depends on it. Measure that height, touch "
-        "one point, or tilt the wrist; expected coordinates at this tilt do not need it"
+        f"{_vector(null_space[0, :3])} of the {other} depends on it"
     )
-    return (Finding("height_free", message),)
+    return (finding("height_free", message),)
 
 
 def _vector(half: Array) -> str:

@@ -6,10 +6,9 @@ import numpy as np
 
 from vgrd.calibration.hand_eye.pose_pairs import PoseSample
 from vgrd.geometry import Pose
+from vgrd.geometry.coincidence import equal_poses
+from vgrd.judging.thresholds import SAME_POSE_MM, SAME_POSE_RAD
 from vgrd.model import Recording
-
-_SAME_MM = 1e-6
-_SAME_RAD = 1e-9
 
 
 def sightings_of_tag_a(recording: Recording) -> list[PoseSample]:
@@ -39,8 +38,4 @@ def first_of_same(poses: Sequence[Pose]) -> list[int]:
     """For every pose (n) the index of the first one that equals it."""
     if not poses:
         return []
-    t = np.array([pose.translation for pose in poses])
-    R = np.array([pose.rotation for pose in poses])
-    apart_mm = np.linalg.norm(t[:, None] - t, axis=2)
-    apart = np.abs(R[:, None] - R).max(axis=(2, 3))
-    return [int(i) for i in np.argmax((apart_mm < _SAME_MM) & (apart < _SAME_RAD), axis=1)]
+    return [int(i) for i in np.argmax(equal_poses(poses, SAME_POSE_MM, SAME_POSE_RAD), axis=1)]

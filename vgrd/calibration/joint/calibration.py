@@ -10,11 +10,13 @@ from vgrd.calibration.joint.expected import work_orientation
 from vgrd.calibration.joint.fit import JointFit
 from vgrd.calibration.joint.problem import EvidenceKind, Sighting
 from vgrd.calibration.joint.rows import left_jacobian
-from vgrd.calibration.joint.solution import IRRELEVANT_MM, JointSolution, solution_of
+from vgrd.calibration.joint.solution import JointSolution, solution_of
 from vgrd.calibration.joint.state import Layout
 from vgrd.calibration.outcome import Outcome
 from vgrd.calibration.turntable.usable_spins import without_useless_spins
 from vgrd.errors import NotObservable
+from vgrd.judging.findings import finding
+from vgrd.judging.thresholds import IRRELEVANT_MM, NOISY_SCALE, WRONG_SIGMA
 from vgrd.model import (
     ExpectedCoordinate,
     Finding,
@@ -25,18 +27,13 @@ from vgrd.model import (
     frozen_array,
 )
 
-_NOISY = 3.0
-WRONG_SIGMA = 6.0  # residuals so large are a mistake, not noise: 3 sigma is met by chance
-_OUTLIERS: Mapping[str, tuple[str, str]] = {
-    EvidenceKind.HAND_EYE.value: ("look_outlier", "tag A does not fit there: look again"),
-    EvidenceKind.TOUCHES.value: ("touch_outlier", "undo it and touch that target again"),
-    EvidenceKind.POINTS.value: ("point_outlier", "undo it and touch the point again"),
-    EvidenceKind.REFERENCE.value: ("reference_outlier", "hold the object still while touching"),
-    EvidenceKind.SPINS.value: (
-        "spin_outlier",
-        "the object slipped or the picture was bad: spin again",
-    ),
-    EvidenceKind.HOLES.value: ("hole_outlier", "check its CAD point and hole_diameter_mm"),
+_OUTLIERS: Mapping[str, str] = {
+    EvidenceKind.HAND_EYE.value: "look_outlier",
+    EvidenceKind.TOUCHES.value: "touch_outlier",
+    EvidenceKind.POINTS.value: "point_outlier",
+    EvidenceKind.REFERENCE.value: "reference_outlier",
+    EvidenceKind.SPINS.value: "spin_outlier",
+    EvidenceKind.HOLES.value: "hole_outlier",
 }
 
 
@@ -109,32 +106,26 @@ def _predicted(
 def _findings(fit: JointFit, solution: JointSolution) -> Iterator[Finding]:
     for sample in fit.samples:
         if not sample.used:
-            code, remedy = _OUTLIERS[sample.kind]
-            yield Finding(code, f"{sample.name} was left out: {sample.reason}; {remedy}")
-    if fit.noise_scale > _NOISY:
-        yield Finding(
+            yield finding(_OUTLIERS[sample.kind], f"{sample.name} was left out, {sample.reason}")
+    if fit.noise_scale > NOISY_SCALE:
+        yield finding(
             "noisy",
             f"the samples scatter {fit.noise_scale:.1f} times as much as robot, camera and touch "
-            "promise: check intrinsics, tag sizes and CAD points, and that nothing is loose",
+            "promise",
             fatal=fit.noise_scale > WRONG_SIGMA,
         )
     spec = fit.recording.facts.object
     if spec.motion is Motion.TURNTABLE and not fit.layout.spins:
-        yield Finding(
-            "no_pivot",
-            "no rotation centre: expected coordinates rest on the hand-eye translation; record "
-            "spins of the turntable",
+        yield finding(
+            "no_pivot", "no rotation centre, expected coordinates rest on the hand-eye translation"
         )
     elif spec.motion is Motion.TURNTABLE and spec.center_in_object is None:
-        yield Finding(
-            "no_cad_center",
-            "the turntable's centre is not known in CAD: set [object] center_mm for less error",
-        )
+        yield finding("no_cad_center", "the turntable's centre is not known in CAD")
     if solution.tcp is None:
-        yield Finding(
+        yield finding(
             "tcp_open",
             "the TCP is not determined, which the answers do not need as long as the wrist stands "
-            "as it was touched; touch with tilted wrists to know it",
+            "as it was touched",
         )
 
 

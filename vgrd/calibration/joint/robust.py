@@ -14,13 +14,13 @@ import numpy as np
 from vgrd.calibration.joint.fit import JointFit, JointSample, fit_joint, units
 from vgrd.calibration.joint.problem import SAMPLED, EvidenceKind, JointData
 from vgrd.calibration.joint.state import JointState, layout_of
-from vgrd.calibration.observability.leave_one_out import OUTLIER_SIGMA, fit_without_outliers
+from vgrd.calibration.observability.leave_one_out import fit_without_outliers
 from vgrd.calibration.touches.touch_set import TouchSet, equivalent_sigmas
 from vgrd.geometry import Array
+from vgrd.judging.thresholds import OUTLIER_SIGMA, PICTURE_SIGMA
 
 _SWEEPS = 3
 _LEVERAGE_FLOOR = 1e-9
-_PICTURE_SIGMA = 4.5
 
 Weights = Mapping[EvidenceKind, Array]
 
@@ -158,7 +158,7 @@ def _key(weights: Weights) -> bytes:
 
 def _limit(link: EvidenceKind) -> float:
     """Pictures are many, and their noise is known: a good one is never as far off as this."""
-    return OUTLIER_SIGMA if link in (EvidenceKind.TOUCHES, EvidenceKind.POINTS) else _PICTURE_SIGMA
+    return OUTLIER_SIGMA if link in (EvidenceKind.TOUCHES, EvidenceKind.POINTS) else PICTURE_SIGMA
 
 
 def _spread(values: Array, weights: Array) -> Array:

@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 
 from vgrd.errors import CalibrationError
 from vgrd.geometry import Array
+from vgrd.judging.thresholds import OUTLIER_SIGMA
 
-OUTLIER_SIGMA = 3.5
 _CAUCHY = 2.385
 _ROUNDS = 8
 _SETTLED = 0.01

@@ -7,14 +7,12 @@ import numpy as np
 
 from vgrd.errors import InputError, NotObservable, TooFewObservations
 from vgrd.geometry import Array, Pose, log_rotation
+from vgrd.geometry.coincidence import equal_poses
 from vgrd.geometry.covariance import Observability, observability
+from vgrd.judging.thresholds import NO_ROTATION_RAD, SAME_POSE_MM, SAME_POSE_RAD
 
-NO_ROTATION_RAD = np.radians(0.5)
-SAME_ORIENTATION_RAD = np.radians(0.05)
 _HAND_EYE_TOLERANCE = 5e-3
 _MIN_LEVER_MM = 50.0
-_SAME_MM = 1e-6
-_SAME_ROTATION = 1e-9
 
 
 class Axes(Enum):
@@ -36,12 +34,9 @@ def turned_axes(rotations: Sequence[Array]) -> tuple[Axes, Array]:
 
 def check_distinct(names: Sequence[str], poses: Sequence[Pose]) -> None:
     """Raise InputError naming samples with exactly the same pose, NotObservable when all are."""
-    t = np.array([pose.translation for pose in poses])
-    R = np.array([pose.rotation for pose in poses])
-    for i, name in enumerate(names):
-        same = (np.linalg.norm(t - t[i], axis=1) < _SAME_MM) & (
-            np.abs(R - R[i]).max(axis=(1, 2)) < _SAME_ROTATION
-        )
+    for i, (name, same) in enumerate(
+        zip(names, equal_poses(poses, SAME_POSE_MM, SAME_POSE_RAD), strict=True)
+    ):
         if same.all() and len(poses) > 1:
             raise NotObservable(
                 f"all {len(poses)} robot poses are equal: the robot did not move, or its pose was "

@@ -6,7 +6,6 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from vgrd.calibration.checks import examine, missing_motions
-from vgrd.calibration.joint.calibration import WRONG_SIGMA
 from vgrd.calibration.joint.estimate import calibrate_joint
 from vgrd.calibration.joint.fit import JointFit
 from vgrd.calibration.planning.next_sample import Advice, next_best, without_pose
@@ -16,6 +15,8 @@ from vgrd.calibration.planning.reach import Reach, camera_sees_tag_a, usual_wris
 from vgrd.calibration.turntable.usable_spins import without_useless_spins
 from vgrd.errors import DidNotConverge, VgrdError
 from vgrd.geometry import Array
+from vgrd.judging.findings import finding
+from vgrd.judging.thresholds import WRONG_SIGMA
 from vgrd.model import Finding, Policy, Recording
 
 _ANGLES_RAD = (0.0, 2.0)
@@ -139,11 +140,10 @@ def _advice(result: JointFit, told: _Told, reach: Reach, works: Sequence[Array])
 
 
 def _contradiction(noise_scale: float) -> Finding:
-    return Finding(
+    return finding(
         "noisy",
         f"the samples contradict each other, {noise_scale:.0f} times as much as robot, camera and "
-        "touch promise: check which target every touch names, that neither object nor tool moved, "
-        "tag sizes and CAD points",
+        "touch promise",
         fatal=True,
     )
 
@@ -151,7 +151,7 @@ def _contradiction(noise_scale: float) -> Finding:
 def _outliers(result: JointFit) -> tuple[Finding, ...]:
     """Samples that the others contradict."""
     return tuple(
-        Finding("sample_outlier", f"{one.name}: {one.reason}; undo it and take it again")
+        finding("sample_outlier", f"{one.name} is {one.reason}")
         for one in result.samples
         if not one.used
     )

@@ -12,12 +12,13 @@ import numpy as np
 from vgrd.calibration.joint.expected import predict, work_orientation
 from vgrd.calibration.joint.fit import JointFit, information_inverse
 from vgrd.calibration.joint.problem import EvidenceKind
-from vgrd.calibration.joint.solution import IRRELEVANT_MM, solution_of
+from vgrd.calibration.joint.solution import solution_of
 from vgrd.calibration.joint.state import Layout
 from vgrd.calibration.planning.predicted_rows import ForeseenRows, picture_of
 from vgrd.calibration.planning.reach import Candidate, Looking
 from vgrd.geometry import Array, Pose
 from vgrd.geometry.chi2 import chi2_quantile
+from vgrd.judging.thresholds import IRRELEVANT_MM
 from vgrd.model import Policy
 
 QUARTERS = (0.0, 0.5 * np.pi, np.pi, 1.5 * np.pi)

@@ -13,16 +13,15 @@ from vgrd.calibration.stepwise.chain import CameraChain, Pivot
 from vgrd.calibration.stepwise.hole_center import HoleCenter, combine, find_hole_center
 from vgrd.calibration.stepwise.solution import SpecialSolution, UniversalSolution
 from vgrd.calibration.stepwise.touch_fit import FittedTouches, fit_touches
-from vgrd.calibration.stepwise.verdict import DISAGREE_MM, Evidence, judge
+from vgrd.calibration.stepwise.verdict import Evidence, judge
 from vgrd.calibration.touches.reference import find_reference
 from vgrd.calibration.turntable.rotation_center import RotationCenter, find_rotation_center
 from vgrd.errors import DidNotConverge, NotObservable, TooFewObservations
 from vgrd.geometry import Array
+from vgrd.judging.findings import finding
+from vgrd.judging.thresholds import PIVOT_APART_MM, REACH_MM, UNKNOWN_MM
 from vgrd.model import Finding, Observation, Recording, frozen_array
 
-_REACH_MM = 500.0
-
-_UNKNOWN_MM = 1000.0
 _APART_SIGMA, _APART_MM = 5.0, 0.1
 
 
@@ -72,7 +71,7 @@ def _camera_covariance(hand_eye: HandEyeResult) -> Array:
     """(6, 6) of base_from_camera, with a metre where its place stays open."""
     open_mm = (
         np.sqrt(2)
-        * _UNKNOWN_MM
+        * UNKNOWN_MM
         * np.hstack([hand_eye.null_space[:, :3], 0 * hand_eye.null_space[:, 3:]])
     )
     return np.asarray(hand_eye.covariance[:6, :6] + open_mm.T @ open_mm)
@@ -90,7 +89,7 @@ def _hand_eye_problem(recording: Recording, allow_unobservable: int) -> HandEyeP
         mount=recording.facts.mount,
         samples=samples,
         robot_sigma_mm=sigma,
-        robot_sigma_rad=sigma / _REACH_MM,
+        robot_sigma_rad=sigma / REACH_MM,
         allow_unobservable=allow_unobservable,
     )
 
@@ -105,7 +104,7 @@ def _center(recording: Recording) -> tuple[RotationCenter | None, list[Finding]]
             [tag.camera_from_tag for tag in tags], [tag.covariance for tag in tags]
         )
     except (NotObservable, TooFewObservations) as fault:
-        return None, [Finding("spins_unusable", f"no rotation centre: {fault}")]
+        return None, [finding("spins_unusable", f"no rotation centre: {fault}")]
     return center, []
 
 
@@ -124,7 +123,7 @@ def _hole_center(
     try:
         return find_hole_center(recording, sightings, find_reference(recording.touches))
     except (NotObservable, TooFewObservations, DidNotConverge) as fault:
-        doubts.append(Finding("holes_unusable", f"no rotation centre by holes: {fault}"))
+        doubts.append(finding("holes_unusable", f"no rotation centre by holes: {fault}"))
         return None
 
 
@@ -140,10 +139,9 @@ def _pivot(
         return None
     if taught.pivot_in_base is None:
         doubts.append(
-            Finding(
+            finding(
                 "no_cad_center",
-                "the turntable's centre is not known in CAD: set [object] center_mm; until then "
-                "the hand-eye translation is used",
+                "the turntable's centre is not known in CAD, the hand-eye translation is used",
             )
         )
         return None
@@ -171,12 +169,11 @@ def _by_holes(
     if both.apart_sigmas <= _APART_SIGMA or both.apart_mm <= _APART_MM:
         return both.center_in_tag, both.covariance
     doubts.append(
-        Finding(
+        finding(
             "pivot_disagrees",
             f"holes and turning see the rotation centre {both.apart_mm:.2f} mm "
-            f"({both.apart_sigmas:.0f} sigma) apart, that of the holes is used: check [object] "
-            "center_mm and the CAD points, and that tag B did not shift on the object",
-            fatal=both.apart_mm > DISAGREE_MM,
+            f"({both.apart_sigmas:.0f} sigma) apart, that of the holes is used",
+            fatal=both.apart_mm > PIVOT_APART_MM,
         )
     )
     return holes.center_in_tag, holes.covariance

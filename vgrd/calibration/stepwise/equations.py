@@ -2,9 +2,9 @@
 
 import numpy as np
 
-from vgrd.calibration.observability.motion import SAME_ORIENTATION_RAD
 from vgrd.errors import InputError
 from vgrd.geometry import Array, Pose, log_rotation
+from vgrd.judging.thresholds import SAME_ORIENTATION_RAD
 
 
 def point_in_base_live(

@@ -20,14 +20,14 @@ from vgrd.calibration.turntable.rotation_center import RotationCenter
 from vgrd.errors import DidNotConverge, NotObservable, TooFewObservations
 from vgrd.geometry import Array, Pose, exp_rotation, hat
 from vgrd.geometry.camera import CameraModel
+from vgrd.geometry.coincidence import are_in_line
 from vgrd.geometry.covariance import covariance_from, sqrt_information
 from vgrd.geometry.least_squares import check_convergence, minimize
+from vgrd.judging.thresholds import HOLE_SIGMA, HOLES_LINE
 from vgrd.model import Recording
 
 _FEWEST_HOLES = 3
 _ROUNDS = 2  # what the tag's error does is known at the place only
-_LINE = 0.02
-_OUTLIER_SIGMA = 5.0
 _MOST_LEFT_OUT = 1 / 3
 
 
@@ -70,7 +70,7 @@ def find_hole_center(
     while True:
         pose, covariance, scores = _fit(seen)
         worst = int(np.argmax(scores))
-        if scores[worst] <= _OUTLIER_SIGMA:
+        if scores[worst] <= HOLE_SIGMA:
             return HoleCenter(pose.translation, covariance, len(scores))
         if len(scores) <= fewest:
             raise DidNotConverge("the holes in the pictures contradict each other and CAD")
@@ -203,8 +203,7 @@ def _start(seen: _Seen) -> Pose:
         raise TooFewObservations(
             f"a centre by holes needs {_FEWEST_HOLES} holes in the pictures, there are {count}"
         )
-    spread = np.linalg.svd(seen.offsets - seen.offsets.mean(axis=0), compute_uv=False)
-    if spread[1] < _LINE * spread[0]:
+    if are_in_line(seen.offsets, HOLES_LINE):
         raise NotObservable(
             "the holes that were seen are on one line: measure one beside it", rank=5, unknowns=6
         )

@@ -12,11 +12,11 @@ from typing import ClassVar
 
 import numpy as np
 
-from vgrd.calibration.observability.motion import SAME_ORIENTATION_RAD
 from vgrd.calibration.stepwise.chain import CameraChain, MovedPoint, Pivot
 from vgrd.errors import InputError
 from vgrd.geometry import Array, Pose, log_rotation
 from vgrd.geometry.covariance import radius95
+from vgrd.judging.thresholds import SAME_ORIENTATION_RAD
 from vgrd.model import (
     CellFacts,
     ExpectedCoordinate,

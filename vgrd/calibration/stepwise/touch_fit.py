@@ -5,12 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from vgrd.calibration.observability.motion import (
-    SAME_ORIENTATION_RAD,
-    Axes,
-    check_distinct,
-    turned_axes,
-)
+from vgrd.calibration.observability.motion import Axes, check_distinct, turned_axes
 from vgrd.calibration.touches.cad_fit import CadFit, fit_cad
 from vgrd.calibration.touches.recorded import arm_touches, touched_orientation
 from vgrd.calibration.universal.estimate import (
@@ -20,6 +15,7 @@ from vgrd.calibration.universal.estimate import (
 )
 from vgrd.errors import InputError, NotObservable, TooFewObservations
 from vgrd.geometry import Array, hat, log_rotation
+from vgrd.judging.thresholds import SAME_ORIENTATION_RAD
 from vgrd.model import Recording, Target, TaughtPoint, TcpEstimate, Touch, frozen_array
 
 

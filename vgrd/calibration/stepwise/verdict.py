@@ -10,14 +10,12 @@ from vgrd.calibration.stepwise.touch_fit import FittedTouches
 from vgrd.calibration.touches.reference import Reference
 from vgrd.calibration.turntable.rotation_center import RotationCenter
 from vgrd.geometry.covariance import rms
+from vgrd.judging.findings import finding
+from vgrd.judging.thresholds import NOISY_SCALE, PIVOT_APART_MM, SPIN_MM, SPIN_SIGMA
 from vgrd.model import Finding, Motion, Plan, Recording
 
-_NOISY = 3.0
 _FEW_SPINS = 4
 _FEW_DEGREES = 25.0
-_SPIN_SIGMA = 5.0
-_SPIN_MM = 0.2
-DISAGREE_MM = 3.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -47,15 +45,15 @@ def _method(evidence: Evidence) -> list[Finding]:
     plan, has_tcp = evidence.recording.plan, evidence.taught.tcp is not None
     if plan is Plan.UNIVERSAL and not has_tcp:
         return [
-            Finding(
+            finding(
                 "constant_wrist",
                 "the plan was universal but all touches have one wrist orientation: the TCP stays "
-                "unknown; touch some targets again with the wrist tilted",
+                "unknown",
             )
         ]
     if plan is Plan.SPECIAL and has_tcp:
         return [
-            Finding(
+            finding(
                 "varied_wrist",
                 "the plan was special but the wrist was turned between the touches: solved with "
                 "the universal method",
@@ -66,10 +64,7 @@ def _method(evidence: Evidence) -> list[Finding]:
 
 def _hand_eye(evidence: Evidence) -> list[Finding]:
     findings = [
-        Finding(
-            "look_outlier",
-            f"{sample.name} was left out of the hand-eye: {sample.reason}; look again there",
-        )
+        finding("look_outlier", f"{sample.name} was left out of the hand-eye, {sample.reason}")
         for sample in evidence.hand_eye.samples
         if not sample.used
     ]
@@ -80,15 +75,14 @@ def _hand_eye(evidence: Evidence) -> list[Finding]:
     ]
     if blind:
         findings.append(
-            Finding("tag_a_unseen", f"tag A was not in view in touch {', '.join(blind)}")
+            finding("tag_a_unseen", f"tag A was not in view in touch {', '.join(blind)}")
         )
     scale = evidence.hand_eye.noise_scale
-    if scale > _NOISY:
+    if scale > NOISY_SCALE:
         findings.append(
-            Finding(
+            finding(
                 "hand_eye_noise",
-                f"the looks scatter {scale:.1f} times as much as robot and camera promise: check "
-                "the intrinsics, the size of tag A, and that bracket and camera are tight",
+                f"the looks scatter {scale:.1f} times as much as robot and camera promise",
             )
         )
     return findings
@@ -99,10 +93,9 @@ def _spins(evidence: Evidence) -> list[Finding]:
     findings = []
     if evidence.recording.facts.object.motion is Motion.TURNTABLE and not evidence.has_pivot:
         findings.append(
-            Finding(
+            finding(
                 "no_pivot",
-                "no rotation centre: expected coordinates rest on the hand-eye translation; "
-                "record spins of the turntable",
+                "no rotation centre, expected coordinates rest on the hand-eye translation",
             )
         )
     if center is None:
@@ -110,20 +103,19 @@ def _spins(evidence: Evidence) -> list[Finding]:
     count, degrees = len(center.residuals_mm), np.degrees(center.spread_rad)
     if count < _FEW_SPINS or degrees < _FEW_DEGREES:
         findings.append(
-            Finding(
+            finding(
                 "few_spins",
-                f"{count} spins over {degrees:.0f} degrees rms: turn the object further, "
-                "at least 4 times",
+                f"{count} spins over {degrees:.0f} degrees rms",
             )
         )
     worst = int(np.argmax(center.scores))
     off = float(np.linalg.norm(center.residuals_mm[worst]))
-    if center.scores[worst] > _SPIN_SIGMA and off > _SPIN_MM:
+    if center.scores[worst] > SPIN_SIGMA and off > SPIN_MM:
         findings.append(
-            Finding(
+            finding(
                 "spins_not_about_one_axis",
-                f"spin {worst + 1} is {off:.2f} mm off the common axis: the object slipped or "
-                "the camera moved; record the spins again",
+                f"spin {worst + 1} is {off:.2f} mm off the common axis, the object slipped or the "
+                "camera moved",
                 fatal=True,
             )
         )
@@ -139,13 +131,12 @@ def _pivot_disagrees(evidence: Evidence, center: RotationCenter) -> list[Finding
     apart = B @ center.center_in_camera - pivot
     axis = B.rotation @ center.axis_in_camera
     off = float(np.linalg.norm(apart - axis * float(axis @ apart)))
-    if off <= DISAGREE_MM:
+    if off <= PIVOT_APART_MM:
         return []
     return [
-        Finding(
+        finding(
             "pivot_disagrees",
-            f"camera and touches see the rotation centre {off:.1f} mm apart: check [object] "
-            "center_mm, the CAD points and the size of the tags",
+            f"camera and touches see the rotation centre {off:.1f} mm apart",
             fatal=True,
         )
     ]

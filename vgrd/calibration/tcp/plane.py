@@ -20,8 +20,8 @@ from vgrd.calibration.touches.touch_set import TouchSet
 from vgrd.errors import InputError
 from vgrd.geometry import Array
 from vgrd.geometry.least_squares import Minimum, check_convergence, minimize
+from vgrd.judging.thresholds import PLANE_LINE
 
-_LINE = 0.05
 _DIRECTIONS = 200
 _STARTS = 4
 _SAME_DIRECTION = 0.9
@@ -169,7 +169,7 @@ def _tilt(touches: TouchSet) -> str:
 def _spread(tips: Array, normal: Array) -> str:
     """What is missing when the touched places do not span the plane."""
     s = np.linalg.svd((tips - tips.mean(axis=0)) @ _across(normal).T, compute_uv=False)
-    if s[1] > _LINE * max(float(s[0]), 1e-9) and s[1] > 1:
+    if s[1] > PLANE_LINE * max(float(s[0]), 1e-9) and s[1] > 1:
         return ""
     return "the plane was touched at one place or on one line; touch places far beside it"
 

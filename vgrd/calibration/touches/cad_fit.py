@@ -7,11 +7,12 @@ import numpy as np
 from vgrd.calibration.touches.touch_set import TouchSet, studentized_residuals
 from vgrd.errors import InputError, NotObservable, TooFewObservations
 from vgrd.geometry import Array, Pose, hat, nearest_rotation
+from vgrd.geometry.coincidence import are_in_line
 from vgrd.geometry.covariance import covariance_from, observability
 from vgrd.geometry.least_squares import check_convergence, minimize
+from vgrd.judging.thresholds import LINE
 
 _TOLERANCE = 2.5e-3
-_LINE = 1e-2
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -86,9 +87,8 @@ def _check_rank(p: Array, measured: TouchSet, fit: Pose) -> None:
     rank = observability(_linearize(fit, p, measured)[1] @ about_center, scales, _TOLERANCE).rank
     if rank == 6:
         return
-    spread = np.linalg.svd(p - p.mean(axis=0), compute_uv=False)
     reason = "some touches measure nothing along the tool; add touches that do"
-    if spread[1] <= _LINE * max(spread[0], 1e-9):
+    if are_in_line(p, LINE):
         reason = "the touched points lie on one line; touch a point beside it"
     raise NotObservable(
         f"CAD fit: {rank} of 6 unknowns are determined: {reason}", rank=rank, unknowns=6

@@ -4,6 +4,7 @@ from dataclasses import replace
 
 from vgrd.calibration.turntable.rotation_center import find_rotation_center
 from vgrd.errors import NotObservable, TooFewObservations
+from vgrd.judging.findings import finding
 from vgrd.model import Finding, Motion, Recording
 
 
@@ -15,6 +16,6 @@ def without_useless_spins(recording: Recording) -> tuple[Recording, tuple[Findin
     try:
         find_rotation_center([tag.camera_from_tag for tag in tags])
     except (NotObservable, TooFewObservations) as err:
-        finding = Finding("spins_unusable", f"the spins are not used: {err}")
-        return replace(recording, spins=()), (finding,)
+        doubt = finding("spins_unusable", f"the spins are not used: {err}")
+        return replace(recording, spins=()), (doubt,)
     return recording, ()

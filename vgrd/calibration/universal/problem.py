@@ -9,11 +9,12 @@ from vgrd.calibration.touches.touch_set import TouchSet
 from vgrd.calibration.universal.start import solve_linear_part
 from vgrd.errors import InputError, NotObservable, TooFewObservations
 from vgrd.geometry import Array, exp_rotation, hat
+from vgrd.geometry.coincidence import are_in_line
 from vgrd.geometry.covariance import observability
 from vgrd.geometry.pose import left_jacobian_rotation
+from vgrd.judging.thresholds import LINE
 
 _TOLERANCE = 2.5e-3
-_LINE = 1e-2
 _MIN_TOUCHES = 4
 
 State = tuple[Array, Array, Array]
@@ -108,9 +109,8 @@ class Equations:
             )
 
     def _missing(self) -> str:
-        spread = np.linalg.svd(self._p - self._p.mean(axis=0), compute_uv=False)
         reasons = []
-        if spread[1] <= _LINE * max(spread[0], 1e-9):
+        if are_in_line(self._p, LINE):
             reasons.append("the touched points lie on one line; touch a point beside it")
         if turned_axes(list(self._R))[0] is not Axes.MANY:
             reasons.append(missing_rotation(list(self._R)))

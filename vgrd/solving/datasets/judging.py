@@ -15,6 +15,8 @@ from vgrd.calibration.hand_eye.state import flange_motion_of
 from vgrd.errors import InputError
 from vgrd.geometry import Pose
 from vgrd.geometry.rotation_formats import RotationFormat, pose_from, value_count
+from vgrd.judging.findings import finding
+from vgrd.judging.thresholds import CONTRADICTORY_DEG, CONTRADICTORY_MM, WEAK_DEG, WEAK_MM
 from vgrd.model import Finding, Mount, Verdict
 from vgrd.solving.datasets.fitting import reprojection_px
 from vgrd.solving.datasets.loading import Dataset
@@ -22,10 +24,6 @@ from vgrd.solving.datasets.loading import Dataset
 _DOUBTFUL = 4.0  # times the median miss
 _DOUBTFUL_MM = 0.2
 _DOUBTFUL_DEG = 0.02
-_CONTRADICTORY_MM = 25.0
-_CONTRADICTORY_DEG = 3.0
-_WEAK_MM = 10.0
-_WEAK_DEG = 1.0
 _SCALE_SIGMAS = 3.0
 _SCALE_MATTERS = 1e-3
 _CLEARLY_BETTER = 0.6
@@ -71,21 +69,21 @@ def judge(evidence: Evidence) -> Verdict:
     ]
     findings = [
         *general,
-        *(Finding("target_not_seen", f"sample {n}: {r}") for n, r in evidence.unseen.items()),
+        *(finding("target_not_seen", f"sample {n}: {r}") for n, r in evidence.unseen.items()),
         *(
-            Finding("sample_rejected", f"sample {sample.name}: left out, {sample.reason}")
+            finding("sample_rejected", f"sample {sample.name}: left out, {sample.reason}")
             for sample in evidence.result.samples
             if not sample.used
         ),
-        *(Finding("few_points", f"sample {n}: {r}") for n, r in evidence.partly_seen.items()),
-        *(Finding("sample_doubtful", f"sample {n}: {r}") for n, r in doubtful(evidence).items()),
+        *(finding("few_points", f"sample {n}: {r}") for n, r in evidence.partly_seen.items()),
+        *(finding("sample_doubtful", f"sample {n}: {r}") for n, r in doubtful(evidence).items()),
     ]
     if any(miss is None for miss in evidence.misses):
         findings.append(
-            Finding(
+            finding(
                 "no_leave_one_out",
-                "without one of the samples the rest does not determine a fit: the errors are "
-                "unknown; record 10 to 20 samples that turn about different axes",
+                "without one of the samples the rest does not determine a fit, the errors are "
+                "unknown",
             )
         )
     return Verdict(tuple(findings))
@@ -114,7 +112,7 @@ def _contradiction(evidence: Evidence) -> list[Finding]:
     mm = float(np.median([miss.mm for miss in misses]))
     deg = float(np.median([miss.deg for miss in misses]))
     lost = sum(not sample.used for sample in evidence.result.samples)
-    if mm < _CONTRADICTORY_MM and deg < _CONTRADICTORY_DEG and 2 * lost < len(evidence.names):
+    if mm < CONTRADICTORY_MM and deg < CONTRADICTORY_DEG and 2 * lost < len(evidence.names):
         return []
     hints = suspects(evidence.dataset, evidence.names, evidence.camera_from_target)
     advice = " ".join(hints) or (
@@ -124,7 +122,7 @@ def _contradiction(evidence: Evidence) -> list[Finding]:
         f"the samples contradict each other: typically {mm:.1f} mm and {deg:.2f} deg off, {lost} "
         f"of {len(evidence.names)} left out. {advice}"
     )
-    return [Finding("contradictory", message, fatal=True)]
+    return [finding("contradictory", message, fatal=True)]
 
 
 def suspects(
@@ -151,8 +149,8 @@ def suspects(
     found = best_of(
         list(readings.values()),
         lambda moves: agreement(moves, cameras),
-        deg=_CONTRADICTORY_DEG,
-        mm=_CONTRADICTORY_MM,
+        deg=CONTRADICTORY_DEG,
+        mm=CONTRADICTORY_MM,
     )
     if not found or found[0].fit.mm > _CLEARLY_BETTER * own.mm:
         return []
@@ -173,13 +171,13 @@ def suspects(
 def _weakness(evidence: Evidence) -> list[Finding]:
     sigmas = np.sqrt(np.diag(evidence.result.covariance)[:6])
     mm, deg = float(sigmas[:3].max()), float(np.degrees(sigmas[3:].max()))
-    if mm < _WEAK_MM and deg < _WEAK_DEG:
+    if mm < WEAK_MM and deg < WEAK_DEG:
         return []
     message = (
         f"the camera's pose is uncertain by {mm:.0f} mm and {deg:.1f} deg (1 sigma): record more "
         "samples, turn the wrist by 20 degrees and more about different axes"
     )
-    return [Finding("weak_motion", message, fatal=True)]
+    return [finding("weak_motion", message, fatal=True)]
 
 
 def _camera(evidence: Evidence) -> list[Finding]:
@@ -190,9 +188,9 @@ def _camera(evidence: Evidence) -> list[Finding]:
         return []
     message = (
         f"camera: refining fx fy cx cy k1 k2 lowers the reprojection error from {given:.2f} to "
-        f"{refined:.2f} px: calibrate the camera anew or set refine = true"
+        f"{refined:.2f} px"
     )
-    return [Finding("intrinsics_doubtful", message)]
+    return [finding("intrinsics_doubtful", message)]
 
 
 def _size(evidence: Evidence) -> list[Finding]:
@@ -201,7 +199,6 @@ def _size(evidence: Evidence) -> list[Finding]:
         return []
     message = (
         f"target: by the robot's motion the target is {100 * off:+.2f} +- {100 * sigma:.2f} % off "
-        "the size given: measure it with a caliper; if it is right, check the robot's unit and the "
-        "camera's focal length"
+        "the size given"
     )
-    return [Finding("target_size", message)]
+    return [finding("target_size", message)]

@@ -27,14 +27,12 @@ from vgrd.geometry import Array, Pose
 from vgrd.geometry.chi2 import chi2_probability
 from vgrd.geometry.covariance import radius95
 from vgrd.geometry.rotation_relaxation import Certificate
+from vgrd.judging.findings import finding
+from vgrd.judging.thresholds import CHANCE, NOISY_SCALE, TOUCHES_CONTRADICT_MM, WEAK_TCP_MM
 from vgrd.model import Finding, Verdict
 from vgrd.solving.touch_files.document import TouchFile, TouchKind, load_touches
 from vgrd.solving.touch_files.repeatability import Repeats, find_repeats, with_repeated_sigma
 
-_CHANCE = 1e-3
-_CONTRADICTORY = 3.0
-_CONTRADICTORY_MM = 3.0
-_WEAK_MM = 5.0
 _CLOSED_FORM = Certificate(0.0, tight=True)
 
 
@@ -210,7 +208,7 @@ def _is_noisy(fit: TouchFit) -> bool:
     if fit.degrees_of_freedom < 1:
         return False
     squares = float(np.sum(fit.whitened**2))
-    return 1 - chi2_probability(squares, fit.degrees_of_freedom) < _CHANCE
+    return 1 - chi2_probability(squares, fit.degrees_of_freedom) < CHANCE
 
 
 def _contradiction(file: TouchFile, solved: _Solved, *, noisy: bool) -> list[Finding]:
@@ -226,33 +224,27 @@ def _contradiction(file: TouchFile, solved: _Solved, *, noisy: bool) -> list[Fin
     if not noisy:
         return []
     rms = float(np.sqrt(np.mean(solved.off_mm[solved.fit.used] ** 2)))
-    if scale > _CONTRADICTORY and rms > _CONTRADICTORY_MM:
-        message = (
-            f"the touches contradict each other, {rms:.1f} mm rms: check targets, unit and "
-            "rotation format, that the object stood still and the tool kept its tip"
-        )
-        return [Finding("touches_contradict", message, fatal=True)]
+    if scale > NOISY_SCALE and rms > TOUCHES_CONTRADICT_MM:
+        message = f"the touches contradict each other, {rms:.1f} mm rms"
+        return [finding("touches_contradict", message, fatal=True)]
     message = (
         f"the touches scatter {scale:.1f} times as much as their sigma promises ({rms:.2f} mm "
-        "rms): the covariance is enlarged accordingly; touch more carefully or correct sigma_mm"
+        "rms), the covariance is enlarged accordingly"
     )
-    return [Finding("touches_scatter", message)]
+    return [finding("touches_scatter", message)]
 
 
 def _unproven(solved: _Solved) -> list[Finding]:
     proof = solved.certificate
     if proof is None or proof.tight:
         return []
-    message = (
-        f"another solution may fit better (gap {proof.gap:.1e}): add touches with other wrist "
-        "orientations"
-    )
-    return [Finding("not_proven", message, fatal=True)]
+    message = f"another solution may fit better (gap {proof.gap:.1e})"
+    return [finding("not_proven", message, fatal=True)]
 
 
 def _weakness(covariance: Array, touches: TouchSet) -> list[Finding]:
     radius = radius95(covariance)
-    if radius < _WEAK_MM:
+    if radius < WEAK_TCP_MM:
         return []
     x, y, z = np.linalg.eigh(covariance)[1][:, -1]
     message = (
@@ -260,12 +252,12 @@ def _weakness(covariance: Array, touches: TouchSet) -> list[Finding]:
         f"of the flange: add to the {len(touches)} touches some with the wrist tilted further, "
         "to several sides"
     )
-    return [Finding("weak_motion", message, fatal=True)]
+    return [finding("weak_motion", message, fatal=True)]
 
 
 def _outliers(file: TouchFile, solved: _Solved) -> list[Finding]:
     return [
-        Finding("touch_outlier", f"touch {report.name}: {report.reason}; touch it again")
+        finding("touch_outlier", f"touch {report.name}: {report.reason}")
         for report in _reports(file, solved)
         if not report.used
     ]

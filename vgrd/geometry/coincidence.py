@@ -1,0 +1,23 @@
+"""Points on one line, poses that are one: what makes samples worthless together."""
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vgrd.geometry.pose import Array, Pose
+
+
+def are_in_line(points: Array, share: float) -> bool:
+    """Whether points (n, k) spread beside a line by at most `share` of their spread along it."""
+    spread = np.linalg.svd(points - points.mean(axis=0), compute_uv=False)
+    return bool(spread[1] <= share * max(float(spread[0]), 1e-9))
+
+
+def equal_poses(poses: Sequence[Pose], mm: float, rad: float) -> NDArray[np.bool_]:
+    """(n, n): which poses equal which, to mm and to `rad` in every entry of the rotation."""
+    t = np.array([pose.translation for pose in poses]).reshape(-1, 3)
+    R = np.array([pose.rotation for pose in poses]).reshape(-1, 3, 3)
+    apart_mm = np.linalg.norm(t[:, None] - t, axis=2)
+    apart = np.abs(R[:, None] - R).max(axis=(2, 3), initial=0.0)
+    return np.asarray((apart_mm < mm) & (apart < rad))

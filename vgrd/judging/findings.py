@@ -1,0 +1,283 @@
+"""Every finding: its code, what it means, and what to do; docs/checks.md is written from this."""
+
+from collections.abc import Mapping
+from types import MappingProxyType
+from typing import NamedTuple
+
+from vgrd.model import Finding
+
+
+class Kind(NamedTuple):
+    """A kind of finding. remedy: "" where the sentence of each finding says it; basis: what tells it."""
+
+    meaning: str
+    remedy: str
+    basis: str
+
+
+BEFORE_SOLVING: Mapping[str, Kind] = MappingProxyType(
+    {
+        "hand_eye_motion": Kind("the wrist turned too little for the hand-eye", "", "rank"),
+        "wrist_tilt": Kind("the wrist turned too little for the TCP", "", "rank"),
+        "targets_in_line": Kind("all touched points lie on one line", "", "rank"),
+        "few_touches": Kind("too few touches", "", "count"),
+        "fixed_point_motion": Kind("the fixed point was touched with one wrist", "", "rank"),
+        "object_turn": Kind("the object turned too little for a rotation centre", "", "rank"),
+        "rotation_misread": Kind(
+            "the numbers of a rotation are those of another format",
+            "correct that and record again",
+            "robot and tag A agree under that reading, and under no other",
+        ),
+        "unit_misread": Kind(
+            "lengths have another unit than stated",
+            "correct the unit of the robot's poses",
+            "scale of the robot's positions against tag A",
+        ),
+        "poses_inverted": Kind(
+            "poses are inverted (base seen from the flange)",
+            "correct that and record again",
+            "tag A; tag B stands still while the wrist moves",
+        ),
+        "mount_wrong": Kind(
+            "the camera is mounted elsewhere than stated",
+            "correct that and record again",
+            "tag A; tag B moves in the picture while the wrist moves",
+        ),
+        "poses_inverted_or_mount": Kind(
+            "poses are inverted, or the camera is mounted elsewhere",
+            "correct that and record again",
+            "tag A; tag B was seen too little to tell which",
+        ),
+        "poses_contradict": Kind(
+            "robot and pictures of tag A agree under no reading",
+            "check that poses and pictures belong together and that tag A and camera are tight",
+            "the same",
+        ),
+        "points_mirrored": Kind(
+            "the CAD points are a mirror image",
+            "correct them",
+            "fit of the touches",
+        ),
+        "targets_swapped": Kind(
+            "two targets have each other's name",
+            "correct the names, or undo these touches and take them again",
+            "fit of the touches",
+        ),
+        "points_order": Kind(
+            "the list of targets is in another order", "correct the file", "fit of the touches"
+        ),
+        "tag_size": Kind(
+            "tag A has another size than the cell file says",
+            "measure its black square with a caliper; if the file is right, check the camera's focal "
+            "length and the robot's unit",
+            "hand-eye with a scale factor: 4 sigma and 0.4 %",
+        ),
+        "time_offset": Kind(
+            "pictures are later or earlier than their poses",
+            "take looks at rest, or correct the camera's delay",
+            "looks on the move, at least six, at most 0.35 s apart",
+        ),
+        "pose_not_read_again": Kind(
+            "the picture changed and the robot's pose did not",
+            "check the connection to the robot and undo them",
+            "equality to the last digit",
+        ),
+        "pose_repeated": Kind(
+            "a pose was recorded twice",
+            "move the robot between samples, or undo one of them",
+            "equality to the last digit",
+        ),
+        "object_moved": Kind(
+            "the object stood elsewhere in some touch",
+            "hold it still while touching, undo those touches and touch again",
+            "scatter of tag B",
+        ),
+    }
+)
+
+OF_A_SESSION: Mapping[str, Kind] = MappingProxyType(
+    {
+        "flange_not_proven": Kind(
+            "no sample can tell the flange from an active TCP",
+            "set TCP and user frame on the pendant to zero, or compare with the pendant's flange pose",
+            "the robot does not tell its TCP",
+        ),
+        "look_outlier": Kind(
+            "a look was left out", "look again there", "leaving it out: 4.5 sigma"
+        ),
+        "touch_outlier": Kind(
+            "a touch was left out",
+            "undo it and touch that target again",
+            "leaving it out: 3.5 sigma",
+        ),
+        "point_outlier": Kind(
+            "a touch of the fixed point was left out",
+            "undo it and touch the point again",
+            "leaving it out: 3.5 sigma",
+        ),
+        "reference_outlier": Kind(
+            "tag B stood elsewhere in a touch",
+            "hold the object still while touching",
+            "leaving it out: 4.5 sigma",
+        ),
+        "spin_outlier": Kind(
+            "a spin was left out",
+            "the object slipped or the picture was bad: spin again",
+            "leaving it out: 4.5 sigma",
+        ),
+        "hole_outlier": Kind(
+            "a hole was left out",
+            "check its CAD point and hole_diameter_mm",
+            "leaving it out: 4.5 sigma",
+        ),
+        "sample_outlier": Kind(
+            "a sample contradicts the others", "undo it and take it again", "leaving it out"
+        ),
+        "noisy": Kind(
+            "the samples scatter more than robot, camera and touch promise",
+            "check intrinsics, tag sizes, CAD points and the targets that the touches name, and that "
+            "nothing is loose or moved",
+            "residuals 3 times as large as promised; fatal at 6",
+        ),
+        "hand_eye_noise": Kind(
+            "the looks scatter more than robot and camera promise",
+            "check the intrinsics, the size of tag A, and that bracket and camera are tight",
+            "residuals 3 times as large as promised",
+        ),
+        "tag_a_unseen": Kind(
+            "tag A was not in view while touching", "", "pictures of the touches"
+        ),
+        "tcp_open": Kind(
+            "the TCP is not determined; answers do not need it while the wrist stands as it was touched",
+            "touch with tilted wrists to know it",
+            "covariance of the estimate",
+        ),
+        "constant_wrist": Kind(
+            "the plan was universal and all touches have one wrist orientation",
+            "touch some targets again with the wrist tilted",
+            "orientations of the touches",
+        ),
+        "varied_wrist": Kind(
+            "the plan was special and the wrist turned between touches", "", "the same"
+        ),
+        "no_pivot": Kind(
+            "no rotation centre: coordinates rest on the hand-eye translation",
+            "record spins of the turntable",
+            "spins of the session",
+        ),
+        "no_cad_center": Kind(
+            "the turntable's centre is not known in CAD",
+            "set [object] center_mm for less error",
+            "the cell file",
+        ),
+        "few_spins": Kind(
+            "few spins, or over a small angle",
+            "turn the object further, at least 4 times",
+            "fewer than 4, or less than 25 degrees rms",
+        ),
+        "spins_unusable": Kind("the spins tell no axis", "", "rank of the spins"),
+        "spins_not_about_one_axis": Kind(
+            "a spin is off the common axis: the object slipped or the camera moved",
+            "record the spins again",
+            "5 sigma and 0.2 mm",
+        ),
+        "pivot_disagrees": Kind(
+            "two ways to the rotation centre disagree",
+            "check [object] center_mm, the CAD points and the size of the tags, and that tag B did not "
+            "shift on the object",
+            "3 mm apart; between holes and turning 5 sigma",
+        ),
+        "holes_unusable": Kind("the holes tell no rotation centre", "", "rank of the holes"),
+        "position_free": Kind(
+            "where the camera is stays open: the wrist did not turn",
+            "turn the wrist, or measure where the target is",
+            "rank of the hand-eye",
+        ),
+        "height_free": Kind(
+            "the camera's height stays open: the wrist turned about one axis",
+            "measure that height, touch one point, or tilt the wrist; expected coordinates at this "
+            "tilt do not need it",
+            "rank of the hand-eye",
+        ),
+        "meets_tolerance": Kind(
+            "95 % of the misses are within the tolerance", "", "predicted covariance"
+        ),
+        "misses_tolerance": Kind(
+            "too many misses are predicted beyond the tolerance",
+            "record the sample that the coach proposes, or relax the tolerance",
+            "predicted covariance",
+        ),
+        "cannot_be_served": Kind(
+            "every request for these targets would be refused", "", "trial under the policy"
+        ),
+        "verification_failed": Kind(
+            "a held-out touch misses by more than chance allows",
+            "touch the targets again, or check that nothing moved",
+            "1.5 times what 95 % of the misses stay within",
+        ),
+        "verification_unseen": Kind("tag B was not in view in a verification", "", "its picture"),
+        "verification_unusable": Kind(
+            "a verification tells nothing", "", "its sigmas, or the coordinate that is refused"
+        ),
+    }
+)
+
+OF_FILES: Mapping[str, Kind] = MappingProxyType(
+    {
+        "contradictory": Kind(
+            "the samples of a dataset belong to no common set-up",
+            "",
+            "25 mm, 3 degrees, or half left out",
+        ),
+        "weak_motion": Kind(
+            "the result is uncertain", "", "10 mm or 1 degree (camera), 5 mm (TCP)"
+        ),
+        "intrinsics_doubtful": Kind(
+            "refining the intrinsics lowers the reprojection error much",
+            "calibrate the camera anew or set refine = true",
+            "error below 0.6 of what it was",
+        ),
+        "target_size": Kind(
+            "the target has another size than the file says",
+            "measure it with a caliper; if it is right, check the robot's unit and the camera's focal "
+            "length",
+            "3 sigma and 0.1 %",
+        ),
+        "target_not_seen": Kind("a picture does not show the target", "", "detection"),
+        "few_points": Kind("a picture shows part of the target", "", "detection"),
+        "sample_rejected": Kind("a sample was left out", "", "leaving it out"),
+        "sample_doubtful": Kind("a sample is far off the fit of the others", "", "leaving it out"),
+        "no_leave_one_out": Kind(
+            "without one of the samples the rest determines no fit",
+            "record 10 to 20 samples that turn about different axes",
+            "leaving each out",
+        ),
+        "touches_contradict": Kind(
+            "the touches of a file contradict each other",
+            "check targets, unit and rotation format, that the object stood still and the tool kept "
+            "its tip",
+            "3 times the promised scatter and 3 mm rms",
+        ),
+        "touches_scatter": Kind(
+            "the touches scatter more than their sigma promises; the covariance is enlarged by that",
+            "touch more carefully or correct sigma_mm",
+            "chance of 1 in 1,000",
+        ),
+        "not_proven": Kind(
+            "another solution may fit better",
+            "add touches with other wrist orientations",
+            "certificate of the optimum",
+        ),
+    }
+)
+
+KINDS: Mapping[str, Kind] = MappingProxyType({**BEFORE_SOLVING, **OF_A_SESSION, **OF_FILES})
+
+
+def finding(code: str, sentence: str, *, fatal: bool = False) -> Finding:
+    """A finding of a known kind: what was found, in a sentence with its figures, and the remedy.
+
+    Raises KeyError for a code that is in no table here.
+    """
+    remedy = KINDS[code].remedy
+    return Finding(code, f"{sentence}: {remedy}" if remedy else sentence, fatal)
