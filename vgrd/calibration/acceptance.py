@@ -8,7 +8,7 @@ from vgrd.geometry.chi2 import chi2_probability, chi2_quantile
 from vgrd.judging.findings import finding
 from vgrd.model import Finding
 
-_DIRECTIONS = 3.0
+_DIRECTIONS = 3.0  # of a position, where the covariance is not known
 _95 = 0.95
 
 

@@ -20,8 +20,8 @@ from vgrd.model import Policy
 from vgrd.niceness import give_way
 from vgrd.store.sessions import load_recording
 
-BRIEF_S = 0.25
-FULL_S = 60.0
+BRIEF_S = 0.25  # an operator does not notice it after a touch
+FULL_S = 60.0  # beyond it something hangs
 PENDING: Mapping[str, Any] = {"pending": "still computing; ask with: vgrd advise"}
 
 log = structlog.get_logger()

@@ -24,10 +24,10 @@ from vgrd.model import Motion, Observation, Recording, TagObservation
 from vgrd.vision.holes.hole_finder import HoleSighting, HoleSpec, sight_holes
 from vgrd.vision.holes.view import ring, turn_angles
 
-SAME_PLACE_PX = 0.5
+SAME_PLACE_PX = 0.5  # between two searches
 PICTURES, SEARCHES = 8, 64
-_FEWEST_PICTURES = 2
-_OUTLINE = 64
+_FEWEST_PICTURES = 2  # one alone may be wrong
+_OUTLINE = 64  # points drawn on a rim
 _TOOL_WITHIN = 2.0  # diameters of the hole
 _NOT_SHOWN = "no picture shows its place without the tool"
 

@@ -11,7 +11,7 @@ from vgrd.judging.findings import finding
 from vgrd.model import Finding, Policy, TagObservation, frozen_array
 
 # An object turned a little and a lot: what a turn needs and the recording did not tell shows in both.
-TURNS_RAD = (0.0, 0.3, -1.5)
+TURNS_RAD = (0.0, 0.3, -1.5)  # as taught, a little, a lot
 
 
 def unservable(calibration: Calibration, policy: Policy) -> Sequence[Finding]:

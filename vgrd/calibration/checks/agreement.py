@@ -12,14 +12,14 @@ import numpy as np
 
 from vgrd.geometry import Array, Pose, hat, log_rotation, nearest_rotation
 
-_NEAR_HALF_TURN_RAD = 3.0
-_NEIGHBOURS = 4
-_ROUNDS = 4
-_LEAST_RAD = 1e-4
-_ONE_AXIS_RAD = np.radians(1.0)
-_FAINT = 1e-2
-_LEAST_MM = 1e-3
-_NO_MOTION_MM = 1e-9
+_NEAR_HALF_TURN_RAD = 3.0  # the axis of a turn near pi is lost in noise
+_NEIGHBOURS = 4  # pairs of each sample: linear in the samples, and no outlier spoils many
+_ROUNDS = 4  # of reweighing
+_LEAST_RAD = 1e-4  # keeps exact data from weights without bound
+_ONE_AXIS_RAD = np.radians(1.0)  # rms about a second axis: below it the positions have a say
+_FAINT = 1e-2  # weight of the positions where one axis is known
+_LEAST_MM = 1e-3  # keeps exact data from weights without bound
+_NO_MOTION_MM = 1e-9  # a column of zeros stays one
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -24,11 +24,11 @@ from vgrd.judging.findings import finding
 from vgrd.judging.thresholds import CONTRADICTORY_DEG, CONTRADICTORY_MM, REACH_MM
 from vgrd.model import CellFacts, Finding, Mount, Recording
 
-_MIN_SAMPLES = 4
-_SIGMAS = 6.0
-_LEAST_DEG = 0.5
-_LEAST_MM = 2.0
-_UNIT_RATIO = 1.3
+_MIN_SAMPLES = 4  # three fit every convention
+_SIGMAS = 6.0  # of the typical noise: good files are never doubted
+_LEAST_DEG = 0.5  # no convention is so small a mistake
+_LEAST_MM = 2.0  # the same
+_UNIT_RATIO = 1.3  # the tag's size may be wrong by so much and the unit is still told
 _UNITS: Mapping[float, str] = MappingProxyType(
     {
         1000.0: "metres that were read as millimetres",
@@ -36,9 +36,9 @@ _UNITS: Mapping[float, str] = MappingProxyType(
         25.4: "inches that were read as millimetres",
     }
 )
-_MOVES_ALONG = 0.3
-_TURNED_DEG = 2.0
-_SHIFTED_MM = 20.0
+_MOVES_ALONG = 0.3  # of the wrist's way: a camera on the flange sees tag B move so
+_TURNED_DEG = 2.0  # turns that tell the mount
+_SHIFTED_MM = 20.0  # ways that tell the mount
 
 
 def misinterpreted_poses(

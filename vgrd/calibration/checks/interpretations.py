@@ -29,12 +29,12 @@ _DISTINCT = (
     Format.QUATERNION_XYZW,
 )
 _DEGREES_OF = {Format.RPY_FIXED_XYZ: Format.RPY_FIXED_XYZ_DEG, Format.ROTVEC: Format.ROTVEC_DEG}
-_MOST_DEG = 180.0
-_CLOSE_RAD = 0.35
-_CHECKED = 6
-_SIFTED = 6
-_LOOSE = 3.0
-_ALIKE = 1.5
+_MOST_DEG = 180.0  # a rotation vector longer than that is written otherwise
+_CLOSE_RAD = 0.35  # 20 degrees: what unwinding must reach before a fit decides
+_CHECKED = 6  # poses that decide about lost turns
+_SIFTED = 6  # poses that rule a format out, spread over all
+_LOOSE = 3.0  # times the limit, for so few poses
+_ALIKE = 1.5  # times the best: readings that fit as well are all named
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -18,11 +18,11 @@ from vgrd.geometry.rotation_relaxation import relax
 from vgrd.judging.findings import finding
 from vgrd.model import Finding
 
-_CLEARLY_BETTER = 0.3
-_FITS = 3.0
-_RIVAL = 0.5
-_PROMISING = 5
-_FEW = 6
+_CLEARLY_BETTER = 0.3  # of the scatter as given: chance does not explain a third
+_FITS = 3.0  # times the promised scatter
+_RIVAL = 0.5  # of the next best: else two mistakes explain it, and none is told
+_PROMISING = 5  # of the cheap costs, which get the full fit
+_FEW = 6  # touches: with more the linear rotation is as good as the relaxed one
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -17,7 +17,7 @@ from vgrd.geometry import Array
 from vgrd.judging.thresholds import NOISY_SCALE
 from vgrd.model import Finding, Recording
 
-_MIN_TOUCHES = 4
+_MIN_TOUCHES = 4  # fewer fit every order of the targets
 _SHOWS = (
     6.0  # sigmas: beyond this a session is refused as contradictory (`joint_system.WRONG_SIGMA`)
 )

@@ -21,8 +21,8 @@ from vgrd.model import Motion, Mount, Plan, Policy, Recording
 
 __all__ = ["MissingMotion", "missing_motion", "missing_motions"]
 
-_FEW_POSES = 3
-_WEAK_TURN_RAD = np.radians(3.0)
+_FEW_POSES = 3  # the least of a hand-eye calibration
+_WEAK_TURN_RAD = np.radians(3.0)  # rms: an arc of 10 degrees about the second axis
 
 
 def missing_motion(recording: Recording, policy: Policy = Policy.FIXED) -> MissingMotion | None:

@@ -16,7 +16,7 @@ from vgrd.geometry.coincidence import are_in_line
 from vgrd.judging.thresholds import LINE, SAME_ORIENTATION_RAD
 from vgrd.model import Plan, Policy, Recording, Target, Touch
 
-_FEW = 3
+_FEW = 3  # the least of a rigid fit
 
 
 def missing_points(recording: Recording) -> Iterator[MissingMotion]:

@@ -6,7 +6,7 @@ import numpy as np
 
 from vgrd.geometry import Array, Pose, exp_rotation
 
-_TILT_DEG = 25.0
+_TILT_DEG = 25.0  # large enough to tell an axis, small enough to keep the tag in view
 _FLANGE = "xyz"
 
 

@@ -10,9 +10,9 @@ from vgrd.geometry import Array, Pose
 from vgrd.judging.findings import finding
 from vgrd.model import Finding, Recording
 
-_SIGMAS_SQUARED = 60.0
-_MOVED_MM = 0.5
-_MOVED_RAD = 5e-3
+_SIGMAS_SQUARED = 60.0  # chi-square of 6: never by noise
+_MOVED_MM = 0.5  # what a robot that was not read again certainly does
+_MOVED_RAD = 5e-3  # the same
 
 
 def repeated_poses(recording: Recording) -> Iterator[Finding]:

@@ -17,7 +17,7 @@ from vgrd.geometry.least_squares import minimize
 from vgrd.geometry.rotation_relaxation import Certificate, prove, relax
 
 _GENERATORS = hat(np.eye(3))
-_RANK = 1e-9
+_RANK = 1e-9  # of the largest singular value: rounding
 _NOTHING = np.zeros((0, 6))
 
 

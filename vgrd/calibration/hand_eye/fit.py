@@ -26,13 +26,13 @@ from vgrd.model import Mount
 Mask = NDArray[np.bool_]
 
 _START_SIGMA_MM = 1.0  # of the start only, where their ratio says how to weigh: alike at 500 mm
-_START_SIGMA_RAD = 2e-3
-_ROUNDS = 20
-_SETTLED = 1e-3
-_NEARLY_SETTLED = 1e-2
-_TOLERANCE = 1e-6
-_CHI2_6_MEDIAN = 5.348
-_CHI2_6_95 = 12.592
+_START_SIGMA_RAD = 2e-3  # see above
+_ROUNDS = 20  # of reweighing, a bound only: contradictions cycle
+_SETTLED = 1e-3  # sigmas: further rounds change no figure that is printed
+_NEARLY_SETTLED = 1e-2  # the robust rounds only choose samples
+_TOLERANCE = 1e-6  # of the cost: below it steps follow rounding
+_CHI2_6_MEDIAN = 5.348  # median of chi-square with 6 degrees of freedom
+_CHI2_6_95 = 12.592  # 95 % quantile of the same: Cauchy's scale for a misfit of 6 numbers
 _CHI2_6_REJECT = chi2_quantile(1 - 1e-5, 6)  # a good picture in 100,000
 
 

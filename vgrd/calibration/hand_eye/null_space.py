@@ -21,7 +21,7 @@ from vgrd.geometry import Array, Pose
 from vgrd.judging.findings import finding
 from vgrd.model import Finding, Mount
 
-_TRANSLATION_ONLY = 0.05
+_TRANSLATION_ONLY = 0.05  # rad, 3 degrees: below it the wrist was not turned on purpose
 _ROUNDING_RAD = 1e-3  # turns below it, rms, are taken for rounding of the poses
 
 

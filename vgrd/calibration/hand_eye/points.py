@@ -15,7 +15,7 @@ from vgrd.geometry.camera import CameraModel
 from vgrd.geometry.resection import checked_points, linearize_points, pose_from_points
 from vgrd.model import Mount
 
-_MIN_SIGMA_PX = 1e-3
+_MIN_SIGMA_PX = 1e-3  # no detector is better; keeps exact synthetic data solvable
 
 
 @dataclass(frozen=True, slots=True, eq=False)

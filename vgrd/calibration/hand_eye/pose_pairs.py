@@ -18,8 +18,8 @@ from vgrd.geometry.covariance import sqrt_information
 from vgrd.geometry.rotation_relaxation import Certificate
 from vgrd.model import Mount
 
-_ODD = 4.0
-_ODD_AT_LEAST = (0.1, 2e-3)
+_ODD = 4.0  # times the median misfit: what is told as a reason
+_ODD_AT_LEAST = (0.1, 2e-3)  # mm and rad: smaller is nothing to tell an operator
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -20,7 +20,7 @@ TAG_A, TAG_B = "size of tag A", "size of tag B"
 FOCAL, CENTER_X, CENTER_Y, K1 = "focal length", "cx", "cy", "k1"
 
 _SQUARE = np.array([(-0.5, -0.5, 0.0), (0.5, -0.5, 0.0), (0.5, 0.5, 0.0), (-0.5, 0.5, 0.0)])
-_RESECTIONS = 4
+_RESECTIONS = 4  # Gauss-Newton steps from a pose that is right to a pixel
 _INTRINSIC: Mapping[str, tuple[int, ...]] = MappingProxyType(
     {FOCAL: (0, 1), CENTER_X: (2,), CENTER_Y: (3,), K1: (4,)}
 )

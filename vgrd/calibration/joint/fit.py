@@ -21,13 +21,13 @@ from vgrd.geometry.chi2 import chi2_quantile
 from vgrd.geometry.least_squares import Report, check_convergence, minimize
 from vgrd.model import Recording, TagObservation
 
-_UNDETERMINED_MM = 500.0
-_UNDETERMINED_RAD = 1.0
-_ROUNDS = 8
-_SETTLED_MM = 2e-2
-_SETTLED_SIGMA = 1e-3
-_TOLERANCE = 1e-6
-_NOISE_CONFIDENCE = 0.999
+_UNDETERMINED_MM = 500.0  # an arm's reach: what is less sure tells nothing
+_UNDETERMINED_RAD = 1.0  # the same for a turn
+_ROUNDS = 8  # of renewing the arm's noise, a bound only
+_SETTLED_MM = 2e-2  # mm, a tenth of what the best session is sure of
+_SETTLED_SIGMA = 1e-3  # of a refined number
+_TOLERANCE = 1e-6  # of the cost: below it steps follow rounding
+_NOISE_CONFIDENCE = 0.999  # a good session is called noisy once in a thousand
 
 
 @dataclass(frozen=True, slots=True)

@@ -6,7 +6,7 @@ from vgrd.calibration.joint.rows import left_jacobian
 from vgrd.calibration.joint.state import JointState, Layout
 from vgrd.geometry import Array
 
-HEIGHT_SIGMA_MM = 3.0
+HEIGHT_SIGMA_MM = 3.0  # targets and tag lie on one plate, give or take its thickness
 
 
 def near_tag_plane(

@@ -19,8 +19,8 @@ from vgrd.calibration.touches.touch_set import TouchSet, equivalent_sigmas
 from vgrd.geometry import Array
 from vgrd.judging.thresholds import OUTLIER_SIGMA, PICTURE_SIGMA
 
-_SWEEPS = 3
-_LEVERAGE_FLOOR = 1e-9
+_SWEEPS = 3  # over the kinds: the second one confirms the first
+_LEVERAGE_FLOOR = 1e-9  # of a share between 0 and 1: rounding
 
 Weights = Mapping[EvidenceKind, Array]
 

@@ -11,7 +11,7 @@ from vgrd.calibration.touches.touch_set import TouchSet
 from vgrd.geometry import Array, Pose, hat, log_rotation
 
 _EYE = np.eye(3)
-_BERNOULLI = (1 / 12, -1 / 720, 1 / 30240)
+_BERNOULLI = (1 / 12, -1 / 720, 1 / 30240)  # B_2k / (2k)!, k = 1, 2, 3: exact to 1e-6 at 1 rad
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -22,7 +22,7 @@ from vgrd.geometry.covariance import sqrt_information
 from vgrd.model import Motion, Mount, Observation, Recording, TagObservation, Touch
 from vgrd.model.arm import ArmModel
 
-_STILL = -1
+_STILL = -1  # instead of the number of a spin
 
 Named = tuple[str, Observation | None]
 

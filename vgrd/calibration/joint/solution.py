@@ -31,7 +31,7 @@ from vgrd.model import (
 )
 
 _EYE = np.eye(3)
-_FITS_MODEL = 0.9999
+_FITS_MODEL = 0.9999  # a picture of a turntable is taken for one that left it once in 10,000
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -20,8 +20,8 @@ from vgrd.errors import CalibrationError, NotObservable, TooFewObservations
 from vgrd.geometry import Array, Pose, nearest_rotation
 from vgrd.model import Motion
 
-_UNIVERSAL_TOUCHES = 4
-_LINEAR_RCOND = 1e-6
+_UNIVERSAL_TOUCHES = 4  # what the universal method needs
+_LINEAR_RCOND = 1e-6  # directions that no sample tells apart from rounding
 
 Columns = NDArray[np.intp]
 

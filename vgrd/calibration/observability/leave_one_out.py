@@ -11,11 +11,11 @@ from vgrd.errors import CalibrationError
 from vgrd.geometry import Array
 from vgrd.judging.thresholds import OUTLIER_SIGMA
 
-_CAUCHY = 2.385
-_ROUNDS = 8
-_SETTLED = 0.01
-_SPARE_FREEDOM = 3
-_MOST = 1 / 3
+_CAUCHY = 2.385  # 95 % efficiency with normal noise (Rey 1983)
+_ROUNDS = 8  # a bound only
+_SETTLED = 0.01  # of a weight between 0 and 1
+_SPARE_FREEDOM = 3  # one touch more than a fit needs, so that it can contradict
+_MOST = 1 / 3  # of the touches: where more are bad nobody can say which
 
 
 class TouchFit(Protocol):

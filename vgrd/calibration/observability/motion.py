@@ -11,8 +11,8 @@ from vgrd.geometry.coincidence import equal_poses
 from vgrd.geometry.covariance import Observability, observability
 from vgrd.judging.thresholds import NO_ROTATION_RAD, SAME_POSE_MM, SAME_POSE_RAD
 
-_HAND_EYE_TOLERANCE = 5e-3
-_MIN_LEVER_MM = 50.0
+_HAND_EYE_TOLERANCE = 5e-3  # mm per mm of lever and pose: what turns of 0.5 degrees just pass
+_MIN_LEVER_MM = 50.0  # poses nearer together are judged as if they were that far apart
 
 
 class Axes(Enum):

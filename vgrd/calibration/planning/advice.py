@@ -19,7 +19,7 @@ from vgrd.judging.findings import finding
 from vgrd.judging.thresholds import WRONG_SIGMA
 from vgrd.model import Finding, Policy, Recording
 
-_ANGLES_RAD = (0.0, 2.0)
+_ANGLES_RAD = (0.0, 2.0)  # two turns of the object stand for all: near and far
 _SPINS_UNUSABLE = "spins_unusable"  # of `without_useless_spins`: spins are only few yet
 _TOO_LITTLE = (
     "the samples so far allow no estimate: look with tag A in view and the wrist turned about two axes, "

@@ -45,7 +45,7 @@ __all__ = [
     "without_pose",
 ]
 
-_EXCHANGES = 4
+_EXCHANGES = 4  # passes of Fedorov's exchange at most; it stops when nothing changes
 
 InView = Callable[[Pose], bool]
 

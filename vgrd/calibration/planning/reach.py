@@ -14,11 +14,11 @@ from vgrd.errors import InputError
 from vgrd.geometry import Array, Pose, exp_rotation
 from vgrd.model import Motion, Recording
 
-_SLACK_RAD = 1e-6
-_LIFT_MM = 100.0
-_PLACES = 6
-_INCIDENCE = 0.35
-_DISTINCT_YAWS = 3
+_SLACK_RAD = 1e-6  # rounding
+_LIFT_MM = 100.0  # above the target, so that the way there is seen
+_PLACES = 6  # farthest from each other: more proposals nobody compares
+_INCIDENCE = 0.35  # cosine of 70 degrees: a flatter tag is not found
+_DISTINCT_YAWS = 3  # fewer do not tell that an arm only yaws
 _CIRCLE = tuple(float(a) for a in np.arange(12) * np.pi / 6)
 
 

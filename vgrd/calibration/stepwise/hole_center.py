@@ -26,9 +26,9 @@ from vgrd.geometry.least_squares import check_convergence, minimize
 from vgrd.judging.thresholds import HOLE_SIGMA, HOLES_LINE
 from vgrd.model import Recording
 
-_FEWEST_HOLES = 3
+_FEWEST_HOLES = 3  # three points fix a plane figure
 _ROUNDS = 2  # what the tag's error does is known at the place only
-_MOST_LEFT_OUT = 1 / 3
+_MOST_LEFT_OUT = 1 / 3  # of the sightings: where more are bad nobody can say which
 
 
 @dataclass(frozen=True, slots=True, eq=False)

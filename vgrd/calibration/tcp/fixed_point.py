@@ -10,7 +10,7 @@ from vgrd.errors import NotObservable, TooFewObservations
 from vgrd.geometry import Array
 from vgrd.geometry.covariance import covariance_from, observability
 
-_TOLERANCE = 2.5e-3
+_TOLERANCE = 2.5e-3  # mm per mm and touch, as in `tcp.surface`
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -27,10 +27,10 @@ _SIDES = "touch the ball from several sides, each with the wrist tilted differen
 _DIRECTIONS = 30  # 40 degrees apart: a start this near a minimum ends in it
 _SHARES = (0.35, 0.7, 1.0)  # of a known radius, by which a TCP from a point may be off
 _SHIFTS_MM = (1.5, 4.0, 10.0, 25.0, 60.0)  # the same for balls of 3 to 120 mm
-_STARTS = 6
+_STARTS = 6  # refined to the end: the ball may lie on either side of the tips
 _DISTINCT = 0.3  # of the larger radius
 _NEEDED = 9  # touches that tell one valley from another: two more than unknowns
-_CENTER_RCOND = 1e-6
+_CENTER_RCOND = 1e-6  # directions that no touch tells apart from rounding
 _TINY_MM = 1e-9  # of the way from centre to tip: no direction at all
 
 

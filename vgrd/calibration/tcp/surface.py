@@ -23,7 +23,7 @@ TOLERANCE = (
 )
 SPARE = 1  # touch beyond the unknowns of a curved problem: without it several surfaces fit exactly
 _BY_CHANCE = 20.0  # of chi2 between two minima: 1 in 100,000 for one unknown
-_APART_SIGMA = 5.0
+_APART_SIGMA = 5.0  # of the TCP: two minima that noise does not make one
 _APART_MM = 0.05  # no two TCPs that near are worth an alarm
 
 SurfaceT = TypeVar("SurfaceT")

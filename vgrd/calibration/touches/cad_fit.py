@@ -12,7 +12,7 @@ from vgrd.geometry.covariance import covariance_from, observability
 from vgrd.geometry.least_squares import check_convergence, minimize
 from vgrd.judging.thresholds import LINE
 
-_TOLERANCE = 2.5e-3
+_TOLERANCE = 2.5e-3  # mm per mm and touch, as in `tcp.surface`
 
 
 @dataclass(frozen=True, slots=True, eq=False)

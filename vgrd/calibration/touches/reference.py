@@ -10,9 +10,9 @@ from vgrd.geometry import Array, Pose
 from vgrd.geometry.covariance import mean_pose
 from vgrd.model import TagObservation, Touch, frozen_array
 
-_MOVED_SQUARED = 40.0
-_MOVED_MM = 0.05
-_MOVED_RAD = 1e-3
+_MOVED_SQUARED = 40.0  # chi-square of 6: 1 in 2 million still tags
+_MOVED_MM = 0.05  # smaller is no motion that matters, whatever the stated noise
+_MOVED_RAD = 1e-3  # the same, 0.05 mm at 50 mm from the tag
 
 
 @dataclass(frozen=True, slots=True, eq=False)

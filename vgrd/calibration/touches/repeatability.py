@@ -10,7 +10,7 @@ from vgrd.errors import InputError, TooFewObservations
 from vgrd.geometry import Array
 from vgrd.geometry.chi2 import chi2_quantile
 
-_SAME_WRIST = 0.02
+_SAME_WRIST = 0.02  # norm of a difference of rotations: 0.8 degrees, 1.7 mm at a tool of 120 mm
 
 
 @dataclass(frozen=True, slots=True)

@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 from vgrd.errors import InputError
 from vgrd.geometry import Array, Pose
 
-_LEVERAGE_FLOOR = 1e-9
-_ACROSS = 1e-6
+_LEVERAGE_FLOOR = 1e-9  # of a share between 0 and 1: rounding
+_ACROSS = 1e-6  # sine to the tool's axis below which a direction is along it
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -15,8 +15,8 @@ from vgrd.errors import InputError, NotObservable, TooFewObservations
 from vgrd.geometry import Array, Pose, hat
 from vgrd.geometry.covariance import sqrt_information
 
-_ROUNDS = 3
-_NOT_TURNED = np.radians(2.0)
+_ROUNDS = 3  # weights depend on the centre a little
+_NOT_TURNED = np.radians(2.0)  # rms about a second axis: a tag's own noise
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -37,8 +37,8 @@ __all__ = [
 
 UniversalMethod = Literal["certified", "gauss-newton"]
 
-_PAPERS_STEP = 1e-3
-_PAPERS_STEPS = 100
+_PAPERS_STEP = 1e-3  # norm of a step, mm and rad together: the paper's section VI
+_PAPERS_STEPS = 100  # a bound only, the paper names none
 
 
 @dataclass(frozen=True, slots=True, eq=False)

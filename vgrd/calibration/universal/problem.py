@@ -14,8 +14,8 @@ from vgrd.geometry.covariance import observability
 from vgrd.geometry.pose import left_jacobian_rotation
 from vgrd.judging.thresholds import LINE
 
-_TOLERANCE = 2.5e-3
-_MIN_TOUCHES = 4
+_TOLERANCE = 2.5e-3  # mm per mm and touch, as in `tcp.surface`
+_MIN_TOUCHES = 4  # 9 unknowns, 3 numbers each, and one touch to contradict
 
 State = tuple[Array, Array, Array]
 

@@ -10,7 +10,7 @@ from vgrd.solving.datasets.document import FeatureTable, SampleTable, hint, pars
 from vgrd.vision.print.boards import TargetSpec, has_direction
 
 Places = Mapping[str, Place | None]
-_SIGHTINGS = 2
+_SIGHTINGS = 2  # two rays fix a point
 
 
 def read_features(

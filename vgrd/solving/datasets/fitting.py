@@ -26,14 +26,14 @@ from vgrd.geometry.resection import pose_from_points
 from vgrd.model import Mount
 
 ARM_SIGMA_MM = 0.3  # what the poses of an uncalibrated industrial arm are worth, per axis
-ARM_SIGMA_RAD = 3e-4
-_NOISE_ROUNDS = 4
-_NOISE_MATCHED = 1.1
-_MIN_SIGMA_PX = 0.02
-_MIN_SIGMA_MM = 0.01
-_MIN_SIGMA_RAD = 1e-5
-_START_SIGMA_MM = 1.0
-_START_SIGMA_RAD = 2e-3
+ARM_SIGMA_RAD = 3e-4  # the same at 1 m
+_NOISE_ROUNDS = 4  # a bound only
+_NOISE_MATCHED = 1.1  # residuals over promise: 10 % of a sigma
+_MIN_SIGMA_PX = 0.02  # no detector on real pictures is better
+_MIN_SIGMA_MM = 0.01  # keeps exact synthetic data solvable
+_MIN_SIGMA_RAD = 1e-5  # the same
+_START_SIGMA_MM = 1.0  # before the noise is matched; only the ratio counts: alike at 500 mm
+_START_SIGMA_RAD = 2e-3  # see above
 
 
 class Fitter(ABC):

@@ -22,12 +22,12 @@ from vgrd.solving.datasets.fitting import reprojection_px
 from vgrd.solving.datasets.loading import Dataset
 
 _DOUBTFUL = 4.0  # times the median miss
-_DOUBTFUL_MM = 0.2
-_DOUBTFUL_DEG = 0.02
-_SCALE_SIGMAS = 3.0
-_SCALE_MATTERS = 1e-3
-_CLEARLY_BETTER = 0.6
-_SAME_READING_MM = 0.01
+_DOUBTFUL_MM = 0.2  # smaller misses are nobody's concern
+_DOUBTFUL_DEG = 0.02  # the same
+_SCALE_SIGMAS = 3.0  # the size is told, not refused
+_SCALE_MATTERS = 1e-3  # 0.1 mm of a board of 100 mm
+_CLEARLY_BETTER = 0.6  # of the error as given: six parameters more explain less
+_SAME_READING_MM = 0.01  # readings that fit as well are all named
 
 
 @dataclass(frozen=True, slots=True)

@@ -27,12 +27,12 @@ from vgrd.solving.datasets.features import Places, read_features
 from vgrd.solving.datasets.points import read_points
 from vgrd.vision.print.boards import BoardObservation, TargetSpec
 
-MIN_SAMPLES = 3
+MIN_SAMPLES = 3  # the least of a hand-eye calibration
 _TABLES = ("mount", "camera", "poses", "target", "feature", "sample")
 _SOURCES = ("image", "points", "camera_from_target")
 _MM_PER = {"mm": 1.0, "m": 1000.0}
-_REACH_MM = 20_000.0
-_SMALLEST_ARM_MM = 10.0
+_REACH_MM = 20_000.0  # no arm reaches 20 m: it is another unit
+_SMALLEST_ARM_MM = 10.0  # no arm stays within 10 mm: it is another unit
 _SAME_MM = 1e-3
 _SAME_RAD = 1e-6
 

@@ -10,7 +10,7 @@ from vgrd.errors import InputError
 from vgrd.vision.print.boards import BoardObservation
 
 _HEADER = ["x_mm", "y_mm", "z_mm", "u_px", "v_px"]
-_SMALLEST_TARGET_MM = 1.0
+_SMALLEST_TARGET_MM = 1.0  # smaller is another unit
 
 
 def read_points(path: Path) -> BoardObservation:

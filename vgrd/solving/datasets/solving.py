@@ -24,7 +24,7 @@ from vgrd.vision.print.boards import BoardObservation, TargetSpec, detect_board,
 
 Progress = Callable[[int, int], None]
 
-_PARTLY = 0.5
+_PARTLY = 0.5  # of the target's points: fewer are told
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -29,10 +29,10 @@ from vgrd.solving.datasets.document import (
 )
 from vgrd.solving.datasets.loading import arm_faults, read_toml
 
-DEFAULT_SIGMA_MM = 0.233
+DEFAULT_SIGMA_MM = 0.233  # the paper's touches, experiment B
 _TABLES = ("kind", "poses", "touch", "plane", "sphere")
 _LINE = 0.01
-_SAME_AXIS = 1e-6
+_SAME_AXIS = 1e-6  # rounding of a text
 
 Vector = Annotated[list[Number], Field(min_length=3, max_length=3)]
 SigmaMm = Annotated[float, Field(gt=0)]

@@ -13,7 +13,7 @@ from vgrd.geometry import Array
 from vgrd.solving.touch_files.document import TouchFile, TouchKind
 
 _ENOUGH = 4  # repeats: from there on the estimate is better than a figure out of the paper
-_LEAST_MM = 0.01
+_LEAST_MM = 0.01  # no hand and no arm repeats better
 
 
 @dataclass(frozen=True, slots=True)

@@ -13,8 +13,8 @@ from vgrd.geometry import Array, Pose, log_rotation, nearest_rotation
 
 Indices = NDArray[np.intp]
 
-_CLEAR_TURN_RAD = 3.0
-_NO_TURN = 1e-3
+_CLEAR_TURN_RAD = 3.0  # the axis of a turn near pi is lost in noise
+_NO_TURN = 1e-3  # spread of unit axes below which they are one axis
 
 
 @dataclass(frozen=True, slots=True, eq=False)
