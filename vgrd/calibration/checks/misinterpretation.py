@@ -155,11 +155,12 @@ def _other_orders(points: Array, places: Sequence[int] | None) -> Iterator[_Read
             order = np.roll(np.arange(m)[:: -1 if backwards else 1], -shift)
             if np.array_equal(order, np.arange(m)) or np.sum(order != np.arange(m)) == 2:
                 continue
-            how = " backwards" * backwards + f" from the {shift + 1}. on" * (shift > 0)
+            way = " backwards" if backwards else ""
+            begin = f" from the {shift + 1}. on" if shift else ""
             yield _Reading(
                 finding(
                     "points_order",
-                    f"the targets stand in the wrong order, the touches fit the list read{how}",
+                    f"the targets stand in the wrong order, the touches fit the list read{way}{begin}",
                     fatal=True,
                 ),
                 listed[order][place],

@@ -1,6 +1,6 @@
 """Touches as equations: what all methods that use the tool's tip share."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -29,9 +29,14 @@ class TouchSet:
 
     def __post_init__(self) -> None:
         m = len(self.rotations)
-        shapes = [(m, 3, 3), (m, 3), (3,), (m,), (m,)]
-        names = list(self.__dataclass_fields__)
-        for name, shape in zip(names, shapes, strict=True):
+        shapes: Mapping[str, tuple[int, ...]] = {
+            "rotations": (m, 3, 3),
+            "translations": (m, 3),
+            "axis_in_wrist": (3,),
+            "lateral_sigma_mm": (m,),
+            "axial_sigma_mm": (m,),
+        }
+        for name, shape in shapes.items():
             array = np.array(getattr(self, name), dtype=np.float64)
             if array.shape != shape or np.isnan(array).any():
                 raise InputError(f"{name} of touches needs shape {shape} without NaN")
