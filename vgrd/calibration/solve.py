@@ -35,7 +35,7 @@ def calibrate_system(
             "serving needs a camera that stands still (eye-to-hand); an eye-in-hand camera can "
             "be calibrated as a dataset: vgrd solve DATASET"
         )
-    found = examine(recording, policy)
+    findings = examine(recording, policy)
     try:
         outcome: Outcome[Solution]
         if recording.plan is Plan.JOINT:
@@ -43,7 +43,7 @@ def calibrate_system(
         else:
             outcome = calibrate_in_steps(recording, sightings)
     except DidNotConverge as err:
-        why = "; ".join(one.message for one in found if one.fatal)
+        why = "; ".join(one.message for one in findings if one.fatal)
         raise DidNotConverge(f"{why} ({err})" if why else str(err)) from err
     calibration = Calibration(
         id="",
@@ -59,5 +59,5 @@ def calibrate_system(
     return replace(
         calibration,
         residuals={**outcome.residuals, **misses},
-        verdict=Verdict((*found, *cannot_tell(facts), *outcome.findings, *verified)),
+        verdict=Verdict((*findings, *cannot_tell(facts), *outcome.findings, *verified)),
     )

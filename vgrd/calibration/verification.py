@@ -36,8 +36,8 @@ def _judged(
     calibration: Calibration, touch: Touch, name: str
 ) -> tuple[Finding | None, float | None]:
     """What speaks against the calibration, and the miss in mm where it can be told."""
-    seen = touch.observation
-    if seen is None or seen.tag_b is None:
+    picture = touch.observation
+    if picture is None or picture.tag_b is None:
         return finding("verification_unseen", f"{name}: tag B was not in view"), None
     directions, sigmas_mm = _measured(calibration, touch)
     if not len(directions):
@@ -47,14 +47,14 @@ def _judged(
         return finding("verification_unusable", words), None
     try:
         expected = expected_coordinate(
-            calibration, touch.target, seen.tag_b, Policy.FIXED, touch.base_from_wrist.rotation
+            calibration, touch.target, picture.tag_b, Policy.FIXED, touch.base_from_wrist.rotation
         )
     except (InputError, NotObservable) as fault:
         return finding("verification_unusable", f"{name}: {fault}"), None
-    off = directions @ _off(calibration, touch, expected)
-    miss = float(np.linalg.norm(off))
+    miss_vector = directions @ _off(calibration, touch, expected)
+    miss = float(np.linalg.norm(miss_vector))
     covariance = directions @ expected.position_covariance @ directions.T
-    share = _share_of_allowed(off, covariance + np.diag(sigmas_mm**2))
+    share = _share_of_allowed(miss_vector, covariance + np.diag(sigmas_mm**2))
     if share <= 1:
         return None, miss
     words = f"{name} ({touch.target}) misses by {miss:.2f} mm, {share:.1f} times as much as chance allows"
@@ -77,10 +77,10 @@ def _measured(calibration: Calibration, touch: Touch) -> tuple[Array, Array]:
     return frame[measured], sigmas[measured]
 
 
-def _share_of_allowed(off: Array, covariance: Array) -> float:
+def _share_of_allowed(miss_vector: Array, covariance: Array) -> float:
     """Sigmas over those that chance explains; infinite where the numbers are none."""
-    covariance = covariance + _EXACT_MM**2 * np.eye(len(off))
-    squared = float(off @ np.linalg.solve(covariance, off))
-    limit = _MARGIN * np.sqrt(chi2_quantile(_95, len(off)))
+    covariance = covariance + _EXACT_MM**2 * np.eye(len(miss_vector))
+    squared = float(miss_vector @ np.linalg.solve(covariance, miss_vector))
+    limit = _MARGIN * np.sqrt(chi2_quantile(_95, len(miss_vector)))
     share = float(np.sqrt(squared) / limit) if squared >= 0 else np.inf
     return share if share < np.inf else np.inf  # a share that is no number is none that passes

@@ -145,8 +145,8 @@ def from_positions(places: Array, cameras: Poses) -> tuple[Array, Array, float]:
     """
     q, R_X, t_X = np.zeros(3), np.eye(3), np.zeros(3)
     for _ in range(60):
-        seen = cameras.translations + cameras.rotations @ q
-        R_X = nearest((places - places.mean(axis=0)).T @ (seen - seen.mean(axis=0)))
+        points = cameras.translations + cameras.rotations @ q
+        R_X = nearest((places - places.mean(axis=0)).T @ (points - points.mean(axis=0)))
         turned = np.concatenate(
             [cameras.rotations, np.broadcast_to(R_X.T, cameras.rotations.shape)], axis=2
         )
@@ -155,8 +155,8 @@ def from_positions(places: Array, cameras: Poses) -> tuple[Array, Array, float]:
         step, q, t_X = float(np.linalg.norm(x[:3] - q)), x[:3], x[3:]
         if step < _LEAST_MM:
             break
-    off = places - (cameras.translations + cameras.rotations @ q) @ R_X.T - t_X
-    return R_X, q, float(np.median(np.linalg.norm(off, axis=1)))
+    misses = places - (cameras.translations + cameras.rotations @ q) @ R_X.T - t_X
+    return R_X, q, float(np.median(np.linalg.norm(misses, axis=1)))
 
 
 @dataclass(frozen=True, slots=True)
@@ -174,8 +174,8 @@ def noise_of(
     place = np.concatenate(
         [np.broadcast_to(np.eye(3), (len(cameras), 3, 3)), -hat(cameras.translations)], axis=2
     )
-    own = place @ covariances @ np.swapaxes(place, 1, 2)
-    mm = np.sqrt(np.trace(own, axis1=1, axis2=2) / 3)
+    at_target = place @ covariances @ np.swapaxes(place, 1, 2)
+    mm = np.sqrt(np.trace(at_target, axis1=1, axis2=2) / 3)
     rad = np.sqrt(np.trace(covariances[:, 3:, 3:], axis1=1, axis2=2) / 3)
     return Noise(
         float(np.hypot(np.median(mm), robot_sigma_mm)),

@@ -56,18 +56,18 @@ def misinterpreted_poses(
     cameras = Poses.of([sample.camera_from_target for sample in samples])
     flange_motions = wrists if recording.facts.mount is Mount.EYE_TO_HAND else wrists.inverted()
     deg, mm = _limits(samples, cameras, recording.facts.robot_sigma_mm)
-    own = agreement(flange_motions, cameras)
-    if own.within(deg, mm):
-        return _unit_finding(own, flange_motions, cameras, mm)
-    found = explain(flange_motions, cameras, deg=deg, mm=mm, read_as=read_as)
-    if found:
-        return _finding(found, own, recording)
-    if own.within(CONTRADICTORY_DEG, CONTRADICTORY_MM):
+    stated = agreement(flange_motions, cameras)
+    if stated.within(deg, mm):
+        return _unit_finding(stated, flange_motions, cameras, mm)
+    fitting = explain(flange_motions, cameras, deg=deg, mm=mm, read_as=read_as)
+    if fitting:
+        return _finding(fitting, stated, recording)
+    if stated.within(CONTRADICTORY_DEG, CONTRADICTORY_MM):
         return None
     return finding(
         "poses_contradict",
-        f"robot poses and pictures of tag A contradict each other, typically {own.deg:.1f} deg and "
-        f"{own.mm:.1f} mm off, whatever rotation format, unit or mount is supposed",
+        f"robot poses and pictures of tag A contradict each other, typically {stated.deg:.1f} deg and "
+        f"{stated.mm:.1f} mm off, whatever rotation format, unit or mount is supposed",
         fatal=True,
     )
 
@@ -134,30 +134,30 @@ def mistaken_unit(fit: Agreement) -> str | None:
 
 
 def _unit_finding(
-    own: Agreement, flange_motions: Poses, cameras: Poses, mm: float
+    stated: Agreement, flange_motions: Poses, cameras: Poses, mm: float
 ) -> Finding | None:
     """A wrong unit is a scale of about 1000 that the pictures insist on."""
-    words = mistaken_unit(own)
+    words = mistaken_unit(stated)
     if words is None or agreement(flange_motions, cameras, unit_known=True).within(np.inf, mm):
         return None
     return finding(
         "unit_misread",
-        f"by the size of tag A one unit of the robot's positions measures {own.millimetres:.4g} mm "
+        f"by the size of tag A one unit of the robot's positions measures {stated.millimetres:.4g} mm "
         f"instead of 1, they are {words}",
         fatal=True,
     )
 
 
-def _finding(found: Sequence[Fitted], own: Agreement, recording: Recording) -> Finding:
+def _finding(fitting: Sequence[Fitted], stated: Agreement, recording: Recording) -> Finding:
     """Name the likeliest reading and those that fit as well."""
-    best = found[0]
-    simplest = [one for one in found if one.reading.faults == best.reading.faults]
+    best = fitting[0]
+    simplest = [one for one in fitting if one.reading.faults == best.reading.faults]
     words = list(dict.fromkeys(_words(one.reading, recording) for one in simplest))
     unit = mistaken_unit(best.fit)
     also = f" and lengths are {unit}" if unit else ""
     message = (
-        f"as recorded, robot poses and pictures of tag A are typically {own.deg:.1f} deg and "
-        f"{own.mm:.1f} mm off; they agree to {best.fit.deg:.2f} deg and {best.fit.mm:.2f} mm when "
+        f"as recorded, robot poses and pictures of tag A are typically {stated.deg:.1f} deg and "
+        f"{stated.mm:.1f} mm off; they agree to {best.fit.deg:.2f} deg and {best.fit.mm:.2f} mm when "
         f"{' or '.join(words)}{also}"
     )
     return finding(_code(best.reading, recording), message, fatal=True)
@@ -193,13 +193,17 @@ def _camera_moves(recording: Recording) -> bool | None:
     A camera that stands still sees it stand still. None where too little was seen of it.
     """
     touched = [touch.observation for touch in recording.touches if touch.observation]
-    seen = [(one.base_from_wrist, one.tag_b.camera_from_tag) for one in touched if one.tag_b]
-    if len(seen) < 2:
+    pairs = [
+        (picture.base_from_wrist, picture.tag_b.camera_from_tag)
+        for picture in touched
+        if picture.tag_b
+    ]
+    if len(pairs) < 2:
         return None
-    wrists, tags = (Poses.of([pair[k] for pair in seen]) for k in (0, 1))
+    wrists, tags = (Poses.of([pair[k] for pair in pairs]) for k in (0, 1))
     went = float(np.ptp(wrists.translations, axis=0).max())
     shift = float(np.ptp(tags.translations, axis=0).max())
-    turned = np.max([seen[0][0].distance(wrist)[1] for wrist, _ in seen])
+    turned = np.max([pairs[0][0].distance(wrist)[1] for wrist, _ in pairs])
     if went < _SHIFTED_MM and np.degrees(turned) < _TURNED_DEG:
         return None
     moved = shift > max(_LEAST_MM, _MOVES_ALONG * went * (went >= _SHIFTED_MM))

@@ -71,8 +71,8 @@ class ConstantWrist:
 
     def closed_form(self, points: Array) -> float:
         """Sum of squares of the unweighted fit."""
-        at = self.touches.translations
-        return float(np.sum((kabsch(points, at) @ points - at) ** 2))
+        flanges = self.touches.translations
+        return float(np.sum((kabsch(points, flanges) @ points - flanges) ** 2))
 
     def scatter(self, points: Array) -> float:
         """Infinite where the points determine nothing."""

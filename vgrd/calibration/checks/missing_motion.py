@@ -91,8 +91,8 @@ def _tag_a_in_wrist(recording: Recording, samples: Sequence[PoseSample]) -> Arra
     if recording.facts.mount is not Mount.EYE_TO_HAND:
         return np.zeros(3)
     wrists = Poses.of([sample.base_from_wrist for sample in samples])
-    seen = Poses.of([sample.camera_from_target for sample in samples])
-    return agreement(wrists, seen, unit_known=True).Y.translation
+    cameras = Poses.of([sample.camera_from_target for sample in samples])
+    return agreement(wrists, cameras, unit_known=True).Y.translation
 
 
 def _spins(recording: Recording) -> Iterator[MissingMotion]:

@@ -188,5 +188,5 @@ def _beside(recording: Recording, points: Array) -> Target:
         return targets[0]
     middle = points.mean(axis=0)
     along = np.linalg.svd(points - middle)[2][0] * (np.ptp(points, axis=0).max() > LINE)
-    off = [target.point_in_object - middle for target in targets]
-    return targets[int(np.argmax([np.linalg.norm(d - along * (along @ d)) for d in off]))]
+    offsets = [target.point_in_object - middle for target in targets]
+    return targets[int(np.argmax([np.linalg.norm(d - along * (along @ d)) for d in offsets]))]

@@ -17,19 +17,19 @@ _MOVED_RAD = 5e-3  # the same
 
 def repeated_poses(recording: Recording) -> Iterator[Finding]:
     """Samples that hold one robot pose: recorded twice, or the robot moved and was not read again."""
-    seen = sightings_of_tag_a(recording)
-    first = first_of_same([sample.base_from_wrist for sample in seen])
+    samples = sightings_of_tag_a(recording)
+    first = first_of_same([sample.base_from_wrist for sample in samples])
     stale: list[tuple[str, str]] = []
     twice: list[tuple[str, str]] = []
     for i, k in enumerate(first):
         if i == k:
             continue
         moved = _differ(
-            seen[i].camera_from_target,
-            seen[k].camera_from_target,
-            seen[i].covariance + seen[k].covariance,
+            samples[i].camera_from_target,
+            samples[k].camera_from_target,
+            samples[i].covariance + samples[k].covariance,
         )
-        (stale if moved else twice).append((seen[k].name, seen[i].name))
+        (stale if moved else twice).append((samples[k].name, samples[i].name))
     if stale:
         yield finding(
             "pose_not_read_again",

@@ -150,9 +150,9 @@ class _Step:
             except NotObservable:
                 return None
             x = -C @ (J.T @ r)
-            off = np.sqrt(np.mean((residuals + rows @ x) ** 2, axis=1))
-            typical = max(1.0, float(np.median(off)))
-            weights = 1 / np.sqrt(1 + (off / typical / _CAUCHY) ** 2)
+            misses = np.sqrt(np.mean((residuals + rows @ x) ** 2, axis=1))
+            typical = max(1.0, float(np.median(misses)))
+            weights = 1 / np.sqrt(1 + (misses / typical / _CAUCHY) ** 2)
         return Measured(start + float(x[-1]), typical * float(np.sqrt(C[-1, -1])))
 
     def _rows(self, column: Array) -> tuple[Array, Array]:

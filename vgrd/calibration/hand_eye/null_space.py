@@ -37,10 +37,10 @@ def open_translations(
     if allowed == 0:
         check_hand_eye_motion(wrists)
         return np.zeros((0, 6))
-    seen = hand_eye_observability(wrists)
-    turning = seen.undetermined.reshape(-1, 2, 2, 3)[:, :, 1]
+    rank = hand_eye_observability(wrists)
+    turning = rank.undetermined.reshape(-1, 2, 2, 3)[:, :, 1]
     if np.any(np.linalg.norm(turning, axis=2) > _TRANSLATION_ONLY):
-        raise _open(seen.rank, f"leave the camera's rotation open: {_missing_shift(wrists)}")
+        raise _open(rank.rank, f"leave the camera's rotation open: {_missing_shift(wrists)}")
     _, s, Vt = np.linalg.svd(
         translation_rows(np.array([move.rotation.T for move in flange_motions]))
     )

@@ -17,8 +17,8 @@ def park_martin_start(
     Raises NotObservable when nearly all turns are half turns.
     """
     X = park_martin(Motions.between_all(flange_motions, cameras))
-    seen = [
+    targets = [
         move.inverse() @ X @ camera for move, camera in zip(flange_motions, cameras, strict=True)
     ]
-    R_Y = nearest_rotation(np.mean([pose.rotation for pose in seen], axis=0), tolerance=np.inf)
-    return X, Pose(R_Y, np.median([pose.translation for pose in seen], axis=0))
+    R_Y = nearest_rotation(np.mean([pose.rotation for pose in targets], axis=0), tolerance=np.inf)
+    return X, Pose(R_Y, np.median([pose.translation for pose in targets], axis=0))

@@ -51,12 +51,12 @@ def calibrate_jointly(
     DidNotConverge.
     """
     usable, doubts = without_useless_spins(recording)
-    kept = [one for one in sightings if one.spin is None or usable.spins]
-    fit = calibrate_joint(usable, kept)
+    holes = [hole for hole in sightings if hole.spin is None or usable.spins]
+    fit = calibrate_joint(usable, holes)
     solution = solution_of(fit)
     taught = {name: _taught(solution, recording, name) for name in recording.facts.object.targets}
     findings = [*doubts, *_findings(fit, solution)]
-    worst = max(_predicted(solution, fit, taught, policy), key=lambda one: one.u95_mm)
+    worst = max(_predicted(solution, fit, taught, policy), key=lambda hole: hole.u95_mm)
     if tolerance_mm is not None:
         findings.append(accept(worst.u95_mm, tolerance_mm, covariance=worst.position_covariance))
     return Outcome(solution, taught, _residuals(fit, worst.u95_mm), findings)
@@ -67,9 +67,9 @@ def _taught(solution: JointSolution, recording: Recording, name: str) -> TaughtP
     target = recording.facts.object.targets[name]
     R_work = work_orientation(recording, name, Policy.FIXED, None)
     n = solution.layout.size
-    at = solution.base_from_object @ np.asarray(target.point_in_object)
+    point = solution.base_from_object @ np.asarray(target.point_in_object)
     J = np.zeros((3, n))
-    J[:, Layout.OBJECT] = left_jacobian(at[None])[0]
+    J[:, Layout.OBJECT] = left_jacobian(point[None])[0]
     J[:, Layout.TCP] = -R_work
     open_mm = float(np.abs(J @ solution.undetermined).max(initial=0.0))
     if open_mm > IRRELEVANT_MM:
@@ -83,7 +83,7 @@ def _taught(solution: JointSolution, recording: Recording, name: str) -> TaughtP
     tip = solution.tip_in_wrist + recording.facts.tool.work_from_touch_mm
     return TaughtPoint(
         target=target,
-        flange_in_base=frozen_array(at - R_work @ tip, 3),
+        flange_in_base=frozen_array(point - R_work @ tip, 3),
         base_from_work=frozen_array(R_work, 3, 3),
         covariance=frozen_array(J @ solution.covariance @ J.T, 3, 3),
     )
@@ -95,7 +95,9 @@ def _predicted(
     """What would be served in the pictures of the session."""
     recording = fit.recording
     pictures = [touch.observation for touch in recording.touches] + list(recording.spins)
-    tags = [one.tag_b for one in pictures if one is not None and one.tag_b is not None]
+    tags = [
+        picture.tag_b for picture in pictures if picture is not None and picture.tag_b is not None
+    ]
     return [
         solution.expected(recording.facts, point, tag, policy, np.asarray(point.base_from_work))
         for point in taught.values()

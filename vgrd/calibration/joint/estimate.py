@@ -42,8 +42,8 @@ def calibrate_joint(
     """
     data = gather(recording, sightings, arm, turntable, refine)
     if len(data.holes.cad):
-        seen = start_near_tag_plane(recording, data.holes.cad)
-        start = replace(seen, refined=np.zeros(data.corrections.count))
+        guessed = start_near_tag_plane(recording, data.holes.cad)
+        start = replace(guessed, refined=np.zeros(data.corrections.count))
     else:
         start = guess(data)
     optimum = fit_joint(data, layout_of(data), start)
@@ -57,9 +57,9 @@ def start_near_tag_plane(recording: Recording, points_in_object: Array) -> Joint
     TooFewObservations where not even a guess is possible.
     """
     data = gather(recording)
-    at = fit_as_if(data, guess(data))
-    open_too = at.covariance + at.undetermined @ at.undetermined.T
-    return near_tag_plane(at.state, at.layout, open_too, points_in_object)
+    fit = fit_as_if(data, guess(data))
+    open_too = fit.covariance + fit.undetermined @ fit.undetermined.T
+    return near_tag_plane(fit.state, fit.layout, open_too, points_in_object)
 
 
 def fit_as_if(data: JointData, state: JointState) -> JointFit:
@@ -82,11 +82,11 @@ def residuals_of(fit: JointFit) -> dict[str, float]:
     tips = touches.rotations @ state.tcp_in_wrist + touches.translations
     out["touches_rms_mm"] = rms(np.linalg.norm(tips - state.base_from_object @ data.cad, axis=1))
     R, t = predicted_tag_a(state, data)
-    seen = data.looks.tags
-    turns = log_rotation(R @ np.swapaxes(seen.rotations, 1, 2)).reshape(-1, 3)
+    tags = data.looks.tags
+    turns = log_rotation(R @ np.swapaxes(tags.rotations, 1, 2)).reshape(-1, 3)
     if len(data.holes.cad):
         whitened = fit.whitened[data.rows_of(EvidenceKind.HOLES)].reshape(-1, 2)
         out["holes_rms_px"] = rms(np.linalg.norm(whitened, axis=1) * data.holes.sigma_px)
-    out["hand_eye_rms_mm"] = rms(np.linalg.norm(t - seen.translations, axis=1))
+    out["hand_eye_rms_mm"] = rms(np.linalg.norm(t - tags.translations, axis=1))
     out["hand_eye_rms_deg"] = float(np.degrees(rms(np.linalg.norm(turns, axis=1))))
     return out

@@ -52,16 +52,18 @@ def predict(
     solution: as `solution_of(fit)`, made once for many predictions.
     """
     facts = fit.recording.facts
-    made = solution.predict(facts, target_of(facts, target), tag, policy, R_work, refuse=refuse)
-    kept = kept_columns(fit.layout)
+    prediction = solution.predict(
+        facts, target_of(facts, target), tag, policy, R_work, refuse=refuse
+    )
+    columns = kept_columns(fit.layout)
     J, J_turn = np.zeros((3, fit.layout.size)), np.zeros((3, fit.layout.size))
-    J[:, kept], J_turn[:, kept] = made.J_unknowns, made.J_turn_unknowns
-    return replace(made, J_unknowns=J, J_turn_unknowns=J_turn)
+    J[:, columns], J_turn[:, columns] = prediction.J_unknowns, prediction.J_turn_unknowns
+    return replace(prediction, J_unknowns=J, J_turn_unknowns=J_turn)
 
 
-def tag_b_of(seen: Observation | TagObservation) -> TagObservation:
+def tag_b_of(picture: Observation | TagObservation) -> TagObservation:
     """Tag B of a picture; raises TagNotSeen."""
-    tag = seen.tag_b if isinstance(seen, Observation) else seen
+    tag = picture.tag_b if isinstance(picture, Observation) else picture
     if tag is None:
         raise TagNotSeen("tag B is not in the picture")
     return tag

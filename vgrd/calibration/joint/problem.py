@@ -164,12 +164,12 @@ class Holes:
 
     def weighted(self, weights: Array, spins: Array) -> "Holes":
         """Variances divided by weights (h,), 0 leaves one out; spins (s,): which are left."""
-        kept = weights > 0
+        used = weights > 0
         renumbered = np.where(
             self.spin >= 0, np.append(np.cumsum(spins > 0) - 1, 0)[self.spin], -1
         )
-        sigma_px = self.sigma_px[kept] / np.sqrt(weights[kept])
-        return Holes(self.cad[kept], renumbered[kept], self.pixels[kept], sigma_px, self.camera)
+        sigma_px = self.sigma_px[used] / np.sqrt(weights[used])
+        return Holes(self.cad[used], renumbered[used], self.pixels[used], sigma_px, self.camera)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

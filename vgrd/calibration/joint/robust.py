@@ -59,17 +59,17 @@ def leave_one_out(optimum: JointFit) -> dict[EvidenceKind, KindFit]:
     out = {}
     for link, width in SAMPLED.items():
         rows = np.arange(len(U))[optimum.data.rows_of(link)].reshape(-1, width)
-        own = precision[rows[:, :, None], rows[:, None, :]]
-        seen = own - U[rows] @ U[rows].transpose(0, 2, 1)
-        out[link] = _kind_fit(own, seen, left[rows], _blind(optimum.data, link))
+        block = precision[rows[:, :, None], rows[:, None, :]]
+        left_by_fit = block - U[rows] @ U[rows].transpose(0, 2, 1)
+        out[link] = _kind_fit(block, left_by_fit, left[rows], _blind(optimum.data, link))
     return out
 
 
-def _kind_fit(own: Array, seen: Array, left: Array, blind: Array) -> KindFit:
+def _kind_fit(block: Array, left_by_fit: Array, left: Array, blind: Array) -> KindFit:
     """own, seen (n, k, k): precision of the rows, and of it what the fit leaves; blind (n,) rows."""
-    C_inv = np.linalg.inv(np.linalg.cholesky(own))
+    C_inv = np.linalg.inv(np.linalg.cholesky(block))
     whitened = np.einsum("nij,nj->ni", C_inv, left)
-    values, vectors = np.linalg.eigh(C_inv @ seen @ C_inv.transpose(0, 2, 1))
+    values, vectors = np.linalg.eigh(C_inv @ left_by_fit @ C_inv.transpose(0, 2, 1))
     parts = np.einsum("nji,nj->ni", vectors, whitened)
     measured = values > _LEVERAGE_FLOOR
     squares = np.sum(parts**2 / np.where(measured, values, np.inf), axis=1)
@@ -112,11 +112,11 @@ class _Screening:
 
     def samples(self) -> tuple[JointSample, ...]:
         out = []
-        off = _off_mm(self._data, self.optimum.state)
+        misses_mm = _off_mm(self._data, self.optimum.state)
         for link in SAMPLED:
             for i, name in enumerate(self._data.names[link]):
                 used, score = bool(self._weights[link][i]), float(self._scores[link][i])
-                mm = f"{off[link][i]:.2f} mm, " if link in off else ""
+                mm = f"{misses_mm[link][i]:.2f} mm, " if link in misses_mm else ""
                 reason = "" if used else f"{mm}{score:.1f} sigma off what the others say"
                 out.append(JointSample(name, link.value, used, score, reason))
         return tuple(out)

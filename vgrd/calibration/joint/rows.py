@@ -145,11 +145,11 @@ def _tips(state: JointState, touches: TouchSet) -> Array:
 def _touches(state: JointState, data: JointData, layout: Layout) -> tuple[Array, Array]:
     touches = data.touches
     W = touches.base_sqrt_informations()
-    at = state.base_from_object @ data.cad
+    targets = state.base_from_object @ data.cad
     J = _rows(len(W), 3, layout)
     J[:, :, layout.TCP] = W @ touches.rotations
-    J[:, :, layout.OBJECT] = -W @ left_jacobian(at)
-    return _flat(np.einsum("nij,nj->ni", W, _tips(state, touches) - at), J)
+    J[:, :, layout.OBJECT] = -W @ left_jacobian(targets)
+    return _flat(np.einsum("nij,nj->ni", W, _tips(state, touches) - targets), J)
 
 
 def _points(state: JointState, data: JointData, layout: Layout) -> tuple[Array, Array]:
@@ -159,8 +159,8 @@ def _points(state: JointState, data: JointData, layout: Layout) -> tuple[Array, 
     if len(W):
         J[:, :, layout.TCP] = W @ points.rotations
         J[:, :, layout.point_columns] = -W
-    off = _tips(state, points) - state.fixed_point_in_base
-    return _flat(np.einsum("nij,nj->ni", W, off), J)
+    misses = _tips(state, points) - state.fixed_point_in_base
+    return _flat(np.einsum("nij,nj->ni", W, misses), J)
 
 
 def left_jacobian(points: Array) -> Array:
@@ -170,9 +170,9 @@ def left_jacobian(points: Array) -> Array:
 
 
 def _reference(state: JointState, data: JointData, layout: Layout) -> tuple[Array, Array]:
-    seen, n = state.camera_from_tag_b, len(data.reference)
-    R = np.broadcast_to(seen.rotation, (n, 3, 3))
-    r, D, E = _tag_residuals(R, np.broadcast_to(seen.translation, (n, 3)), data.reference)
+    tag_b, n = state.camera_from_tag_b, len(data.reference)
+    R = np.broadcast_to(tag_b.rotation, (n, 3, 3))
+    r, D, E = _tag_residuals(R, np.broadcast_to(tag_b.translation, (n, 3)), data.reference)
     J = _rows(n, 6, layout)
     J[:, :, layout.refined_columns] = E
     J[:, :, layout.TAG_B] = D
@@ -262,14 +262,14 @@ def _center(
     """The centre across the axis is where CAD says; along it nothing is said."""
     G, camera_from_base = state.camera_from_axis, state.base_from_camera.inverse()
     in_base = state.base_from_object @ center
-    off = G.inverse() @ (camera_from_base @ in_base) / -sigma_mm
+    misses = G.inverse() @ (camera_from_base @ in_base) / -sigma_mm
     J = np.zeros((3, layout.size))
-    J_body = np.hstack([_EYE / sigma_mm, hat(off)])
+    J_body = np.hstack([_EYE / sigma_mm, hat(misses)])
     J[:, layout.axis_columns] = J_body[:, list(layout.axis)]
     turn = G.rotation.T @ camera_from_base.rotation / sigma_mm
     J[:, layout.CAMERA] = turn @ left_jacobian(in_base[None])[0]
     J[:, layout.OBJECT] = -J[:, layout.CAMERA]
-    return off[:2], J[:2]
+    return misses[:2], J[:2]
 
 
 def _axis(

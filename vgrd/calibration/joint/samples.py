@@ -46,20 +46,26 @@ def gather(
     if not recording.touches:
         raise TooFewObservations("nothing was touched: touch at least 3 targets of the object")
     motion = facts.object.motion
-    kept = [s for s in sightings if s.spin is None or motion is not Motion.FREE]
+    holes_seen = [s for s in sightings if s.spin is None or motion is not Motion.FREE]
     touches, points = _touched("touch", recording.touches), _touched("point", recording.points)
     looks, spins = _pictures("look", recording.looks), _pictures("spin", recording.spins)
-    seen = [*((name, touch.observation) for name, touch in (*touches, *points)), *looks, *spins]
-    of_a = [i for i, (_, s) in enumerate(seen) if s is not None and s.tag_a is not None]
+    pictures = [
+        *((name, touch.observation) for name, touch in (*touches, *points)),
+        *looks,
+        *spins,
+    ]
+    of_a = [i for i, (_, s) in enumerate(pictures) if s is not None and s.tag_a is not None]
     reference = [(name, t.observation) for name, t in touches if _tag_b(t.observation)]
     turned = [] if motion is Motion.FREE else [one for one in spins if one[1].tag_b is not None]
-    holes = sorted(zip(_hole_names(kept), kept, strict=True), key=lambda one: _hole_key(one[1]))
+    holes = sorted(
+        zip(_hole_names(holes_seen), holes_seen, strict=True), key=lambda one: _hole_key(one[1])
+    )
     m, k = len(touches), len(points)
     poses = [touch.base_from_wrist for _, touch in (*touches, *points)]
     poses += [picture.base_from_wrist for _, picture in (*looks, *spins)]
     return JointData(
         recording=recording,
-        looks=_looks(seen, of_a),
+        looks=_looks(pictures, of_a),
         touches=_touch_set(recording, [touch for _, touch in touches]),
         cad=np.array([target_of(recording.facts, t.target).point_in_object for _, t in touches]),
         touch_stations=np.arange(m),
@@ -73,7 +79,7 @@ def gather(
         flange_at=np.array([pose.translation for pose in poses]),
         arm=arm or ArmModel.of(facts.robot_sigma_mm),
         names={
-            EvidenceKind.HAND_EYE: tuple(seen[i][0] for i in of_a),
+            EvidenceKind.HAND_EYE: tuple(pictures[i][0] for i in of_a),
             EvidenceKind.TOUCHES: tuple(name for name, _ in touches),
             EvidenceKind.POINTS: tuple(name for name, _ in points),
             EvidenceKind.REFERENCE: tuple(name for name, _ in reference),
@@ -89,8 +95,8 @@ def _touched(kind: str, touches: Sequence[Touch]) -> list[tuple[str, Touch]]:
     return sorted(named, key=lambda one: _touch_key(one[1]))
 
 
-def _pictures(kind: str, seen: Sequence[Observation]) -> list[tuple[str, Observation]]:
-    named = [(f"{kind} {i + 1}", picture) for i, picture in enumerate(seen)]
+def _pictures(kind: str, observations: Sequence[Observation]) -> list[tuple[str, Observation]]:
+    named = [(f"{kind} {i + 1}", picture) for i, picture in enumerate(observations)]
     return sorted(named, key=lambda one: _picture_key(one[1]))
 
 
@@ -103,12 +109,12 @@ def _touch_key(touch: Touch) -> tuple[str, tuple[float, ...]]:
     )
 
 
-def _picture_key(seen: Observation | None) -> tuple[float, ...]:
-    if seen is None:
+def _picture_key(picture: Observation | None) -> tuple[float, ...]:
+    if picture is None:
         return ()
-    tags = [tag for tag in (seen.tag_b, seen.tag_a) if tag is not None]
+    tags = [tag for tag in (picture.tag_b, picture.tag_a) if tag is not None]
     of_tags = [number for tag in tags for number in _numbers(tag.camera_from_tag)]
-    return (*_numbers(seen.base_from_wrist), *of_tags)
+    return (*_numbers(picture.base_from_wrist), *of_tags)
 
 
 def _hole_key(hole: Sighting) -> tuple[str, tuple[float, ...]]:
@@ -126,8 +132,8 @@ def _hole_names(sightings: Sequence[Sighting]) -> list[str]:
     ]
 
 
-def _tag_b(seen: Observation | None) -> TagObservation | None:
-    return None if seen is None else seen.tag_b
+def _tag_b(picture: Observation | None) -> TagObservation | None:
+    return None if picture is None else picture.tag_b
 
 
 def _center(recording: Recording) -> Array | None:

@@ -123,21 +123,21 @@ class JointSolution:
         R_work: (3, 3) of the wrist, the object as taught (follow) or at the touch (fixed, requested).
         Raises NotObservable where the answer depends on what the session left undetermined.
         """
-        made = self.predict(facts, target, tag_b, policy, R_work)
-        unknown = made.J_unknowns @ self.undetermined
+        prediction = self.predict(facts, target, tag_b, policy, R_work)
+        unknown = prediction.J_unknowns @ self.undetermined
         covariance = (
-            made.J_unknowns @ self.covariance @ made.J_unknowns.T
+            prediction.J_unknowns @ self.covariance @ prediction.J_unknowns.T
             + unknown @ unknown.T
-            + made.J_picture @ tag_b.covariance @ made.J_picture.T
-            + made.J_arm @ made.arm_covariance @ made.J_arm.T
+            + prediction.J_picture @ tag_b.covariance @ prediction.J_picture.T
+            + prediction.J_arm @ prediction.arm_covariance @ prediction.J_arm.T
         )
         turned = (
-            made.J_turn_unknowns @ self.covariance @ made.J_turn_unknowns.T
-            + made.J_turn_picture @ tag_b.covariance @ made.J_turn_picture.T
+            prediction.J_turn_unknowns @ self.covariance @ prediction.J_turn_unknowns.T
+            + prediction.J_turn_picture @ tag_b.covariance @ prediction.J_turn_picture.T
         )
         return ExpectedCoordinate(
             target=target,
-            base_from_wrist=made.base_from_wrist,
+            base_from_wrist=prediction.base_from_wrist,
             position_covariance=frozen_array(covariance, 3, 3),
             u95_mm=radius95(covariance),
             u95_rad=radius95(turned),
@@ -201,7 +201,7 @@ class JointSolution:
 
 def solution_of(fit: JointFit) -> JointSolution:
     """The part of a fit that answers depend on."""
-    state, kept = fit.state, kept_columns(fit.layout)
+    state, columns = fit.state, kept_columns(fit.layout)
     return JointSolution(
         base_from_camera=state.base_from_camera,
         wrist_from_tag_a=state.wrist_from_tag_a,
@@ -212,9 +212,9 @@ def solution_of(fit: JointFit) -> JointSolution:
         axis=fit.layout.axis,
         object_motions=fit.layout.object_motions,
         has_point=fit.layout.has_point,
-        covariance=_frozen(fit.covariance[np.ix_(kept, kept)]),
-        undetermined=_frozen(fit.undetermined[kept]),
-        arm=_arm_knowledge(fit, kept),
+        covariance=_frozen(fit.covariance[np.ix_(columns, columns)]),
+        undetermined=_frozen(fit.undetermined[columns]),
+        arm=_arm_knowledge(fit, columns),
     )
 
 
@@ -226,7 +226,7 @@ def kept_columns(layout: Layout) -> Columns:
     )
 
 
-def _arm_knowledge(fit: JointFit, kept: Columns) -> ArmKnowledge:
+def _arm_knowledge(fit: JointFit, columns: Columns) -> ArmKnowledge:
     """What the residuals of the arm tell; kept: columns of the unknowns."""
     model = fit.data.arm
     if model.field_mm == 0:
@@ -235,7 +235,7 @@ def _arm_knowledge(fit: JointFit, kept: Columns) -> ArmKnowledge:
             model,
             frozen_array(np.zeros((0, 3)), 0, 3),
             frozen_array(np.zeros(0), 0),
-            frozen_array(np.zeros((0, len(kept))), 0, len(kept)),
+            frozen_array(np.zeros((0, len(columns))), 0, len(columns)),
             frozen_array(nothing, 0, 0),
         )
     G = whiten_arm(fit.arm_factor, fit.J_deviations)
@@ -244,7 +244,7 @@ def _arm_knowledge(fit: JointFit, kept: Columns) -> ArmKnowledge:
         model,
         _frozen(fit.data.flange_at),
         _frozen(G.T @ fit.whitened[:k]),
-        _frozen((G.T @ fit.jacobian[:k])[:, kept]),
+        _frozen((G.T @ fit.jacobian[:k])[:, columns]),
         _frozen(G.T @ G),
     )
 

@@ -115,8 +115,8 @@ class JointState:
     @property
     def object_from_tag_b(self) -> Pose:
         """Tag B on the object."""
-        seen = self.base_from_camera @ self.camera_from_tag_b
-        return self.base_from_object.inverse() @ seen
+        base_from_tag_b = self.base_from_camera @ self.camera_from_tag_b
+        return self.base_from_object.inverse() @ base_from_tag_b
 
     def retract(self, step: Array, layout: Layout) -> "JointState":
         """Left perturbations of poses, body-frame moves of the axis, planar moves of the spins."""
@@ -253,14 +253,14 @@ def _guess_center(data: JointData) -> RotationCenter | None:
 
 def _guess_axis(data: JointData, center: RotationCenter | None, camera_from_object: Pose) -> Pose:
     """Frame with z along the axis, CAD's z up; origin: the centre in CAD, brought onto the axis seen."""
-    at = camera_from_object @ (np.zeros(3) if data.center is None else data.center)
+    origin = camera_from_object @ (np.zeros(3) if data.center is None else data.center)
     z = camera_from_object.rotation[:, 2]
     if center is not None:
         z = center.axis_in_camera * np.copysign(1.0, center.axis_in_camera @ z)
-        at = center.at_height(at)[1]
+        origin = center.at_height(origin)[1]
     x = np.cross(z, np.eye(3)[int(np.argmin(np.abs(z)))])
     x = x / np.linalg.norm(x)
-    return Pose(np.column_stack([x, np.cross(z, x), z]), at)
+    return Pose(np.column_stack([x, np.cross(z, x), z]), origin)
 
 
 def linear_start(rotations: Array, translations: Array, points: Array) -> tuple[Pose, Array]:
@@ -270,16 +270,16 @@ def linear_start(rotations: Array, translations: Array, points: Array) -> tuple[
     taken. rotations (n, 3, 3), translations and points (n, 3), mm.
     """
     n = len(rotations)
-    middle, at = points.mean(axis=0), translations.mean(axis=0)
+    middle, middle_of_flange = points.mean(axis=0), translations.mean(axis=0)
     reach = max(float(np.std(points)), 1.0)
     A = np.zeros((n, 3, 15))
     A[:, :, :3], A[:, :, 12:] = rotations, -np.eye(3)
     for row in range(3):
         A[:, row, 3 + 3 * row : 6 + 3 * row] = -(points - middle) / reach
-    right = -(translations - at).ravel()
+    right = -(translations - middle_of_flange).ravel()
     x = np.linalg.lstsq(A.reshape(-1, 15), right, rcond=_LINEAR_RCOND)[0]
     R = nearest_rotation(x[3:12].reshape(3, 3), tolerance=np.inf)
     B = np.concatenate([rotations, np.broadcast_to(-np.eye(3), (n, 3, 3))], axis=2)
-    right = ((points - middle) @ R.T - (translations - at)).ravel()
+    right = ((points - middle) @ R.T - (translations - middle_of_flange)).ravel()
     x = np.linalg.lstsq(B.reshape(-1, 6), right, rcond=_LINEAR_RCOND)[0]
-    return Pose(R, x[3:] + at - R @ middle), np.asarray(x[:3])
+    return Pose(R, x[3:] + middle_of_flange - R @ middle), np.asarray(x[:3])

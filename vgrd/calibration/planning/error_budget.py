@@ -158,19 +158,19 @@ class _Chain:
     def __init__(self, result: JointFit, now: TagObservation, systematic: Systematic) -> None:
         self._result, self._now, self._systematic = result, now, systematic
 
-    def parts(self, made: Prediction) -> dict[Source, Array]:
+    def parts(self, prediction: Prediction) -> dict[Source, Array]:
         """Covariance (3, 3) that every link causes."""
         result, scale = self._result, self._result.variance_scale
-        gain = self._gain(made)
-        unknown = made.J_unknowns @ result.undetermined
+        gain = self._gain(prediction)
+        unknown = prediction.J_unknowns @ result.undetermined
         parts = self._of_samples(gain)
-        seen = made.J_picture @ self._now.covariance @ made.J_picture.T
-        parts[Source.TAG_B] = parts.get(Source.TAG_B, _NOTHING) + seen
+        by_picture = prediction.J_picture @ self._now.covariance @ prediction.J_picture.T
+        parts[Source.TAG_B] = parts.get(Source.TAG_B, _NOTHING) + by_picture
         excess = (1 - 1 / scale) * result.covariance
-        parts[Source.EXCESS] = made.J_unknowns @ excess @ made.J_unknowns.T
+        parts[Source.EXCESS] = prediction.J_unknowns @ excess @ prediction.J_unknowns.T
         parts[Source.UNDETERMINED] = unknown @ unknown.T
-        parts.update(self._of_arm(made, gain))
-        for source, part in self._of_pictures(made, gain).items():
+        parts.update(self._of_arm(prediction, gain))
+        for source, part in self._of_pictures(prediction, gain).items():
             parts[source] = parts.get(source, _NOTHING) + part
         return parts
 
@@ -188,29 +188,29 @@ class _Chain:
             parts[source] = parts.get(source, _NOTHING) + K @ K.T
         return parts
 
-    def _gain(self, made: Prediction) -> Array:
+    def _gain(self, prediction: Prediction) -> Array:
         """How the answer moves, (3, r), with the noise of every row in sigmas of its sensor.
 
         By the unknowns, and where the arm has a field by the correction that the residuals suggest.
         """
         result = self._result
         covariance = result.covariance / result.variance_scale
-        gain = np.asarray(-made.J_unknowns @ covariance @ result.jacobian.T)
+        gain = np.asarray(-prediction.J_unknowns @ covariance @ result.jacobian.T)
         k = len(result.arm_factor)
         if not k:
             return gain
-        gain[:, :k] -= made.J_arm @ self._correction(made)
+        gain[:, :k] -= prediction.J_arm @ self._correction(prediction)
         first = solve_triangular(result.arm_factor, gain[:, :k].T, lower=True, trans="T")
         return np.hstack([first.T, gain[:, k:]])
 
-    def _correction(self, made: Prediction) -> Array:
+    def _correction(self, prediction: Prediction) -> Array:
         """How the predicted deviation (6,) at the answer moves with whitened residuals (6, k)."""
         result, arm = self._result, self._result.data.arm
-        near = arm.field(made.base_from_wrist.translation[None], result.data.flange_at)
+        near = arm.field(prediction.base_from_wrist.translation[None], result.data.flange_at)
         shared = np.kron(near, np.diag(arm.scales() ** 2)) @ result.J_deviations.T
         return np.asarray(whiten_arm(result.arm_factor, shared.T).T)
 
-    def _of_arm(self, made: Prediction, gain: Array) -> dict[Source, Array]:
+    def _of_arm(self, prediction: Prediction, gain: Array) -> dict[Source, Array]:
         """A new draw at every stand and at the answer, rounding, and the smooth field."""
         result, arm = self._result, self._result.data.arm
         k = len(result.arm_factor)
@@ -222,10 +222,10 @@ class _Chain:
                 (-gain[:, :k] @ result.J_deviations)
                 .reshape(3, len(stations), 6)
                 .transpose(1, 0, 2),
-                -made.J_arm[None],
+                -prediction.J_arm[None],
             ]
         )
-        at = np.vstack([stations, made.base_from_wrist.translation])
+        at = np.vstack([stations, prediction.base_from_wrist.translation])
         squares = arm.scales() ** 2
         drawn = np.einsum("sik,k,sjk->ij", by, arm.sigma_mm**2 * squares, by)
         rounded = np.einsum("sik,k,sjk->ij", by[:-1], arm.rounding() ** 2, by[:-1])
@@ -233,13 +233,13 @@ class _Chain:
         parts = {Source.REPEATABILITY: drawn, Source.FIELD: shared, Source.QUANTISATION: rounded}
         return {source: part for source, part in parts.items() if np.trace(part) > 0}
 
-    def _of_pictures(self, made: Prediction, gain: Array) -> dict[Source, Array]:
+    def _of_pictures(self, prediction: Prediction, gain: Array) -> dict[Source, Array]:
         """What all pictures share, as far as it was not refined, and time."""
         data, given = self._result.data, self._systematic
         corrections = CameraCorrections.of(self._result.recording.facts, given.corrections)
         parts: dict[Source, Array] = {}
         if corrections.count:
-            J = self._by_pictures(made, gain, corrections)
+            J = self._by_pictures(prediction, gain, corrections)
             for i, name in enumerate(corrections.sigmas):
                 if name not in data.corrections.sigmas:
                     source, K = _source(name), J[:, i : i + 1]
@@ -248,7 +248,9 @@ class _Chain:
             parts[Source.TIME] = given.drift_mm**2 * np.eye(3)
         return parts
 
-    def _by_pictures(self, made: Prediction, gain: Array, corrections: CameraCorrections) -> Array:
+    def _by_pictures(
+        self, prediction: Prediction, gain: Array, corrections: CameraCorrections
+    ) -> Array:
         """How the answer moves, (3, e), when all tags are seen with sizes or intrinsics off."""
         data, held = self._result.data, np.zeros(corrections.count)
         now = Tags(
@@ -256,7 +258,7 @@ class _Chain:
             self._now.camera_from_tag.translation[None],
             np.eye(6)[None],
         )
-        total = made.J_picture @ _seen(now, corrections, TAG_B, held)[0]
+        total = prediction.J_picture @ _seen(now, corrections, TAG_B, held)[0]
         for link, tags, which in (
             (EvidenceKind.HAND_EYE, data.looks.tags, TAG_A),
             (EvidenceKind.REFERENCE, data.reference, TAG_B),

@@ -134,18 +134,18 @@ class PredictedError:
     def _ask(self, job: Job) -> tuple[Array, Array]:
         """Derivatives (j, 3, n) by the unknowns and the rest of the covariance (j, 3, 3)."""
         result, solution = self._result, solution_of(self._result)
-        by, rests = [], []
+        jacobians, rests = [], []
         works: Sequence[Array | None] = job.works or (None,)
         for angle in job.angles_rad:
             tag = picture_of(result, angle)
             for name, work in product(_targets(result, job), works):
                 R_work = work_orientation(result.recording, name, job.policy, work)
-                made = predict(result, solution, name, tag, job.policy, R_work, refuse=False)
-                rest = made.J_picture @ tag.covariance @ made.J_picture.T
-                rest = rest + made.J_arm @ made.arm_covariance @ made.J_arm.T
-                by.append(made.J_unknowns)
+                prediction = predict(result, solution, name, tag, job.policy, R_work, refuse=False)
+                rest = prediction.J_picture @ tag.covariance @ prediction.J_picture.T
+                rest = rest + prediction.J_arm @ prediction.arm_covariance @ prediction.J_arm.T
+                jacobians.append(prediction.J_unknowns)
                 rests.append(rest)
-        return np.array(by), np.array(rests)
+        return np.array(jacobians), np.array(rests)
 
 
 def _targets(result: JointFit, job: Job) -> Sequence[str]:

@@ -172,8 +172,8 @@ def moved_tag_b(result: JointFit, angle_rad: float) -> Pose:
     """camera_from_tag_b after the object has turned by an angle about its axis."""
     state = result.state
     turned = np.array([[0.0, 0.0, angle_rad]])
-    at = object_motions(state.camera_from_axis, turned, result.layout)
-    return Pose(at.rotations[0], at.translations[0]) @ state.camera_from_tag_b
+    motions = object_motions(state.camera_from_axis, turned, result.layout)
+    return Pose(motions.rotations[0], motions.translations[0]) @ state.camera_from_tag_b
 
 
 def _body_covariance(tags: Tags) -> Array:

@@ -106,10 +106,10 @@ def _special(recording: Recording, fit: CadFit) -> FittedTouches:
 def _check_same_orientation(target: Target, R_work: Array) -> None:
     if target.base_from_work is None:
         return
-    off = float(np.linalg.norm(log_rotation(target.base_from_work @ R_work.T)))
-    if off > SAME_ORIENTATION_RAD:
+    turned = float(np.linalg.norm(log_rotation(target.base_from_work @ R_work.T)))
+    if turned > SAME_ORIENTATION_RAD:
         raise NotObservable(
-            f"target {target.name!r} works with the wrist turned by {np.degrees(off):.2f} degrees "
+            f"target {target.name!r} works with the wrist turned by {np.degrees(turned):.2f} degrees "
             "against all touches, which needs the TCP: touch with varied wrists",
             rank=6,
             unknowns=9,

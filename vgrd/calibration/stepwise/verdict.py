@@ -109,12 +109,12 @@ def _spins(evidence: Evidence) -> list[Finding]:
             )
         )
     worst = int(np.argmax(center.scores))
-    off = float(np.linalg.norm(center.residuals_mm[worst]))
-    if center.scores[worst] > SPIN_SIGMA and off > SPIN_MM:
+    miss_mm = float(np.linalg.norm(center.residuals_mm[worst]))
+    if center.scores[worst] > SPIN_SIGMA and miss_mm > SPIN_MM:
         findings.append(
             finding(
                 "spins_not_about_one_axis",
-                f"spin {worst + 1} is {off:.2f} mm off the common axis, the object slipped or the "
+                f"spin {worst + 1} is {miss_mm:.2f} mm off the common axis, the object slipped or the "
                 "camera moved",
                 fatal=True,
             )
@@ -130,13 +130,13 @@ def _pivot_disagrees(evidence: Evidence, center: RotationCenter) -> list[Finding
     B = evidence.hand_eye.mount_from_camera
     apart = B @ center.center_in_camera - pivot
     axis = B.rotation @ center.axis_in_camera
-    off = float(np.linalg.norm(apart - axis * float(axis @ apart)))
-    if off <= PIVOT_APART_MM:
+    apart_mm = float(np.linalg.norm(apart - axis * float(axis @ apart)))
+    if apart_mm <= PIVOT_APART_MM:
         return []
     return [
         finding(
             "pivot_disagrees",
-            f"camera and touches see the rotation centre {off:.1f} mm apart",
+            f"camera and touches see the rotation centre {apart_mm:.1f} mm apart",
             fatal=True,
         )
     ]

@@ -33,13 +33,13 @@ def find_reference(touches: Sequence[Touch]) -> Reference:
 
     Raises TooFewObservations when no touch saw tag B.
     """
-    seen, moved = _seen(touches), moved_touches(touches)
-    if not seen:
+    tags, moved = _seen(touches), moved_touches(touches)
+    if not tags:
         raise TooFewObservations(
             "tag B was not seen in any touch, so there is no reference picture: "
             "touch with tag B in view"
         )
-    still = [tag for i, tag in seen if i not in moved]
+    still = [tag for i, tag in tags if i not in moved]
     poses = [tag.camera_from_tag for tag in still]
     mean, covariance = mean_pose(poses, [tag.covariance for tag in still])
     scatter = [mean.distance(pose)[0] for pose in poses]
@@ -53,13 +53,13 @@ def find_reference(touches: Sequence[Touch]) -> Reference:
 
 def moved_touches(touches: Sequence[Touch]) -> tuple[int, ...]:
     """Touches that saw tag B elsewhere than most others did."""
-    seen = _seen(touches)
-    if not seen:
+    tags = _seen(touches)
+    if not tags:
         return ()
-    middle = seen[_most_central([tag.camera_from_tag for _, tag in seen])][1]
+    middle = tags[_most_central([tag.camera_from_tag for _, tag in tags])][1]
     return tuple(
         i
-        for i, tag in seen
+        for i, tag in tags
         if _differs(
             tag.camera_from_tag, middle.camera_from_tag, tag.covariance + middle.covariance
         )

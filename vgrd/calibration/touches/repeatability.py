@@ -47,11 +47,11 @@ def repeatability(
     if len(targets) != len(touches):
         raise InputError(f"{len(touches)} touches need as many targets, got {len(targets)}")
     tips = touches.rotations @ tcp_in_wrist + touches.translations
-    off, degrees_of_freedom = np.zeros_like(tips), 0
+    residuals, degrees_of_freedom = np.zeros_like(tips), 0
     turned = np.zeros(len(touches))
     for name in dict.fromkeys(targets):
         same = np.array([target == name for target in targets])
-        off[same] = tips[same] - tips[same].mean(axis=0)
+        residuals[same] = tips[same] - tips[same].mean(axis=0)
         turned[same] = np.linalg.norm(
             touches.rotations[same] - touches.rotations[same].mean(axis=0), axis=(1, 2)
         )
@@ -63,8 +63,8 @@ def repeatability(
             "no target was touched twice (with the wrist turned in between: three times): touch at "
             "least one of them again, better each of them"
         )
-    along = np.einsum("mi,mij,j->m", off, touches.rotations, touches.axis_in_wrist)
-    across = float(np.sum(off**2) - np.sum(along**2))
+    along = np.einsum("mi,mij,j->m", residuals, touches.rotations, touches.axis_in_wrist)
+    across = float(np.sum(residuals**2) - np.sum(along**2))
     return Repeatability(
         _sigma(across, 2 * degrees_of_freedom), _sigma(float(np.sum(along**2)), degrees_of_freedom)
     )

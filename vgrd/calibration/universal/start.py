@@ -98,11 +98,14 @@ def rotation_candidates(K: Array) -> list[Array]:
     S, costs = _descend(K, S[np.argsort(costs)[:_PROMISING]], _STEPS)
     order = np.argsort(costs)
     order = order[costs[order] <= _COMPARABLE * costs[order[0]] + 1e-9]
-    kept: list[Array] = []
-    for one in S[order]:
-        if not kept or (np.abs(np.array(kept) - one).max(axis=(1, 2)) > _SAME_RAD).all():
-            kept.append(one)
-    return [np.ascontiguousarray(one.T) for one in kept[:_KEPT]]
+    valleys: list[Array] = []
+    for rotation in S[order]:
+        if (
+            not valleys
+            or (np.abs(np.array(valleys) - rotation).max(axis=(1, 2)) > _SAME_RAD).all()
+        ):
+            valleys.append(rotation)
+    return [np.ascontiguousarray(rotation.T) for rotation in valleys[:_KEPT]]
 
 
 def lowest_cost(K: Array) -> float:

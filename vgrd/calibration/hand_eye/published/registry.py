@@ -102,9 +102,9 @@ def _check_motion(pairs: Sequence[PosePair]) -> None:
     check_hand_eye_motion(wrists)
     axes, _ = turned_axes([pair.camera_from_target.rotation for pair in pairs])
     if axes is not Axes.MANY:
-        seen = "kept its orientation" if axes is Axes.NONE else "turned about one axis only"
+        motion = "kept its orientation" if axes is Axes.NONE else "turned about one axis only"
         raise NotObservable(
-            f"hand-eye: the target {seen} in the pictures although the wrist turned about two "
+            f"hand-eye: the target {motion} in the pictures although the wrist turned about two "
             "axes: check that poses and pictures belong together, and record them again",
             rank=6 if axes is Axes.NONE else 11,
             unknowns=12,
