@@ -28,7 +28,6 @@ PASSING = (
     Status.GRAB_TIMEOUT,
     Status.IMAGE_TOO_OLD,
     Status.ROBOT_OFFLINE,
-    Status.POSE_STALE,
     Status.ROBOT_MOVING,
     Status.INTERNAL_ERROR,
     Status.STARTING,

@@ -176,6 +176,21 @@ def test_what_cannot_be_served_is_refused_with_its_code(
     assert (refusal.status, refusal.detail, refusal.echo) == (status, detail, 7)
 
 
+@pytest.mark.parametrize("register", [10, 21, 29, 31])
+def test_a_value_in_a_reserved_register_is_refused_with_the_register(
+    taught: Taught, register: int
+) -> None:
+    registers = bytearray(request().registers)
+    registers[2 * register] = 1
+    refusal = check_request(Request.parse(bytes(registers), NONCE), taught.calibration)
+    assert refusal is not None
+    assert (refusal.status, refusal.detail) == (Status.BAD_PARAMETER, register)
+
+
+def test_a_client_that_counts_in_clhb_is_not_refused(taught: Taught) -> None:
+    assert check_request(request(CLHB=0xFFFF), taught.calibration) is None
+
+
 def test_a_tcp_that_is_not_known_is_not_served(taught: Taught) -> None:
     solution = taught.calibration.solution
     left_open = np.zeros((len(solution.covariance), 1))

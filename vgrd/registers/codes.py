@@ -1,7 +1,11 @@
-"""The numbers with a meaning: status codes, state bits, commands, formats."""
+"""The numbers with a meaning: status codes, state bits, commands, formats.
 
+A number that was ever told to users keeps its meaning: `RESERVED` holds those that do not work yet.
+"""
+
+from collections.abc import Mapping
 from enum import IntEnum, IntFlag
-from typing import Self
+from typing import Final, Self
 
 
 class _Described(IntEnum):
@@ -26,44 +30,28 @@ class Status(_Described):
     UNKNOWN_COMMAND = 101, "CMD is not known"
     UNKNOWN_POINT = 102, "POINT is not taught"
     BAD_PARAMETER = 103, "a parameter cannot be used; DETAIL holds its register"
-    SUPERSEDED = 104, "a newer request took its place"
-    NOT_ALLOWED = 105, "not allowed in the present mode"
     TIMEOUT = 106, "no answer within TMO"
     CAMERA_OFFLINE = 201, "the camera does not answer"
     GRAB_TIMEOUT = 202, "no picture in time"
-    FRAME_INCOMPLETE = 203, "the picture is damaged"
-    EXPOSURE_BAD = 204, "the picture is too dark or too bright"
     IMAGE_TOO_OLD = 205, "the picture or the answer is older than allowed"
     OBJECT_MOVED = 206, "the object moved since the answer"
-    TAG_A_NOT_FOUND = 301, "the tag at the flange is not seen"
     TAG_B_NOT_FOUND = 302, "the tag on the object is not seen"
-    POSE_AMBIGUOUS = 303, "two poses of a tag explain the picture"
-    REPROJECTION_HIGH = 304, "the tag does not fit its pose"
-    OUTSIDE_CALIBRATED_VOLUME = 305, "outside the volume that was calibrated"
-    TAG_CLIPPED = 306, "a tag is cut by the picture's edge or too small"
     ROBOT_OFFLINE = 401, "the robot does not answer"
-    POSE_STALE = 402, "the robot's pose is older than allowed"
     ROBOT_MOVING = 403, "the robot moved during the exposure"
     TCP_OFFSET_CHANGED = 404, "the active TCP is not the calibrated one"
     ROBOT_SAFETY_STOP = 405, "the robot is in a safety stop"
-    POSE_IMPLAUSIBLE = 406, "the robot's pose jumped or is out of limits"
     NOT_CALIBRATED = 501, "no calibration is active"
-    CALIBRATION_EXPIRED = 502, "the calibration is older than allowed"
     CALIBRATION_DRIFT = 503, "the cell seems to have moved since the calibration"
     UNCERTAINTY_TOO_HIGH = 504, "less certain than MAXU95"
     CALIBRATION_MISMATCH = (
         505,
         "the calibration was made for another cell than the cell file describes",
     )
-    OUT_OF_WORKSPACE = 601, "the coordinate is outside the workspace"
     ENCODING_OVERFLOW = 602, "the coordinate does not fit this block; DETAIL holds the axis"
-    POINT_NOT_VISIBLE = 603, "the point is on the wrong side"
-    UNREACHABLE = 604, "outside the target's yaw window"
     INTERNAL_ERROR = 900, "the measuring process was lost"
     STARTING = 901, "the daemon is starting"
     SHUTTING_DOWN = 902, "the daemon is stopping"
     CONFIG_ERROR = 903, "the configuration has faults"
-    SIMULATED = 904, "test data"
 
     @property
     def is_ok(self) -> bool:
@@ -94,10 +82,7 @@ class Command(_Described):
 
     EC_NEWEST = 1, "expected coordinate from the newest valid picture"
     EC_FRESH = 2, "expected coordinate from a picture taken after the request"
-    OBJECT_POSE = 3, "pose of the object only"
     CLEAR = 4, "drop the answer and whatever is being worked on"
-    TAKE_SAMPLE = 5, "take a calibration sample"
-    MARK_TOUCHED = 6, "mark the touched point"
 
 
 class RotationFormat(_Described):
@@ -115,7 +100,7 @@ class Policy(_Described):
     CONFIGURED = 0, "as the cell file says"
     FIXED = 1, "the target's work orientation"
     FOLLOW = 2, "the wrist turns with the object"
-    REQUESTED = 3, "as REQ_ORI says"
+    REQUESTED = 3, "as ORI_RX, ORI_RY and ORI_RZ say"
 
 
 class Frame(_Described):
@@ -131,3 +116,33 @@ class Scale16(_Described):
     MRAD = 0, "0.1 mm and 1 mrad"
     CENTIDEGREE = 1, "0.1 mm and 0.01 deg"
     FINE = 2, "0.05 mm and 0.1 mrad"
+
+
+# What was in the register map before it worked. Robot programs may know these numbers by their old
+# names, so a number gets the meaning that stands here or none. It comes back to its enumeration
+# together with the code that emits or obeys it.
+RESERVED: Final[Mapping[type[Status | Command], Mapping[int, str]]] = {
+    Status: {
+        104: "SUPERSEDED: only the newest request is answered, so nobody could read it",
+        105: "NOT_ALLOWED: there are no modes that allow and forbid",
+        203: "FRAME_INCOMPLETE: a damaged picture is dropped by its driver; 202 follows",
+        204: "EXPOSURE_BAD: the brightness is not judged; 302 follows where it hides tag B",
+        301: "TAG_A_NOT_FOUND: an answer needs tag B only",
+        303: "POSE_AMBIGUOUS: a tag that two poses fit is not taken as seen; 302",
+        304: "REPROJECTION_HIGH: a tag that does not fit its pose is not taken as seen; 302",
+        305: "OUTSIDE_CALIBRATED_VOLUME: no volume is judged, only the uncertainty; 504",
+        306: "TAG_CLIPPED: a clipped tag is not seen; 302",
+        402: "POSE_STALE: a robot whose poses stop is offline; 401",
+        406: "POSE_IMPLAUSIBLE: poses are not compared with limits or steps",
+        502: "CALIBRATION_EXPIRED: a calibration has no greatest age",
+        601: "OUT_OF_WORKSPACE: the cell file describes no workspace",
+        603: "POINT_NOT_VISIBLE: which side a point is on is not looked at",
+        604: "UNREACHABLE: targets have no yaw window",
+        904: "SIMULATED: bit SIMULATION of STATE tells it beside every status",
+    },
+    Command: {
+        3: "OBJECT_POSE: the pose of the object alone has no registers",
+        5: "TAKE_SAMPLE: samples are taken through the control socket",
+        6: "MARK_TOUCHED: touches are told through the control socket",
+    },
+}

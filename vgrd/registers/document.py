@@ -1,7 +1,7 @@
 """Writes docs/registers.md from the declarations: `python -m vgrd.registers.document FILE`."""
 
 import sys
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 
 from vgrd.registers.codes import Command, Frame, Policy, RotationFormat, Scale16, State, Status
@@ -64,6 +64,11 @@ coordinate too large for the int16 registers is 602 and sentinels there, with an
 the others hold it and STATUS is 1. **Judge by the STATUS of the block that you read.** The units of
 the int16 block are those of FMT, always; `[serving] int16_scale` in the cell file chooses them.
 vgrd is not a safety function.
+
+Numbers that are missing in the tables below are reserved. A CMD that is not there is refused with
+STATUS 101 and DETAIL the CMD. Write 0 into request registers that are not there: anything else is
+refused with STATUS 103 and DETAIL the register. Take a STATUS that is not there as an error: a later
+version may use it.
 """
 
 _CHANGES = """\
@@ -73,7 +78,14 @@ The addresses are those of before.
 
 * Policy 3 (REQUESTED): registers 23-28 are written anew for each request, all six, after TRIG
   changed the last time; else 103 with DETAIL 23. Coil 0 does not start it: 103 with DETAIL 3.
-* OPT b2 (use REQ_POSE) and bits without a meaning are refused with 103, DETAIL 3. They were ignored.
+* OPT b2 (use the pose in registers 10-21) and bits without a meaning are refused with 103, DETAIL 3.
+  They were ignored.
+* Registers 10-21 and 29-31 are reserved: a request with another value than 0 there is refused with
+  103, DETAIL the register. They were ignored.
+* CMD 3, 5 and 6 and the STATUS codes 104, 105, 203, 204, 301, 303-306, 402, 406, 502, 601, 603, 604
+  and 904 are no longer listed: no version obeyed or told them. The commands are refused with 101,
+  as before; the numbers are never used for anything else.
+* CLHB (register 22) is reserved. It was never read, and a value in it is not refused.
 * A coordinate too large for the int16 block is refused there alone (EC16_STATUS 602, EC16_SEQ odd),
   not in all blocks. STATUS is 1 then and DETAIL the axis: who reads EC16 judges by EC16_STATUS.
 * FMT b8-15 tells the units of the int16 block in every answer, also beside sentinels.
@@ -82,6 +94,20 @@ The addresses are those of before.
 * A peer may hold eight connections. One more takes the place of one that never asked, or asked once,
   or was silent for a second; one that polls is never given up.
 """
+
+
+def _spans(addresses: Sequence[int]) -> str:
+    """Ascending addresses as text, neighbours joined: "10-21, 29-31"."""
+    firsts = [a for a in addresses if a - 1 not in addresses]
+    lasts = [a for a in addresses if a + 1 not in addresses]
+    return ", ".join(
+        _span(first, last - first + 1) for first, last in zip(firsts, lasts, strict=True)
+    )
+
+
+def _span(first: int, count: int) -> str:
+    return str(first) if count == 1 else f"{first}-{first + count - 1}"
+
 
 _DETAILS = (
     ("101", "CMD"),
@@ -93,6 +119,7 @@ _DETAILS = (
         "policy 3 where no TCP is known, or policy 3 by coil 0",
     ),
     ("103", "4, 5, 6: ROBOT, OBJECT, TOOL is not 0 or 1"),
+    ("103", f"{_spans(REQUEST.reserved)}: a reserved register is not 0"),
     (
         "103",
         "23: policy 3, and registers 23-28 were not all written since TRIG changed the last "
@@ -157,14 +184,11 @@ def _table(head: tuple[str, ...], rows: Iterable[tuple[object, ...]]) -> list[st
 
 
 def _block_table(block: Block, copy_offset: int | None) -> list[str]:
-    def span(first: int, count: int) -> str:
-        return str(first) if count == 1 else f"{first}-{first + count - 1}"
-
     rows: list[tuple[object, ...]] = []
     for field in block.fields:
-        row: list[object] = [span(field.address, field.count)]
+        row: list[object] = [_span(field.address, field.count)]
         if copy_offset is not None:
-            row.append(span(field.address + copy_offset, field.count))
+            row.append(_span(field.address + copy_offset, field.count))
         rows.append((*row, field.name, field.kind, field.meaning))
     head = ["register"] if copy_offset is None else ["register", "copy"]
     return _table((*head, "name", "type", "meaning"), rows)

@@ -1,5 +1,6 @@
 """What the robot asks for, read from registers 0-31, and how the gate hands it to the cell."""
 
+import struct
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Final, Self
@@ -16,8 +17,8 @@ class Request:
     """A request as written; the numbers are not judged, except that they have a type.
 
     nonce: the gate's number of this very request, which its answer carries back; 0 means that no
-    gate gave it. request_orientation: REQ_ORI, how the wrist will stand, in the format of OPT:
-    rad or deg. orientation_written: whether that was written since the TRIG before.
+    gate gave it. request_orientation: ORI_RX to ORI_RZ, how the wrist will stand, in the format of
+    OPT: rad or deg. orientation_written: whether that was written since the TRIG before.
     """
 
     registers: bytes
@@ -32,7 +33,6 @@ class Request:
     max_age_s: float
     max_u95_um: int
     timeout_s: float
-    client_beat: int
     request_orientation: tuple[float, float, float]
     orientation_written: bool
 
@@ -55,7 +55,6 @@ class Request:
             max_age_s=v["MAXAGE"] / 1000,
             max_u95_um=int(v["MAXU95"]),
             timeout_s=v["TMO"] / 1000,
-            client_beat=int(v["CLHB"]),
             request_orientation=(v["ORI_RX"] * unit, v["ORI_RY"] * unit, v["ORI_RZ"] * unit),
             orientation_written=orientation_written,
         )
@@ -74,6 +73,12 @@ class Request:
     def unknown_options(self) -> int:
         """Bits of OPT that have no meaning."""
         return self.options & ~_OPTIONS
+
+    @property
+    def reserved_register(self) -> int | None:
+        """Address of the first reserved register that is not 0, None when all are 0."""
+        words = struct.unpack(f">{len(self.registers) // 2}H", self.registers)
+        return next((address for address in REQUEST.reserved if words[address]), None)
 
     @property
     def rotation_format(self) -> RotationFormat | None:

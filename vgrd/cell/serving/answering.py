@@ -68,7 +68,7 @@ def _unusable_register(request: Request, calibration: Calibration) -> int | None
     ):
         if number > 1:
             return REQUEST.registers(name)[0]
-    return None
+    return request.reserved_register
 
 
 def answer_request(
@@ -122,7 +122,7 @@ def _is_finite(expected: ExpectedCoordinate) -> bool:
 
 
 def requested_orientation(request: Request) -> Array:
-    """REQ_ORI as base_from_wrist (3, 3)."""
+    """ORI_RX, ORI_RY and ORI_RZ as base_from_wrist (3, 3)."""
     return rotation_from(request.request_orientation, _FORMATS[_format(request)])
 
 
