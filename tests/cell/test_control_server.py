@@ -297,35 +297,6 @@ def test_a_client_that_takes_no_replies_is_dropped(tmp_path: Path) -> None:
     run(tmp_path, QUICK, talk)
 
 
-def test_a_subscriber_hears_events_and_is_released_when_it_leaves(tmp_path: Path) -> None:
-    async def talk(server: ControlServer) -> None:
-        client = await Client.of(server)
-        assert (await client.ask(b'{"id": 5, "op": "subscribe"}'))["id"] == 5
-        await asyncio.sleep(2 * QUICK.idle_s)  # to listen is not to be idle
-        server.emit("sample", number=3)
-        assert await client.reply() == {"event": "sample", "number": 3}
-        client.writer.write(b"what it says now is not heard\n")
-        client.close()
-        await until(lambda: not server.listeners and server.clients == 0)
-        server.emit("sample", number=4)
-
-    run(tmp_path, QUICK, talk)
-
-
-def test_a_subscriber_that_does_not_read_is_dropped_and_nobody_waits(tmp_path: Path) -> None:
-    async def talk(server: ControlServer) -> None:
-        client = await Client.of(server)
-        await client.ask(b'{"op": "subscribe"}')
-        client.reader._transport.pause_reading()  # type: ignore[attr-defined]
-        for number in range(2 * server.limits.backlog):
-            server.emit("picture", pixels="x" * 20_000, number=number)
-            await asyncio.sleep(0)
-        await until(lambda: not server.listeners and server.clients == 0)
-        client.close()
-
-    run(tmp_path, QUICK, talk)
-
-
 VALUES = st.recursive(
     st.none() | st.booleans() | st.integers() | st.floats() | st.text(),
     lambda inner: st.lists(inner, max_size=3) | st.dictionaries(st.text(), inner, max_size=3),

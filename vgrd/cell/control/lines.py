@@ -24,7 +24,6 @@ class ControlLimits:
     idle_s: float = 60.0  # a client that asks nothing for so long has forgotten its connection
     line_s: float = 5.0  # for the rest of a request: programs write them in one piece
     taking_s: float = 5.0  # for taking a reply: a person may have stopped the program for a moment
-    backlog: int = 100  # events that a subscriber may be behind
 
 
 class Lines:

@@ -1,4 +1,4 @@
-"""The control API: newline-delimited JSON on a Unix socket, one reply per request, `subscribe` for events."""
+"""The control API: newline-delimited JSON on a Unix socket, one reply per request."""
 
 import asyncio
 import errno
@@ -22,14 +22,11 @@ from vgrd.cell.control.lines import (
     shown,
 )
 from vgrd.errors import ControlError, InternalError, VgrdError
-from vgrd.ipc.messages import encode_line
 from vgrd.permissions import take_after
 
-SUBSCRIBE = "subscribe"
 _QUEUED = 64  # connections that the kernel holds until they are accepted
 _RETRY_S = 0.2  # until a descriptor may be free again
 _DESCRIPTOR_SHARE = 4  # the cell itself has about 30 open
-_HEARD_BYTES = 4096
 _NO_DESCRIPTOR = (errno.EMFILE, errno.ENFILE, errno.ENOBUFS, errno.ENOMEM)
 
 log = structlog.get_logger()
@@ -56,7 +53,6 @@ class ControlServer:
         self.operations = operations
         self.limits = _affordable(limits or ControlLimits())
         self.clients = 0
-        self.listeners: dict[asyncio.Queue[Mapping[str, Any]], asyncio.StreamWriter] = {}
 
     async def serve(self) -> None:
         """Listen until cancelled."""
@@ -74,14 +70,6 @@ class ControlServer:
         else:
             self.clients += 1
             clients.create_task(self._client(link))
-
-    def emit(self, event: str, **fields: object) -> None:
-        """Tell every subscriber; one that is too far behind is dropped, nobody waits for it."""
-        for queue, writer in list(self.listeners.items()):
-            try:
-                queue.put_nowait({"event": event, **fields})
-            except asyncio.QueueFull:
-                writer.transport.abort()
 
     def _listening(self) -> socket.socket:
         self.path.unlink(missing_ok=True)
@@ -128,9 +116,6 @@ class ControlServer:
             except ControlError as err:
                 await self._send(writer, refused(None, err))
                 continue
-            if request.op == SUBSCRIBE:
-                await self._stream_events(request, reader, writer)
-                return
             await self._send(writer, await self._reply(request))
 
     async def _send(self, writer: asyncio.StreamWriter, line: bytes) -> None:
@@ -153,7 +138,7 @@ class ControlServer:
     def _operation(self, request: Asked) -> Operation:
         operation = self.operations.get(request.op)
         if operation is None:
-            known = ", ".join(sorted([*self.operations, SUBSCRIBE]))
+            known = ", ".join(sorted(self.operations))
             raise ControlError(f"unknown operation {shown(request.op)}; known are: {known}")
         for name in request.arguments:
             if name not in operation.arguments:
@@ -162,35 +147,6 @@ class ControlServer:
                     f"{request.op}: unknown argument {shown(name)}; known are: {known}"
                 )
         return operation
-
-    async def _stream_events(
-        self, request: Asked, reader: asyncio.StreamReader, writer: asyncio.StreamWriter
-    ) -> None:
-        """Forward events until the subscriber leaves or does not take them."""
-        queue: asyncio.Queue[Mapping[str, Any]] = asyncio.Queue(self.limits.backlog)
-        self.listeners[queue] = writer
-        try:
-            await self._send(writer, accepted(request.id, {}))
-            async with asyncio.TaskGroup() as both:
-                both.create_task(self._forward(queue, writer))
-                both.create_task(_until_it_leaves(reader))
-        except* (ConnectionError, TimeoutError) as gone:
-            log.info("subscriber_gone", reason=str(gone.exceptions[0]) or "it takes no events")
-        finally:
-            del self.listeners[queue]
-
-    async def _forward(
-        self, queue: asyncio.Queue[Mapping[str, Any]], writer: asyncio.StreamWriter
-    ) -> None:
-        while True:
-            await self._send(writer, encode_line(dict(await queue.get())))
-
-
-async def _until_it_leaves(reader: asyncio.StreamReader) -> None:
-    """ConnectionResetError when the client has gone; what it still says is not heard."""
-    while await reader.read(_HEARD_BYTES):
-        pass
-    raise ConnectionResetError("it has left")
 
 
 async def _accepted(listening: socket.socket) -> socket.socket:
