@@ -2,7 +2,7 @@
 
 Layout, native byte order (a ring never leaves its machine)::
 
-    header (one page)   magic, slots, slot_bytes, kind, crc | generation, last index, retired
+    header (one page)   magic, slots, slot_bytes, kind, crc | last index, retired
     slot (64-aligned)   sequence, index, stamp_s, length, crc | payload
 
 Message i (1, 2, ...) goes to slot i % slots. Its sequence is 2 i - 1 while it is written and 2 i
@@ -37,7 +37,6 @@ from vgrd.clock import Clock
 from vgrd.errors import IpcError, RingUnavailable
 from vgrd.ipc.ring_file import (
     FILE,
-    GENERATION,
     LAST,
     MAGIC,
     RETIRED,
@@ -62,15 +61,6 @@ class Message:
     index: int
     stamp_s: float
     payload: bytes
-
-
-@dataclass(frozen=True, slots=True)
-class Receipt:
-    """What `newest_into` put into the buffer: `length` bytes of message `index`."""
-
-    index: int
-    stamp_s: float
-    length: int
 
 
 class RingWriter:
@@ -100,7 +90,6 @@ class RingWriter:
             with fresh.open("r+b") as file:
                 file.write(head)
             mapping = RingFile(fresh, write=True)
-            mapping.words[GENERATION] = secrets.randbits(63) | 1
             mapping.words[LAST] = old.words[LAST] if old else 0
             fresh.replace(path)
         except OSError as error:
@@ -178,11 +167,6 @@ class RingReader:
         return cls(_open_kind(Path(path), kind))
 
     @property
-    def generation(self) -> int:
-        """A random number that changes when the writer was restarted."""
-        return int(self._current().words[GENERATION])
-
-    @property
     def index(self) -> int:
         """Index of the last message published, 0 before the first."""
         return int(self._current().words[LAST])
@@ -200,29 +184,6 @@ class RingReader:
             message = self._copy(ring, index)
             if message:
                 return message
-        raise IpcError(f"{self._map.path}: no whole message in {_ATTEMPTS} attempts")
-
-    def newest_into(self, buffer: bytearray | memoryview) -> Receipt | None:
-        """Copy the last payload into `buffer` (one memcpy). Raises IpcError if it does not fit."""
-        target = memoryview(buffer).cast("B")
-        for _ in range(_ATTEMPTS):
-            ring = self._current()
-            index = ring.words[LAST]
-            start = ring.slot_at(index)
-            if ring.words[start // 8] == 0:
-                return None
-            head = _whole_header(ring, start, index)
-            if head is None:
-                continue
-            stamp_s, length, crc = head
-            if length > target.nbytes:
-                raise IpcError(
-                    f"{ring.path}: message of {length} bytes, buffer of {target.nbytes}"
-                )
-            at = start + SLOT_HEADER_BYTES
-            target[:length] = ring.bytes[at : at + length]
-            if _is_whole(ring, start, index, crc, target[:length]):
-                return Receipt(index, stamp_s, length)
         raise IpcError(f"{self._map.path}: no whole message in {_ATTEMPTS} attempts")
 
     def since(self, index: int) -> list[Message]:

@@ -11,7 +11,7 @@ from vgrd.permissions import opener
 MAGIC = b"VGRDRNG1"
 FILE = struct.Struct("=8sQQQ16s")
 HEADER_BYTES = 4096
-GENERATION, LAST, RETIRED = 128 // 8, 192 // 8, 256 // 8  # words, a cache line each
+LAST, RETIRED = 192 // 8, 256 // 8  # words, a cache line each
 SLOT_HEADER_BYTES = 64
 
 
