@@ -1,7 +1,9 @@
 """Printed targets: what a detector reads off them, and that every length is exact."""
 
+import ctypes
 import re
 import struct
+import sys
 from dataclasses import replace
 
 import cv2
@@ -58,6 +60,62 @@ def test_ink_of_the_pdf_is_as_wide_as_the_size_says_to_a_tenth_of_a_pixel():
     sheet = target_sheet(checked_tag("36h11", 0, 25.3), "127x127")  # whole pixels: not rescaled
     paper = rendered(replace(sheet, rasters=sheet.rasters[:1], texts=()))
     np.testing.assert_allclose(widths_px(paper, side), side, atol=0.1)
+
+
+def drawn_points_mm(page):
+    """Corner points (n, 2) of every filled path of a PDF page, mm, y down from the page's top."""
+    height, raw = page.get_height(), pypdfium2.raw
+    x, y = ctypes.c_float(), ctypes.c_float()
+    for path in page.get_objects([raw.FPDF_PAGEOBJ_PATH]):
+        matrix = path.get_matrix()
+        points = []
+        for number in range(raw.FPDFPath_CountSegments(path)):
+            raw.FPDFPathSegment_GetPoint(raw.FPDFPath_GetPathSegment(path, number), x, y)
+            right, up = matrix.on_point(x.value, y.value)
+            points.append((right, height - up))
+        yield np.array(points) / 72 * MM_PER_INCH
+
+
+@pytest.mark.parametrize(
+    ("target", "page"),
+    [
+        (SingleTag("36h11", 0, 25.3), "a4"),
+        (SingleTag("4x4_50", 7, 1000 / 7), "bare"),
+        (TagGrid("36h11", 3, 2, 61.7, 17.3), "a3"),
+        (Charuco(7, 10, 33.3, 22.2, "5x5_100"), "a3"),
+    ],
+)
+def test_the_pdf_draws_every_square_where_the_sheet_has_it_to_half_a_micrometre(target, page):
+    sheet = target_sheet(target, page)
+    drawn = list(drawn_points_mm(pypdfium2.PdfDocument(pdf(sheet))[0]))
+    assert len(drawn) == len(sheet.rasters)
+    for points, raster in zip(drawn, sheet.rasters, strict=True):
+        black = np.argwhere(raster.cells)
+        cell = np.array([raster.width_mm, raster.height_mm]) / raster.cells.shape[::-1]
+        corner = np.array([raster.x_mm, raster.y_mm])
+        low, high = corner + black.min(0)[::-1] * cell, corner + (black.max(0)[::-1] + 1) * cell
+        np.testing.assert_allclose(points.min(0), low, atol=5e-4, rtol=0)
+        np.testing.assert_allclose(points.max(0), high, atol=5e-4, rtol=0)
+        lines = (points - corner) / cell
+        np.testing.assert_allclose(lines * cell, np.rint(lines) * cell, atol=5e-4, rtol=0)
+
+
+def test_the_pdf_asks_the_viewer_not_to_scale_it_and_is_the_same_each_time():
+    sheet = target_sheet(SingleTag("36h11", 0, 25), "a4")
+    assert b"/PrintScaling /None" in pdf(sheet)
+    assert pdf(sheet) == pdf(sheet)
+
+
+def test_without_reportlab_a_pdf_is_refused_with_the_remedy_and_the_others_are_written(
+    tmp_path, monkeypatch
+):
+    sheet = target_sheet(SingleTag("36h11", 0, 9), "bare")
+    monkeypatch.setitem(sys.modules, "reportlab.pdfgen.canvas", None)
+    with pytest.raises(InputError, match=r"pip install 'vgrd\[print\]'.*\.svg or \.png"):
+        write_sheet(sheet, tmp_path / "a.pdf", 300)
+    for name in ("a.svg", "a.png"):
+        write_sheet(sheet, tmp_path / name, 300)
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["a.png", "a.svg"]
 
 
 def test_corners_of_apriltags_in_the_png_are_where_the_sheet_says():

@@ -10,6 +10,7 @@ import zlib
 from collections import defaultdict
 from collections.abc import Iterator
 from dataclasses import dataclass
+from io import BytesIO
 from pathlib import Path
 from xml.sax.saxutils import escape
 
@@ -100,34 +101,33 @@ def svg(sheet: Sheet) -> str:
 def pdf(sheet: Sheet) -> bytes:
     """The sheet as a PDF page that asks the viewer not to scale it when printing.
 
-    PDF 1.7 with Helvetica, which every reader has: nothing but these few objects is needed.
+    The same sheet gives the same bytes. Raises InputError when reportlab is not installed.
     """
+    try:
+        from reportlab.pdfgen.canvas import FILL_EVEN_ODD, Canvas
+    except ImportError as error:
+        raise InputError(
+            "a PDF needs reportlab: pip install 'vgrd[print]', or name a file that ends with .svg or .png"
+        ) from error
     scale, height = _POINTS_PER_MM, sheet.height_mm
-    drawing = [f"{scale:.8f} 0 0 {scale:.8f} 0 0 cm 0 g"]
+    stream = BytesIO()
+    size = (scale * sheet.width_mm, scale * height)
+    canvas = Canvas(stream, pagesize=size, pageCompression=1, invariant=1)
+    canvas.setViewerPreference("PrintScaling", "None")
     for raster in sheet.rasters:
+        path = canvas.beginPath()
         for loop in _outlines(raster):
-            (x, y), *rest = [(_mm(x), _mm(height - y)) for x, y in loop]
-            drawing += [f"{x} {y} m", *(f"{x} {y} l" for x, y in rest), "h"]
-        drawing.append("f*")
-    drawing += [
-        f"BT /F1 {_mm(text.height_mm)} Tf {_mm(text.x_mm)} {_mm(height - text.y_mm)} Td "
-        f"({_pdf_string(text.text)}) Tj ET"
-        for text in sheet.texts
-    ]
-    stream = zlib.compress("\n".join(drawing).encode("cp1252"))
-    box = f"0 0 {scale * sheet.width_mm:.6f} {scale * height:.6f}"
-    return _pdf_file(
-        [
-            b"<< /Type /Catalog /Pages 2 0 R /ViewerPreferences << /PrintScaling /None >> >>",
-            b"<< /Type /Pages /Kids [3 0 R] /Count 1 >>",
-            f"<< /Type /Page /Parent 2 0 R /MediaBox [{box}] /Contents 4 0 R "
-            "/Resources << /Font << /F1 5 0 R >> >> >>".encode(),
-            f"<< /Length {len(stream)} /Filter /FlateDecode >>\nstream\n".encode()
-            + stream
-            + b"\nendstream",
-            b"<< /Type /Font /Subtype /Type1 /BaseFont /Helvetica /Encoding /WinAnsiEncoding >>",
-        ]
-    )
+            (x, y), *rest = [(scale * x, scale * (height - y)) for x, y in loop]
+            path.moveTo(x, y)
+            for x, y in rest:
+                path.lineTo(x, y)
+            path.close()
+        canvas.drawPath(path, stroke=0, fill=1, fillMode=FILL_EVEN_ODD)
+    for text in sheet.texts:
+        canvas.setFont("Helvetica", scale * text.height_mm)
+        canvas.drawString(scale * text.x_mm, scale * (height - text.y_mm), text.text)
+    canvas.save()
+    return stream.getvalue()
 
 
 def png(sheet: Sheet, dpi: int) -> bytes:
@@ -231,24 +231,3 @@ def _turns(loop: list[tuple[int, int]]) -> list[tuple[int, int]]:
 
 def _mm(value: float) -> str:
     return f"{value:.5f}".rstrip("0").rstrip(".")
-
-
-def _pdf_string(text: str) -> str:
-    return text.replace("\\", r"\\").replace("(", r"\(").replace(")", r"\)")
-
-
-def _pdf_file(objects: list[bytes]) -> bytes:
-    out = b"%PDF-1.7\n%\xe2\xe3\xcf\xd3\n"
-    offsets = []
-    for number, body in enumerate(objects, start=1):
-        offsets.append(len(out))
-        out += f"{number} 0 obj\n".encode() + body + b"\nendobj\n"
-    table = "".join(f"{offset:010d} 00000 n \n" for offset in offsets)
-    count = len(objects) + 1
-    return (
-        out
-        + (
-            f"xref\n0 {count}\n0000000000 65535 f \n{table}"
-            f"trailer\n<< /Size {count} /Root 1 0 R >>\nstartxref\n{len(out)}\n%%EOF\n"
-        ).encode()
-    )
