@@ -1,6 +1,8 @@
 """What was checked at the start is what every process of the run works with."""
 
 import json
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -93,3 +95,8 @@ def test_what_earlier_runs_left_is_removed(checked: Resolved, tmp_path: Path) ->
     path = save_resolved(checked, tmp_path)
     forget_resolved(tmp_path, but=path)
     assert list(tmp_path.glob("cell-*")) == [path]
+
+
+def test_the_cell_process_starts_without_pydantic() -> None:
+    code = "import sys, vgrd.cell.__main__; sys.exit('pydantic' in sys.modules)"
+    subprocess.run([sys.executable, "-c", code], check=True)

@@ -1,11 +1,9 @@
-"""The board that a command's options or a board file mean."""
+"""The board that a command's options mean."""
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import TYPE_CHECKING
 
-from pydantic import Field
-
-from vgrd.errors import ConfigError, InputError
+from vgrd.errors import InputError
 
 if TYPE_CHECKING:
     from vgrd.vision.intrinsics.pictures import Board
@@ -40,56 +38,15 @@ def tag_grid(
 
 
 def board_in_file(path: Path) -> "Board":
-    """The [target] of a board file or DATASET.toml, or its keys without a table.
+    """The board of a board file or DATASET.toml.
 
     Raises InputError for another kind of file, ConfigError with all faults of this one.
     """
-    from vgrd.solving.datasets.document import (
-        TARGET_TABLES,
-        Count,
-        LengthMm,
-        Table,
-        TargetTable,
-        hint,
-        parse,
-    )
-    from vgrd.solving.datasets.loading import read_toml
-    from vgrd.vision.print.boards import SingleTag
-    from vgrd.vision.print.targets import TagGrid
-
-    class TagsTable(Table):
-        """columns x rows tags."""
-
-        type: Literal["tags"]
-        dictionary: str
-        columns: Count
-        rows: Count
-        size_mm: LengthMm
-        gap_mm: LengthMm
-        first_id: Annotated[int, Field(ge=0)] = 0
-
-        def spec(self) -> TagGrid:
-            """The board; InputError when it cannot exist."""
-            size = str(self.columns) + "x" + str(self.rows)
-            return tag_grid(self.dictionary, size, self.size_mm, self.gap_mm, self.first_id)
-
     if path.suffix.lower() != ".toml":
         raise InputError(f"--board {path}: charuco, tags, or a board file that ends with .toml")
-    data = read_toml(path)
-    given = data.get("target", data)
-    kind = given.get("type") if isinstance(given, dict) else None
-    known = (*TARGET_TABLES, "tags")
-    if kind not in known:
-        raise ConfigError(str(path), [f"target.type: {kind!r} is unknown{hint(str(kind), known)}"])
-    model: type[TargetTable | TagsTable] = TagsTable if kind == "tags" else TARGET_TABLES[kind]
-    faults: list[str] = []
-    parsed = parse(model, given, "target", faults)
-    if parsed is None:
-        raise ConfigError(str(path), faults)
-    found = parsed.spec()
-    if isinstance(found, SingleTag):
-        raise ConfigError(str(path), ["target.type: one tag is not enough; print a board"])
-    return found
+    from vgrd.solving.datasets.boards import load_board
+
+    return load_board(path)
 
 
 def _columns_and_rows(option: str, text: str) -> tuple[int, int]:

@@ -4,17 +4,16 @@ Units are part of the keys, so a key with the wrong unit is an unknown key and n
 Used at the file edge only; `vgrd.config.setup` turns it into the values of `vgrd.model`.
 """
 
-import difflib
 import json
 import os
-import tomllib
-from collections.abc import Iterator
+from functools import partial
 from pathlib import Path
-from typing import Annotated, Any, Literal, Self, get_args
+from typing import Annotated, Any, Literal, Self
 
-from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError, model_validator
-from pydantic_core import ErrorDetails
+from pydantic import AfterValidator, Field, ValidationError, model_validator
 
+from vgrd.documents.tables import Table, faults_of
+from vgrd.documents.toml import hint, read_toml
 from vgrd.errors import ConfigError
 
 Vector = Annotated[list[float], Field(min_length=3, max_length=3)]
@@ -26,7 +25,10 @@ def _json_able(settings: dict[str, Any]) -> dict[str, Any]:
     try:
         json.dumps(settings)
     except TypeError as err:
-        msg = "holds a date or a time, which no driver takes: write it as a text in quotes"
+        msg = (
+            "holds a date or a time, which no driver takes: write it as a text in quotes "
+            f"(got {settings!r})"
+        )
         raise ValueError(msg) from err
     return settings
 
@@ -34,14 +36,11 @@ def _json_able(settings: dict[str, Any]) -> dict[str, Any]:
 Settings = Annotated[dict[str, Any], AfterValidator(_json_able)]
 Name = Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_.-]{0,40}$")]
 
-
-class Section(BaseModel):
-    """A table of the file: strict, unknown keys are errors, immutable."""
-
-    model_config = ConfigDict(extra="forbid", frozen=True, strict=True)
+# A key without its unit, or with another, has few letters in common with the right one.
+_hint = partial(hint, list_name="known here", alike=0.5)
 
 
-class CellSection(Section):
+class CellSection(Table):
     """Who this is and where files go; relative paths count from the cell file's folder."""
 
     name: Name
@@ -59,7 +58,7 @@ class CellSection(Section):
     simulation: bool = Field(default=False, description="tells the robot so (STATE bit 15)")
 
 
-class RobotSection(Section):
+class RobotSection(Table):
     """The robot: driver module, its settings, and how much its arm is to be trusted."""
 
     driver: str
@@ -67,10 +66,10 @@ class RobotSection(Section):
     sigma_mm: Positive = Field(
         default=0.1, description="what its absolute position is good for, 1 sigma"
     )
-    settings: Settings = {}
+    settings: Settings = Field(default={})
 
 
-class CameraSection(Section):
+class CameraSection(Table):
     """The camera: driver, mounting, intrinsics in pixels (fx fy cx cy; distortion in OpenCV order)."""
 
     driver: str
@@ -87,9 +86,9 @@ class CameraSection(Section):
     )
     bits: Literal[8, 16] = Field(default=8, description="of a pixel: 16 for Mono10 to Mono16")
     matrix: Annotated[list[float], Field(min_length=4, max_length=4)]
-    distortion: Annotated[list[float], Field(max_length=8)] = []
+    distortion: Annotated[list[float], Field(max_length=8)] = Field(default=[])
     size_px: Annotated[list[Annotated[int, Field(gt=0)]], Field(min_length=2, max_length=2)]
-    settings: Settings = {}
+    settings: Settings = Field(default={})
 
     @model_validator(mode="after")
     def _plausible(self) -> Self:
@@ -107,7 +106,7 @@ class CameraSection(Section):
         return self
 
 
-class TagSection(Section):
+class TagSection(Table):
     """A fiducial: AprilTag family, id, edge of the black square in mm."""
 
     family: Literal["36h11", "25h9", "16h5"] = "36h11"
@@ -115,7 +114,7 @@ class TagSection(Section):
     size_mm: Annotated[float, Field(ge=1, le=1000)]
 
 
-class TagsSection(Section):
+class TagsSection(Table):
     """Tag A on the flange, tag B on the object."""
 
     a: TagSection
@@ -132,7 +131,7 @@ class TagsSection(Section):
         return self
 
 
-class ToolSection(Section):
+class ToolSection(Table):
     """The tool: direction out of its tip in the flange frame, offset from touching to working tip."""
 
     name: str = "tool"
@@ -150,7 +149,7 @@ class ToolSection(Section):
         return self
 
 
-class TargetSection(Section):
+class TargetSection(Table):
     """A point of the object to be reached: register id, name, CAD coordinates."""
 
     id: Annotated[int, Field(ge=1, le=65535)]
@@ -166,7 +165,7 @@ class TargetSection(Section):
     )
 
 
-class ObjectSection(Section):
+class ObjectSection(Table):
     """The object: how it moves, its centre of rotation in CAD, its targets."""
 
     motion: Literal["turntable", "planar", "free"] = "turntable"
@@ -190,14 +189,14 @@ class ObjectSection(Section):
         return self
 
 
-class TouchSection(Section):
+class TouchSection(Table):
     """How well the operator touches: standard deviations across and along the tool axis."""
 
     lateral_sigma_mm: Positive = 0.25
     axial_sigma_mm: Annotated[float, Field(gt=0)] = 0.25
 
 
-class RecordingSection(Section):
+class RecordingSection(Table):
     """Sessions on the disk: how much they may take, and what must stay free."""
 
     quota_gb: Positive = Field(
@@ -212,7 +211,7 @@ class RecordingSection(Section):
     )
 
 
-class ServingSection(Section):
+class ServingSection(Table):
     """The registers: where, for whom, and what an answer must satisfy."""
 
     host: str = Field(default="127.0.0.1", description="address to listen at, one of this machine")
@@ -262,7 +261,7 @@ class ServingSection(Section):
     )
 
 
-class CellConfig(Section):
+class CellConfig(Table):
     """The whole file."""
 
     cell: CellSection
@@ -278,22 +277,11 @@ class CellConfig(Section):
 
 def load_config(path: Path) -> CellConfig:
     """Read and check a cell file; ConfigError holds every fault, each with key and remedy."""
-    try:
-        data = tomllib.loads(path.read_text(encoding="utf-8"))
-    except FileNotFoundError as err:
-        raise ConfigError(
-            str(path), ["no such file: give the path of a cell file, see config/"]
-        ) from err
-    except (OSError, UnicodeDecodeError) as err:
-        raise ConfigError(str(path), [f"cannot be read: {err}"]) from err
-    except tomllib.TOMLDecodeError as err:
-        raise ConfigError(str(path), [f"not valid TOML: {err}"]) from err
+    data = read_toml(path, "a cell file, see config/")
     try:
         config = CellConfig.model_validate(data)
     except ValidationError as err:
-        raise ConfigError(
-            str(path), [_fault(detail, CellConfig) for detail in err.errors()]
-        ) from err
+        raise ConfigError(str(path), faults_of(err, CellConfig, ending=_hint)) from err
     return _with_places(config, path.resolve().parent)
 
 
@@ -305,38 +293,3 @@ def _with_places(config: CellConfig, folder: Path) -> CellConfig:
         update={"state_dir": str(folder / state), "runtime_dir": str(folder / runtime)}
     )
     return config.model_copy(update={"cell": cell})
-
-
-def _fault(detail: ErrorDetails, model: type[Section]) -> str:
-    location = detail["loc"]
-    key = ".".join(str(part) for part in location) or "(file)"
-    if detail["type"] == "extra_forbidden":
-        return f"{key}: unknown key{_suggestion(location, model)}"
-    if detail["type"] == "missing":
-        return f"{key}: is missing, add it"
-    message = detail["msg"].removeprefix("Value error, ")
-    return (
-        f"{key}: {message} (got {detail['input']!r})" if len(location) > 1 else f"{key}: {message}"
-    )
-
-
-def _suggestion(location: tuple[int | str, ...], model: type[Section]) -> str:
-    known = sorted(_keys_at(location[:-1], model))
-    close = difflib.get_close_matches(str(location[-1]), known, n=1, cutoff=0.5)
-    if close:
-        return f", did you mean '{close[0]}'?"
-    return f"; known here: {', '.join(known)}"
-
-
-def _keys_at(location: tuple[int | str, ...], model: type[Section]) -> Iterator[str]:
-    for part in location:
-        if isinstance(part, str):
-            model = _section_of(model.model_fields[part].annotation)
-    yield from model.model_fields
-
-
-def _section_of(annotation: object) -> type[Section]:
-    """The section class inside an annotation such as `Annotated[list[TargetSection], ...]`."""
-    if isinstance(annotation, type) and issubclass(annotation, Section):
-        return annotation
-    return next(_section_of(inner) for inner in get_args(annotation) if inner is not type(None))

@@ -7,7 +7,8 @@ from typing import Literal, get_args, get_origin
 
 from pydantic.fields import FieldInfo
 
-from vgrd.config.cell_file import CellConfig, Section
+from vgrd.config.cell_file import CellConfig
+from vgrd.documents.tables import Table
 
 _INTRODUCTION = """\
 # The cell file
@@ -48,8 +49,8 @@ def _row(key: str, field: FieldInfo) -> str:
     return f"| {key} | {_type(field.annotation)} | {_default(field)} | {meaning} |"
 
 
-def _section_type(annotation: object) -> type[Section] | None:
-    if isinstance(annotation, type) and issubclass(annotation, Section):
+def _section_type(annotation: object) -> type[Table] | None:
+    if isinstance(annotation, type) and issubclass(annotation, Table):
         return annotation
     return next((found for a in get_args(annotation) if (found := _section_type(a))), None)
 

@@ -6,7 +6,9 @@ from typing import Any
 import numpy as np
 
 from vgrd.calibration.hand_eye.features import Place
-from vgrd.solving.datasets.document import FeatureTable, SampleTable, hint, parse, tables_of
+from vgrd.documents.tables import parse, tables_of
+from vgrd.documents.toml import hint
+from vgrd.solving.datasets.document import FeatureTable, SampleTable
 from vgrd.vision.print.boards import TargetSpec, has_direction
 
 Places = Mapping[str, Place | None]

@@ -1,6 +1,5 @@
 """DATASET.toml and the files it names, checked: every fault of all of them in one message."""
 
-import tomllib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -8,21 +7,15 @@ from typing import Any
 
 import numpy as np
 
+from vgrd.documents.tables import named_rows, parse, tables_of
+from vgrd.documents.toml import one_word, read_toml, unknown_keys
 from vgrd.errors import ConfigError, InputError
 from vgrd.geometry import Array, Pose
 from vgrd.geometry.camera import CameraModel
 from vgrd.geometry.rotation_formats import RotationFormat, pose_from
 from vgrd.model import Mount
-from vgrd.solving.datasets.document import (
-    TARGET_TABLES,
-    CameraTable,
-    PosesTable,
-    SampleTable,
-    hint,
-    named_rows,
-    parse,
-    tables_of,
-)
+from vgrd.solving.datasets.boards import target_of
+from vgrd.solving.datasets.document import CameraTable, PosesTable, SampleTable
 from vgrd.solving.datasets.features import Places, read_features
 from vgrd.solving.datasets.points import read_points
 from vgrd.vision.print.boards import BoardObservation, TargetSpec
@@ -69,8 +62,8 @@ class Dataset:
 
 def load_dataset(path: Path) -> Dataset:
     """Read and check a dataset; ConfigError holds every fault, each with its key and remedy."""
-    data = read_toml(path)
-    faults = [f"{key}: unknown key{hint(key, _TABLES)}" for key in data if key not in _TABLES]
+    data = read_toml(path, "a DATASET.toml")
+    faults = unknown_keys(data, _TABLES)
     mount = _mount(data, faults)
     poses = parse(PosesTable, data.get("poses", {}), "poses", faults)
     rows = _sample_rows(data, faults)
@@ -105,28 +98,10 @@ def load_dataset(path: Path) -> Dataset:
     )
 
 
-def read_toml(path: Path) -> dict[str, Any]:
-    """The tables of a TOML file; ConfigError when it is not there or cannot be read."""
-    try:
-        return tomllib.loads(path.read_text(encoding="utf-8"))
-    except FileNotFoundError as error:
-        raise ConfigError(str(path), ["no such file: give the path of a DATASET.toml"]) from error
-    except (OSError, UnicodeDecodeError) as error:
-        raise ConfigError(str(path), [f"cannot be read: {error}"]) from error
-    except tomllib.TOMLDecodeError as error:
-        raise ConfigError(str(path), [f"not valid TOML: {error}"]) from error
-
-
 def _mount(data: dict[str, Any], faults: list[str]) -> Mount | None:
-    known = tuple(Mount)
-    value = data.get("mount")
-    if value in known:
-        return Mount(value)
-    if value is None:
-        faults.append(f"mount: is missing, add mount = {' or '.join(repr(str(m)) for m in known)}")
-    else:
-        faults.append(f"mount: {value!r} is unknown{hint(str(value), known)}")
-    return None
+    example = " or ".join(repr(str(mount)) for mount in Mount)
+    word = one_word(data, "mount", tuple(Mount), example, faults)
+    return None if word is None else Mount(word)
 
 
 def _sample_rows(data: dict[str, Any], faults: list[str]) -> list[tuple[str, SampleTable]]:
@@ -173,17 +148,7 @@ def _target(data: dict[str, Any], kinds: set[str], faults: list[str]) -> TargetS
         if "image" in kinds:
             faults.append("target: is missing; samples with an image need [target] type, ...")
         return None
-    kind = table.get("type") if isinstance(table, dict) else None
-    if not isinstance(kind, str) or kind not in TARGET_TABLES:
-        known = tuple(TARGET_TABLES)
-        faults.append(f"target.type: {kind!r} is unknown{hint(str(kind), known)}")
-        return None
-    parsed = parse(TARGET_TABLES[kind], table, "target", faults)
-    try:
-        return parsed.spec() if parsed is not None else None
-    except InputError as error:
-        faults.append(f"target: {error}")
-        return None
+    return target_of(table, faults)
 
 
 class _SampleReader:

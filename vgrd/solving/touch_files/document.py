@@ -12,22 +12,22 @@ from pydantic import Field
 
 from vgrd.calibration.tcp.plane import Plane
 from vgrd.calibration.touches.touch_set import TouchSet, touch_set
-from vgrd.errors import ConfigError, InputError
-from vgrd.geometry import Array, Pose
-from vgrd.geometry.rotation_formats import RotationFormat, pose_from
-from vgrd.solving.datasets.document import (
+from vgrd.documents.tables import (
     LengthMm,
     NamedTable,
     Number,
-    PosesTable,
     Table,
     TableT,
-    hint,
     named_rows,
     parse,
     tables_of,
 )
-from vgrd.solving.datasets.loading import arm_faults, read_toml
+from vgrd.documents.toml import one_word, read_toml, unknown_keys
+from vgrd.errors import ConfigError, InputError
+from vgrd.geometry import Array, Pose
+from vgrd.geometry.rotation_formats import RotationFormat, pose_from
+from vgrd.solving.datasets.document import PosesTable
+from vgrd.solving.datasets.loading import arm_faults
 
 DEFAULT_SIGMA_MM = 0.233  # the paper's touches, experiment B
 _TABLES = ("kind", "poses", "touch", "plane", "sphere")
@@ -98,8 +98,8 @@ class TouchFile:
 
 def load_touches(path: Path) -> TouchFile:
     """Read and check a file of touches; ConfigError holds every fault with its key and remedy."""
-    data = read_toml(path)
-    faults = [f"{key}: unknown key{hint(key, _TABLES)}" for key in data if key not in _TABLES]
+    data = read_toml(path, "a file of touches (.toml)")
+    faults = unknown_keys(data, _TABLES)
     kind = _kind(data, faults)
     poses = parse(PosesTable, data.get("poses", {}), "poses", faults)
     rows = _rows(data, kind, faults)
@@ -126,14 +126,8 @@ def load_touches(path: Path) -> TouchFile:
 
 def _kind(data: dict[str, Any], faults: list[str]) -> TouchKind | None:
     known = tuple(TouchKind)
-    value = data.get("kind")
-    if value in known:
-        return TouchKind(value)
-    if value is None:
-        faults.append(f"kind: is missing, add kind = one of {', '.join(known)}")
-    else:
-        faults.append(f"kind: {value!r} is unknown{hint(str(value), known)}")
-    return None
+    word = one_word(data, "kind", known, f"one of {', '.join(known)}", faults)
+    return None if word is None else TouchKind(word)
 
 
 def _rows(

@@ -1,0 +1,61 @@
+"""Reading of a TOML file, and the nearest known word for one that is not known."""
+
+import difflib
+import tomllib
+from collections.abc import Collection
+from pathlib import Path
+from typing import Any
+
+from vgrd.errors import ConfigError
+
+_ALIKE = 0.6
+
+
+def read_toml(path: Path, kind: str) -> dict[str, Any]:
+    """The tables of a TOML file; ConfigError when it is not there or cannot be read.
+
+    kind: of file that is expected, such as "a board file", for the one who named a missing file.
+    """
+    try:
+        return tomllib.loads(path.read_text(encoding="utf-8"))
+    except FileNotFoundError as error:
+        raise ConfigError(str(path), [f"no such file: give the path of {kind}"]) from error
+    except (OSError, UnicodeDecodeError) as error:
+        raise ConfigError(str(path), [f"cannot be read: {error}"]) from error
+    except tomllib.TOMLDecodeError as error:
+        raise ConfigError(str(path), [f"not valid TOML: {error}"]) from error
+
+
+def hint(
+    word: str, known: Collection[str], list_name: str = "known", alike: float = _ALIKE
+) -> str:
+    """Ending of a message about an unknown word: the nearest known one, or all of them.
+
+    alike: share of the letters that the nearest word has to have in common.
+    """
+    close = difflib.get_close_matches(word, known, n=1, cutoff=alike)
+    return (
+        f", did you mean '{close[0]}'?" if close else f"; {list_name}: {', '.join(sorted(known))}"
+    )
+
+
+def unknown_keys(data: dict[str, Any], known: Collection[str]) -> list[str]:
+    """A fault for each key of the whole file that is not known."""
+    return [f"{key}: unknown key{hint(key, known)}" for key in data if key not in known]
+
+
+def one_word(
+    data: dict[str, Any], key: str, known: Collection[str], example: str, faults: list[str]
+) -> str | None:
+    """The known word under a key of the whole file, or None with a fault appended.
+
+    example: what to add where the key is missing.
+    """
+    value = data.get(key)
+    if isinstance(value, str) and value in known:
+        return value
+    if value is None:
+        faults.append(f"{key}: is missing, add {key} = {example}")
+    else:
+        faults.append(f"{key}: {value!r} is unknown{hint(str(value), known)}")
+    return None

@@ -1,0 +1,145 @@
+"""Boards and tags in a file: the [target] of a DATASET.toml, and board files."""
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Literal
+
+from pydantic import Field
+
+from vgrd.documents.tables import LengthMm, Table, TableT, one_of, parse
+from vgrd.documents.toml import hint, read_toml
+from vgrd.errors import ConfigError, InputError
+from vgrd.vision.print.boards import (
+    BOARD_DICTIONARIES,
+    TAG_DICTIONARIES,
+    Charuco,
+    Chessboard,
+    CircleGrid,
+    SingleTag,
+    TargetSpec,
+)
+from vgrd.vision.print.codes import family_named
+from vgrd.vision.print.targets import TagGrid
+
+if TYPE_CHECKING:
+    from vgrd.vision.intrinsics.pictures import Board
+
+Count = Annotated[int, Field(ge=2, le=1000)]
+
+
+class CharucoTable(Table):
+    """columns x rows squares."""
+
+    type: Literal["charuco"]
+    columns: Count
+    rows: Count
+    square_mm: LengthMm
+    marker_mm: LengthMm
+    dictionary: Annotated[str, one_of(BOARD_DICTIONARIES)]
+
+    def spec(self) -> TargetSpec:
+        """The target as the detector knows it; InputError when it cannot exist."""
+        return Charuco(self.columns, self.rows, self.square_mm, self.marker_mm, self.dictionary)
+
+
+class ChessboardTable(Table):
+    """columns x rows inner corners."""
+
+    type: Literal["chessboard"]
+    columns: Annotated[int, Field(ge=3, le=1000)]
+    rows: Annotated[int, Field(ge=3, le=1000)]
+    square_mm: LengthMm
+
+    def spec(self) -> TargetSpec:
+        """The target as the detector knows it."""
+        return Chessboard(self.columns, self.rows, self.square_mm)
+
+
+class CirclesTable(Table):
+    """columns x rows circles."""
+
+    type: Literal["circles", "asymmetric-circles"]
+    columns: Count
+    rows: Count
+    spacing_mm: LengthMm
+
+    def spec(self) -> TargetSpec:
+        """The target as the detector knows it."""
+        asymmetric = self.type == "asymmetric-circles"
+        return CircleGrid(self.columns, self.rows, self.spacing_mm, asymmetric)
+
+
+class TagTable(Table):
+    """One tag."""
+
+    type: Literal["tag"]
+    dictionary: Annotated[str, one_of(TAG_DICTIONARIES)]
+    id: Annotated[int, Field(ge=0)]
+    size_mm: LengthMm
+
+    def spec(self) -> TargetSpec:
+        """The target as the detector knows it."""
+        return SingleTag(self.dictionary, self.id, self.size_mm)
+
+
+class TagsTable(Table):
+    """columns x rows tags."""
+
+    type: Literal["tags"]
+    dictionary: str
+    columns: Count
+    rows: Count
+    size_mm: LengthMm
+    gap_mm: LengthMm
+    first_id: Annotated[int, Field(ge=0)] = 0
+
+    def spec(self) -> TagGrid:
+        """The board; InputError when it cannot exist."""
+        family = family_named(self.dictionary)
+        return TagGrid(family, self.columns, self.rows, self.size_mm, self.gap_mm, self.first_id)
+
+
+TargetTable = CharucoTable | ChessboardTable | CirclesTable | TagTable
+TARGET_TABLES: Mapping[str, type[TargetTable]] = {
+    "charuco": CharucoTable,
+    "chessboard": ChessboardTable,
+    "circles": CirclesTable,
+    "asymmetric-circles": CirclesTable,
+    "tag": TagTable,
+}
+_BOARD_TABLES: Mapping[str, type[TargetTable | TagsTable]] = {**TARGET_TABLES, "tags": TagsTable}
+
+
+def target_of(table: object, faults: list[str]) -> TargetSpec | None:
+    """The target that a [target] table describes, or None with every fault appended."""
+    parsed = _parsed(table, TARGET_TABLES, faults)
+    try:
+        return parsed.spec() if parsed is not None else None
+    except InputError as error:
+        faults.append(f"target: {error}")
+        return None
+
+
+def load_board(path: Path) -> "Board":
+    """The [target] of a board file or DATASET.toml, or its keys without a table.
+
+    Raises ConfigError with all faults of the file, InputError for a board that cannot exist.
+    """
+    data = read_toml(path, "a board file (.toml)")
+    faults: list[str] = []
+    parsed = _parsed(data.get("target", data), _BOARD_TABLES, faults)
+    if parsed is None:
+        raise ConfigError(str(path), faults)
+    board = parsed.spec()
+    if isinstance(board, SingleTag):
+        raise ConfigError(str(path), ["target.type: one tag is not enough; print a board"])
+    return board
+
+
+def _parsed(table: object, models: Mapping[str, type[TableT]], faults: list[str]) -> TableT | None:
+    """The table checked as one of the type it names."""
+    kind = table.get("type") if isinstance(table, dict) else None
+    if not isinstance(kind, str) or kind not in models:
+        faults.append(f"target.type: {kind!r} is unknown{hint(str(kind), tuple(models))}")
+        return None
+    return parse(models[kind], table, "target", faults)
