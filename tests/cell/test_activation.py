@@ -13,13 +13,14 @@ from filelock import FileLock
 from fakes.testing import ManualClock
 from fakes.world.samples import Samples
 from vgrd.calibration.calibration import Calibration
-from vgrd.cell.serving.activation import Activation, check_usable
+from vgrd.cell.serving.activation import Activation
 from vgrd.cell.serving.answering import Limits
 from vgrd.cell.serving.service import Serving
 from vgrd.errors import CalibrationMismatch, InputError, StoreError
 from vgrd.ipc.ring import RingReader, RingWriter
 from vgrd.model import Finding, Policy, Verdict
 from vgrd.registers import PACKED_BYTES, REGISTER_KIND, RegisterImage, State, Status
+from vgrd.solving.servable import check_usable
 from vgrd.store import calibrations
 from vgrd.store.calibrations import CalibrationStore, StoredCalibration
 

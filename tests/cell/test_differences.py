@@ -14,9 +14,9 @@ from hypothesis import strategies as st
 from fakes.cell.rehearsal import facts_of
 from fakes.world.layout import Layout
 from fakes.world.world import Noise, World
-from vgrd.cell.serving.differences import MAY_CHANGE, MAY_GROW, fact_differences, file_key
 from vgrd.geometry import Pose
 from vgrd.model import CellFacts, Motion, TagSpec, Target, frozen_array
+from vgrd.solving.differences import MAY_CHANGE, MAY_GROW, fact_differences, file_key
 from vgrd.store.encoding import decode, encode
 
 

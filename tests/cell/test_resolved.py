@@ -10,12 +10,17 @@ import pytest
 from fakes.cell.rehearsal import facts_of
 from fakes.world.layout import Layout
 from fakes.world.world import Noise, World
-from vgrd.cell.serving.differences import fact_differences
-from vgrd.commands.reloading import changed_keys
 from vgrd.config.cell_file import load_config
-from vgrd.config.resolved import Resolved, forget_resolved, load_resolved, save_resolved
+from vgrd.config.resolved import (
+    Resolved,
+    changed_keys,
+    forget_resolved,
+    load_resolved,
+    save_resolved,
+)
 from vgrd.config.setup import cell_facts, process_table
 from vgrd.errors import ConfigError
+from vgrd.solving.differences import fact_differences
 
 ROOT = Path(__file__).parents[2]
 

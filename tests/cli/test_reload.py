@@ -12,7 +12,7 @@ from fakes.world.samples import Samples
 from fakes.world.world import Noise, World
 from vgrd.commands import reloading
 from vgrd.config.cell_file import load_config
-from vgrd.config.resolved import Resolved
+from vgrd.config.resolved import Resolved, changed_keys
 from vgrd.config.setup import cell_facts
 from vgrd.errors import CalibrationMismatch, DaemonUnreachable, InputError
 from vgrd.model import Verdict
@@ -42,7 +42,7 @@ def with_key(resolved: Resolved, section: str, **values: object) -> Resolved:
 def test_what_needs_a_restart_is_named(
     checked: Resolved, section: str, values: Mapping[str, object], key: str
 ) -> None:
-    changed = reloading.changed_keys(checked, with_key(checked, section, **values))
+    changed = changed_keys(checked, with_key(checked, section, **values))
     assert changed == [key]
     with pytest.raises(InputError, match=f"{key} changed: that needs a restart"):
         reloading._refuse_what_needs_a_restart(Path("cell.toml"), changed)

@@ -1,4 +1,4 @@
-"""The command that takes a changed cell file over into the running daemon, and what it compares."""
+"""The command that takes a changed cell file over into the running daemon, and whether it is in force."""
 
 import time
 from pathlib import Path
@@ -57,7 +57,7 @@ def reload(
     What it changes is started again, the port stays open, and the registers are invalid meanwhile.
     """
     from vgrd.config.cell_file import load_config
-    from vgrd.config.resolved import Resolved, forget_resolved, save_resolved
+    from vgrd.config.resolved import Resolved, changed_keys, forget_resolved, save_resolved
     from vgrd.config.setup import process_table
     from vgrd.gate.settings import WANTED_TABLE, save_table
 
@@ -78,18 +78,10 @@ def reload(
     print_result(result, json_to, show_fields("reloaded"))
 
 
-def changed_keys(running: "Resolved", wanted: "Resolved") -> list[str]:
-    """Keys of the cell file, such as "serving.max_age_s", whose values are not the same."""
-    old, new = running.values(), wanted.values()
-    return [
-        key for key in {**old, **new} if key not in old or key not in new or old[key] != new[key]
-    ]
-
-
 def file_now(running: "Resolved") -> str:
     """In words, whether the cell file still is what the daemon works with."""
     from vgrd.config.cell_file import load_config
-    from vgrd.config.resolved import Resolved
+    from vgrd.config.resolved import Resolved, changed_keys
 
     source = Path(running.source)
     try:
@@ -169,9 +161,9 @@ def _refuse_while_recording(client: "ControlClient") -> None:
 
 
 def _refuse_a_calibration_that_does_not_fit(resolved: "Resolved") -> None:
-    from vgrd.cell.serving.activation import check_usable
     from vgrd.config.setup import cell_facts
     from vgrd.errors import CalibrationMismatch
+    from vgrd.solving.servable import check_usable
     from vgrd.store.calibrations import CalibrationStore
 
     try:

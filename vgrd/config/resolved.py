@@ -38,6 +38,14 @@ class Resolved:
         return dict(_values(_plain(self.config), ""))
 
 
+def changed_keys(running: Resolved, wanted: Resolved) -> list[str]:
+    """Keys of the cell file, such as "serving.max_age_s", whose values are not the same."""
+    old, new = running.values(), wanted.values()
+    return [
+        key for key in {**old, **new} if key not in old or key not in new or old[key] != new[key]
+    ]
+
+
 def save_resolved(resolved: Resolved, runtime_dir: Path) -> Path:
     """Write it into the runtime folder, whole or not at all; returns the file."""
     config = _plain(resolved.config)

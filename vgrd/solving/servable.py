@@ -1,17 +1,31 @@
-"""Whether a calibration can serve its targets under a policy, tried before anybody activates it."""
+"""Whether a calibration can serve: this cell, and its targets under a policy; tried before it is activated."""
 
 from collections.abc import Iterator, Sequence
 
 import numpy as np
 
 from vgrd.calibration.calibration import Calibration, expected_coordinate
-from vgrd.errors import CalibrationError, InputError
+from vgrd.errors import CalibrationError, CalibrationMismatch, InputError
 from vgrd.geometry import Pose
 from vgrd.judging.findings import finding
-from vgrd.model import Finding, Policy, TagObservation, frozen_array
+from vgrd.model import CellFacts, Finding, Policy, TagObservation, frozen_array
+from vgrd.solving.differences import fact_differences
 
 # An object turned a little and a lot: what a turn needs and the recording did not tell shows in both.
 TURNS_RAD = (0.0, 0.3, -1.5)  # as taught, a little, a lot
+
+
+def check_usable(calibration: Calibration, configured: CellFacts) -> None:
+    """Raise InputError for one that was rejected, CalibrationMismatch for one of another cell."""
+    if not calibration.verdict.ok:
+        reasons = "; ".join(f.message for f in calibration.verdict.findings if f.fatal)
+        raise InputError(f"{calibration.id} was rejected: {reasons}")
+    differences = fact_differences(calibration.facts, configured)
+    if differences:
+        raise CalibrationMismatch(
+            f"{calibration.id} was made for another cell: {'; '.join(differences)}. "
+            "Teach again, or restore the cell file"
+        )
 
 
 def unservable(calibration: Calibration, policy: Policy) -> Sequence[Finding]:

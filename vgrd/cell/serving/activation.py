@@ -6,12 +6,11 @@ from concurrent.futures import ThreadPoolExecutor
 
 import structlog
 
-from vgrd.calibration.calibration import Calibration
-from vgrd.cell.serving.differences import fact_differences
 from vgrd.cell.serving.service import Serving
-from vgrd.errors import CalibrationMismatch, InputError, VgrdError
+from vgrd.errors import CalibrationMismatch, VgrdError
 from vgrd.model import CellFacts
 from vgrd.registers import Status
+from vgrd.solving.servable import check_usable
 from vgrd.store.calibrations import CalibrationStore, StoredCalibration
 
 log = structlog.get_logger()
@@ -60,16 +59,3 @@ class Activation:
 
     async def _in_thread(self, work: Callable[[], StoredCalibration]) -> StoredCalibration:
         return await asyncio.get_running_loop().run_in_executor(self._shelf, work)
-
-
-def check_usable(calibration: Calibration, configured: CellFacts) -> None:
-    """Raise InputError for one that was rejected, CalibrationMismatch for one of another cell."""
-    if not calibration.verdict.ok:
-        reasons = "; ".join(f.message for f in calibration.verdict.findings if f.fatal)
-        raise InputError(f"{calibration.id} was rejected: {reasons}")
-    differences = fact_differences(calibration.facts, configured)
-    if differences:
-        raise CalibrationMismatch(
-            f"{calibration.id} was made for another cell: {'; '.join(differences)}. "
-            "Teach again, or restore the cell file"
-        )
