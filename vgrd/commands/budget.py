@@ -3,16 +3,13 @@
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
-import numpy as np
 import typer
 
 from vgrd.commands.printing import JsonOption, Result, console, print_result, table
 from vgrd.errors import InputError
 
 if TYPE_CHECKING:
-    from vgrd.calibration.planning.error_budget import Budget, Systematic
-    from vgrd.geometry import Array
-    from vgrd.model import Recording
+    from vgrd.calibration.planning.error_budget import Budget
 
 
 def register(app: typer.Typer) -> None:
@@ -45,6 +42,7 @@ def budget(
     """Share the error of the expected coordinate out among the links of the chain."""
     from vgrd.calibration.planning.error_budget import Systematic
     from vgrd.model import Policy
+    from vgrd.solving.budget import session_budget
     from vgrd.store.sessions import load_recording
 
     if policy not in list(Policy):
@@ -57,14 +55,13 @@ def budget(
         center_px=center_px,
         drift_mm=drift_mm,
     )
-    work = None if work_rotvec_deg is None else np.radians(work_rotvec_deg)
-    shared_out = _budget(
+    shared_out = session_budget(
         recording,
         [target] if target else None,
         Policy(policy),
-        work,
-        np.radians(turn_deg),
-        (quantum_mm, float(np.radians(quantum_deg))),
+        work_rotvec_deg,
+        turn_deg,
+        (quantum_mm, quantum_deg),
         systematic,
     )
     if png is not None:
@@ -79,44 +76,11 @@ def budget(
         "quantum_deg": quantum_deg,
     }
     told = {"session": recording.session, "policy": policy}
-    print_result({**told, **_to_json(shared_out), "assumed": assumed}, json_to, _show)
-
-
-def _to_json(budget: "Budget") -> dict[str, object]:
-    return {
-        "links": [str(link) for link in budget.links],
-        "targets": budget.rows(),
-        "irrelevant": list(budget.irrelevant),
-    }
-
-
-def _budget(
-    recording: "Recording",
-    targets: list[str] | None,
-    policy: str,
-    work_rotvec_rad: "Array | None",
-    turn_rad: float,
-    quanta: tuple[float, float],
-    systematic: "Systematic",
-) -> "Budget":
-    from dataclasses import replace
-
-    from vgrd.calibration.joint.estimate import calibrate_joint
-    from vgrd.calibration.planning.error_budget import error_budget
-    from vgrd.calibration.planning.predicted_rows import picture_of
-    from vgrd.geometry import exp_rotation
-    from vgrd.model import ArmModel, Policy
-
-    arm = ArmModel.of(recording.facts.robot_sigma_mm)
-    arm = replace(arm, quantum_mm=quanta[0], quantum_rad=quanta[1])
-    result = calibrate_joint(recording, arm=arm)
-    work = None if work_rotvec_rad is None else exp_rotation(work_rotvec_rad)
-    now = picture_of(result, turn_rad)
-    return error_budget(result, now, Policy(policy), work, systematic, targets)
+    print_result({**told, **shared_out.to_json(), "assumed": assumed}, json_to, _show)
 
 
 def _draw(budget: "Budget", title: str, png: Path) -> None:
-    from vgrd.commands.budget_chart import draw_budget
+    from vgrd.solving.budget_chart import draw_budget
 
     try:
         draw_budget(budget, title).savefig(png)

@@ -1,7 +1,7 @@
 """The command that finds tags and boards in pictures and says how good they are."""
 
 from collections import Counter
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -13,13 +13,9 @@ from vgrd.errors import InputError
 
 if TYPE_CHECKING:
     from vgrd.geometry.camera import CameraModel
-    from vgrd.vision.alignment.photometric import PhotometricFit
     from vgrd.vision.boards.fit import MeasurableBoard
-    from vgrd.vision.images.pictures import Picture
-    from vgrd.vision.inspection import PictureReport
 
 _DEFAULT_DICTIONARY = "36h11"
-_RESIDUAL_SIGMAS = 5.0  # that are shown in full colour
 
 _BOARD_COLUMNS = ("board", "sigma px", "misfit px", "x, y, z mm", "1 sigma mm", "quality")
 _TAG_COLUMNS = ("dictionary", "id", "px", "sigma px", "tilt deg", "x, y, z mm", "quality")
@@ -99,6 +95,7 @@ def _one(
 ) -> dict[str, object]:
     from vgrd.vision.images.pictures import read_picture
     from vgrd.vision.inspection import inspect_picture
+    from vgrd.vision.overlays import write_overlays
 
     picture = read_picture(image)
     height, width = picture.pixels.shape
@@ -110,7 +107,7 @@ def _one(
         )
     report = inspect_picture(picture, families, size_mm, camera, boards)
     if drawn is not None:
-        _draw(drawn, picture, report)
+        write_overlays(drawn, picture, report)
     return {"file": str(image), "width": width, "height": height} | report.to_json()
 
 
@@ -147,34 +144,13 @@ def _drawn_files(images: Sequence[Path], folder: Path | None) -> Sequence[Path |
     ]
 
 
-def _draw(path: Path, picture: "Picture", report: "PictureReport") -> None:
-    from vgrd.vision.images.drawing import draw_tags, write_picture
-
-    write_picture(path, draw_tags(picture.pixels, report.marks()))
-    for number, tag in enumerate(report.tags):
-        if tag.refined is not None:
-            name = f"{path.stem}-{number}-tag{tag.found.id}.png"
-            _draw_residuals(path.with_name(name), picture, tag.refined.fit)
-    for number, board in enumerate(report.boards):
-        if board.fit is not None:
-            name = f"{path.stem}-{number}-board.png"
-            _draw_residuals(path.with_name(name), picture, board.fit.refined.fit)
-
-
-def _draw_residuals(path: Path, picture: "Picture", fit: "PhotometricFit | None") -> None:
-    from vgrd.vision.images.drawing import draw_residuals, write_picture
-
-    if fit is not None:
-        region, residuals = fit.residual_map(picture.pixels.shape)
-        drawn = draw_residuals(picture.pixels[region], residuals, _RESIDUAL_SIGMAS, "sigma")
-        write_picture(path, drawn)
-
-
 def _failure(image: Path, error: InputError) -> dict[str, str]:
     return {"code": "not_used", "message": str(error).removeprefix(f"{image}: ")}
 
 
 def _show(result: Result) -> None:
+    from vgrd.vision.inspection import remarks
+
     for image in result["images"]:
         size = f" ({image['width']} x {image['height']} px)" if "width" in image else ""
         title = f"{image['file']}{size}"
@@ -185,7 +161,8 @@ def _show(result: Result) -> None:
         if not (image["boards"] or image["tags"]):
             console.print(title, highlight=False, markup=False)
         findings = [f for part in (*image["boards"], image) for f in part["findings"]]
-        for remark in (*_remarks(image["tags"]), *(f["message"] for f in findings)):
+        of_tags = [f for tag in image["tags"] for f in tag["quality"]["findings"]]
+        for remark in (*remarks(of_tags), *(f["message"] for f in findings)):
             console.print(f"  {remark}", highlight=False, markup=False)
 
 
@@ -215,14 +192,3 @@ def _row(tag: Result) -> list[object]:
         None if pose is None else [row[3] for row in pose[:3]],
         ", ".join(finding["code"] for finding in quality["findings"]) or "good",
     ]
-
-
-def _remarks(tags: list[Result]) -> Iterator[str]:
-    """What to do about each kind of finding, told once, for the first tag that has it."""
-    told = Counter(f["code"] for tag in tags for f in tag["quality"]["findings"])
-    for tag in tags:
-        for finding in tag["quality"]["findings"]:
-            others = told.pop(finding["code"], 0) - 1
-            if others >= 0:
-                also = f" (and {others} more)" if others else ""
-                yield f"{finding['code']}: {finding['message']}{also}"

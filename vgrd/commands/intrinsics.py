@@ -4,7 +4,6 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
-import numpy as np
 import typer
 
 from vgrd.commands.boards import board_in_file, charuco_board, tag_grid
@@ -21,12 +20,7 @@ from vgrd.commands.printing import (
 from vgrd.errors import InputError
 
 if TYPE_CHECKING:
-    from vgrd.geometry.camera import CameraModel
-    from vgrd.vision.intrinsics.estimate import IntrinsicsResult
     from vgrd.vision.intrinsics.pictures import Board, BoardPictures
-
-_FEW_PICTURES, _TILTED_DEG, _LEAST_TILTED = 10, 15.0, 4
-_HELD_OUT_RATIO, _EMPTY_SHARE = 1.5, 0.2
 
 
 def register(app: typer.Typer) -> None:
@@ -69,6 +63,7 @@ def intrinsics(
     from vgrd.vision.intrinsics.effect import effect_on_coordinates
     from vgrd.vision.intrinsics.estimate import calibrate_intrinsics
     from vgrd.vision.intrinsics.pictures import read_board_pictures
+    from vgrd.vision.intrinsics.report import report_json, write_report
 
     chosen: Board
     if board == "charuco":
@@ -89,27 +84,11 @@ def intrinsics(
         distortion=distortion,
         print_mm=print_mm,
     )
-    at = distance_mm or float(np.median([r.distance_mm for r in result.reports if r.distance_mm]))
-    effect = effect_on_coordinates(result.camera, result.covariance, at, tag_mm)
-    told = _to_json(result, pictures)
-    told |= {"effect": asdict(effect), "files": _write(out, result)}
+    distance = distance_mm or result.distance_mm
+    effect = effect_on_coordinates(result.camera, result.covariance, distance, tag_mm)
+    told = report_json(result, pictures.unusable)
+    told |= {"effect": asdict(effect), "files": write_report(_output_folder(out), result)}
     print_result(told, json_to, _show)
-
-
-def _to_json(result: "IntrinsicsResult", pictures: "BoardPictures") -> dict[str, object]:
-    unusable = [
-        {"name": name, "used": False, "reason": why} for name, why in pictures.unusable.items()
-    ]
-    return {
-        **_camera_json(result.camera),
-        "sigma": result.sigmas,
-        "covariance": result.covariance.tolist(),
-        "rms_px": result.rms_px,
-        "held_out_px": result.held_out_px,
-        "noise": asdict(result.bundle.noise),
-        "pictures": [*(asdict(report) for report in result.reports), *unusable],
-        "findings": _findings(result),
-    }
 
 
 def camera(
@@ -121,13 +100,13 @@ def camera(
     json_to: JsonOption = None,
 ) -> None:
     """Show the intrinsics in a camera file, and convert them."""
-    from vgrd.vision.intrinsics.camera_files import Kind, read_camera, write_camera
+    from vgrd.vision.intrinsics.camera_files import Kind, camera_json, read_camera, write_camera
 
     found = read_camera(source)
     if out is not None:
         kind: Kind = "ros" if ros else "toml" if out.suffix.lower() == ".toml" else "opencv"
         write_camera(out, found, kind, out.stem)
-    print_result(_camera_json(found), json_to, show_fields(str(source)))
+    print_result(camera_json(found), json_to, show_fields(str(source)))
 
 
 def _check_views(pictures: "BoardPictures") -> None:
@@ -141,62 +120,12 @@ def _check_views(pictures: "BoardPictures") -> None:
         )
 
 
-def _camera_json(found: "CameraModel") -> dict[str, object]:
-    K = found.matrix
-    return {
-        "matrix": [float(value) for value in (K[0, 0], K[1, 1], K[0, 2], K[1, 2])],
-        "distortion": found.distortion.tolist(),
-        "size_px": list(found.size_px),
-    }
-
-
-def _write(out: Path, result: "IntrinsicsResult") -> list[str]:
-    from vgrd.vision.images.drawing import write_picture
-    from vgrd.vision.intrinsics.camera_files import write_camera
-    from vgrd.vision.intrinsics.pictures import draw_coverage
-
+def _output_folder(out: Path) -> Path:
     try:
         out.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise InputError(f"--out {out}: cannot be made: {error.strerror}") from error
-    write_camera(out / "camera.yaml", result.camera, "opencv")
-    write_camera(out / "camera_info.yaml", result.camera, "ros")
-    write_camera(out / "camera.toml", result.camera, "toml")
-    write_picture(out / "coverage.png", draw_coverage(result))
-    names = ("camera.yaml", "camera_info.yaml", "camera.toml", "coverage.png")
-    return [str(out / name) for name in names]
-
-
-def _findings(result: "IntrinsicsResult") -> list[dict[str, str]]:
-    """What the operator could do better, most important first."""
-    from vgrd.vision.intrinsics.pictures import coverage
-
-    used = [report for report in result.reports if report.used]
-    tilted = sum((report.tilt_deg or 0) > _TILTED_DEG for report in used)
-    empty = float(np.mean(coverage(result.views, result.camera.size_px) == 0))
-    found = []
-    if tilted < _LEAST_TILTED:
-        found.append(
-            (
-                "frontal",
-                f"only {tilted} pictures show the board tilted by more than 15 degrees: tilt it",
-            )
-        )
-    if len(used) < _FEW_PICTURES:
-        found.append(("few_pictures", f"{len(used)} pictures used: 20 are good"))
-    if empty > _EMPTY_SHARE:
-        found.append(
-            ("coverage", f"{empty:.0%} of the picture never saw the board: see coverage.png")
-        )
-    if result.held_out_px > _HELD_OUT_RATIO * result.rms_px:
-        found.append(
-            (
-                "held_out",
-                f"pictures left out are off by {result.held_out_px:.3g} px, those of the fit by "
-                f"{result.rms_px:.3g}: take more pictures",
-            )
-        )
-    return [{"code": code, "message": message} for code, message in found]
+    return out
 
 
 def _show(result: Result) -> None:

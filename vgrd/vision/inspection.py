@@ -1,7 +1,7 @@
 """What a picture holds, for a person: tags and boards, poses, and remarks that name the remedy."""
 
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from types import MappingProxyType
 
@@ -150,6 +150,19 @@ def inspect_picture(
             Finding("turned", "the file asks viewers to turn it; pixels here are as stored")
         )
     return PictureReport(reports, tags, tuple(findings), camera, size_mm)
+
+
+def remarks(findings: Sequence[Mapping[str, str]]) -> Iterator[str]:
+    """What to do about each kind of finding, told once, by the first message of the kind.
+
+    findings: of all tags of a picture, as `TagReport.to_json` writes them.
+    """
+    counts = Counter(finding["code"] for finding in findings)
+    for finding in findings:
+        others = counts.pop(finding["code"], 0) - 1
+        if others >= 0:
+            also = f" (and {others} more)" if others else ""
+            yield f"{finding['code']}: {finding['message']}{also}"
 
 
 def _measured(

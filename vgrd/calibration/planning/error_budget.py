@@ -119,6 +119,14 @@ class Budget:
             for name, radius, row in zip(self.targets, self.u95_mm, shares, strict=True)
         ]
 
+    def to_json(self) -> dict[str, object]:
+        """As `vgrd budget --json` writes it."""
+        return {
+            "links": [str(link) for link in self.links],
+            "targets": self.rows(),
+            "irrelevant": list(self.irrelevant),
+        }
+
 
 def error_budget(
     result: JointFit,

@@ -59,6 +59,16 @@ def write_camera(path: Path, camera: CameraModel, kind: Kind, name: str = "camer
         raise InputError(f"{path}: cannot be written: {error.strerror}") from error
 
 
+def camera_json(camera: CameraModel) -> dict[str, object]:
+    """The camera as JSON: matrix fx, fy, cx, cy in px, distortion, size_px (width, height)."""
+    K = camera.matrix
+    return {
+        "matrix": [float(value) for value in (K[0, 0], K[1, 1], K[0, 2], K[1, 2])],
+        "distortion": camera.distortion.tolist(),
+        "size_px": list(camera.size_px),
+    }
+
+
 def camera_toml(camera: CameraModel) -> str:
     """The [camera] keys of the cell file; those of the driver are not among them."""
     K = camera.matrix

@@ -69,6 +69,11 @@ class IntrinsicsResult:
         """The same, each picture predicted by a fit without it."""
         return rms(np.concatenate(self.bundle.held_out))
 
+    @property
+    def distance_mm(self) -> float:
+        """Median distance of the board."""
+        return float(np.median([r.distance_mm for r in self.reports if r.distance_mm]))
+
 
 def calibrate_intrinsics(
     points_in_board: Array,
