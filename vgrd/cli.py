@@ -7,7 +7,6 @@ environment variables VGRD_CONFIG and VGRD_SOCKET.
 import sys
 
 import typer
-from rich.console import Console
 
 from vgrd.commands import (
     advise,
@@ -49,6 +48,8 @@ def main() -> None:
     try:
         app()
     except VgrdError as err:
+        from rich.console import Console
+
         hint = " Start it with: vgrd run CELL.toml" if isinstance(err, DaemonUnreachable) else ""
         Console(stderr=True, soft_wrap=True).print(
             f"vgrd: {err}{hint}", style="bold red", markup=False, highlight=False

@@ -1,13 +1,14 @@
 """How a command finds the running daemon, and asks it."""
 
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
-from rich.console import Console
 
 from vgrd.errors import InputError
-from vgrd.ipc.control import ControlClient
+
+if TYPE_CHECKING:
+    from vgrd.ipc.control import ControlClient
 
 SAMPLE_TIMEOUT_S = 15.0
 SOLVE_TIMEOUT_S = 300.0
@@ -22,8 +23,10 @@ SocketOption = Annotated[
 ]
 
 
-def client_of(config: Path | None, socket: Path | None) -> ControlClient:
+def client_of(config: Path | None, socket: Path | None) -> "ControlClient":
     """The daemon that --config or --socket names; raises InputError when neither is given."""
+    from vgrd.ipc.control import ControlClient
+
     if socket is not None:
         return ControlClient(socket)
     if config is None:
@@ -45,5 +48,7 @@ def ask(
     """Call one operation of the daemon; arguments that are None are left to its configuration."""
     given: dict[str, object] = {k: v for k, v in arguments.items() if v is not None}
     client = client_of(config, socket)
+    from rich.console import Console
+
     with Console(stderr=True).status(op):
         return client.call(op, timeout_s=timeout_s, **given)

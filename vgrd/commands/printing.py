@@ -1,18 +1,19 @@
 """What commands print: tables for people, JSON for programs, a progress bar while it takes long."""
 
-import json
 import os
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from functools import cached_property
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
-from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
-from rich.table import Table
 
 from vgrd.errors import InputError
+
+if TYPE_CHECKING:  # rich would make `vgrd --help` a third slower
+    from rich.console import Console, RenderableType
+    from rich.table import Table
 
 
 def _json_target(json_to: str | None) -> str | None:
@@ -35,13 +36,37 @@ JsonOption = Annotated[
     ),
 ]
 
-console = Console()
 Result = Mapping[str, Any]
+
+
+class Terminal:
+    """Shows text and tables to people; rich is loaded for the first of them."""
+
+    @cached_property
+    def _console(self) -> "Console":
+        from rich.console import Console
+
+        return Console()
+
+    def print(
+        self,
+        content: "RenderableType",
+        *,
+        highlight: bool | None = None,
+        markup: bool | None = None,
+    ) -> None:
+        """Print it to standard output, as wide as the terminal."""
+        self._console.print(content, highlight=highlight, markup=markup)
+
+
+console = Terminal()
 
 
 def print_result(result: Result, json_to: str | None, show: Callable[[Result], None]) -> None:
     """Write JSON where asked; otherwise (and beside a file) show it for people."""
     if json_to is not None:
+        import json
+
         text = json.dumps(result, indent=2, allow_nan=False)
         if json_to == "-":
             print(text)
@@ -53,8 +78,10 @@ def print_result(result: Result, json_to: str | None, show: Callable[[Result], N
     show(result)
 
 
-def table(title: str, columns: Sequence[str], rows: Sequence[Sequence[object]]) -> Table:
+def table(title: str, columns: Sequence[str], rows: Sequence[Sequence[object]]) -> "Table":
     """Table for people."""
+    from rich.table import Table
+
     out = Table(*columns, title=title, title_justify="left")
     for row in rows:
         out.add_row(*(_cell(value) for value in row))
@@ -94,6 +121,15 @@ def flat(result: Result, prefix: str = "") -> Iterator[tuple[str, object]]:
 @contextmanager
 def progress(what: str) -> Iterator[Callable[[int, int], None]]:
     """A progress bar on standard error; yields `report(done, total)`."""
+    from rich.console import Console
+    from rich.progress import (
+        BarColumn,
+        MofNCompleteColumn,
+        Progress,
+        TextColumn,
+        TimeElapsedColumn,
+    )
+
     columns = (
         TextColumn("{task.description}"),
         BarColumn(),

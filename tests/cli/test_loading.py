@@ -1,0 +1,60 @@
+"""What a command loads: the short ones neither numpy nor pydantic, whose loading takes longer than they do."""
+
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+TOLD = """
+finally:
+    heavy = ("numpy", "scipy", "cv2", "pydantic", "vgrd.documents", "vgrd.geometry")
+    print("loaded:", *(name for name in heavy if name in sys.modules))
+"""
+VGRD = f"""
+import sys
+from vgrd.cli import main
+sys.argv[0] = "vgrd"
+try:
+    main(){TOLD}
+"""
+TYPER = f"""
+import sys, typer
+def command(word: str = "") -> None: ...
+try:
+    typer.run(command){TOLD}
+"""
+
+
+def run(folder: Path, script: str, *words: str) -> tuple[int, str, set[str]]:
+    """Exit code, all output, and what was loaded of what is heavy."""
+    command = [sys.executable, "-c", script, *words]
+    done = subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False)
+    told = done.stdout.splitlines()[-1]
+    assert told.startswith("loaded:"), done.stderr
+    return done.returncode, done.stdout + done.stderr, set(told.split()[1:])
+
+
+def test_help_loads_nothing_heavy(tmp_path: Path) -> None:
+    code, said, loaded = run(tmp_path, VGRD, "--help")
+    assert (code, loaded) == (0, set())
+    assert "Usage: vgrd" in said
+
+
+@pytest.mark.parametrize(
+    ("words", "code", "words_said"),
+    [
+        (("record", "--help"), 0, "Start and stop recording"),
+        (("status", "--socket", "nowhere.sock"), 69, "no answer"),
+    ],
+)
+def test_a_short_command_loads_nothing_heavy(
+    tmp_path: Path, words: tuple[str, ...], code: int, words_said: str
+) -> None:
+    """Typer from 0.29 on reads options by pydantic; a command of ours loads no more than that."""
+    _, _, by_typer = run(tmp_path, TYPER, "--word", "x")
+    assert by_typer <= {"pydantic"}
+    found, said, loaded = run(tmp_path, VGRD, *words)
+    assert found == code, said
+    assert words_said in said
+    assert loaded - by_typer == set()
