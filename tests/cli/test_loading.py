@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-TOLD = """
+REPORT = """
 finally:
     heavy = ("numpy", "scipy", "cv2", "pydantic", "vgrd.documents", "vgrd.geometry")
     print("loaded:", *(name for name in heavy if name in sys.modules))
@@ -16,13 +16,13 @@ import sys
 from vgrd.cli import main
 sys.argv[0] = "vgrd"
 try:
-    main(){TOLD}
+    main(){REPORT}
 """
 TYPER = f"""
 import sys, typer
 def command(word: str = "") -> None: ...
 try:
-    typer.run(command){TOLD}
+    typer.run(command){REPORT}
 """
 
 
@@ -30,31 +30,31 @@ def run(folder: Path, script: str, *words: str) -> tuple[int, str, set[str]]:
     """Exit code, all output, and what was loaded of what is heavy."""
     command = [sys.executable, "-c", script, *words]
     done = subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False)
-    told = done.stdout.splitlines()[-1]
-    assert told.startswith("loaded:"), done.stderr
-    return done.returncode, done.stdout + done.stderr, set(told.split()[1:])
+    report = done.stdout.splitlines()[-1]
+    assert report.startswith("loaded:"), done.stderr
+    return done.returncode, done.stdout + done.stderr, set(report.split()[1:])
 
 
 def test_help_loads_nothing_heavy(tmp_path: Path) -> None:
-    code, said, loaded = run(tmp_path, VGRD, "--help")
+    code, output, loaded = run(tmp_path, VGRD, "--help")
     assert (code, loaded) == (0, set())
-    assert "Usage: vgrd" in said
+    assert "Usage: vgrd" in output
 
 
 @pytest.mark.parametrize(
-    ("words", "code", "words_said"),
+    ("words", "code", "output_part"),
     [
         (("record", "--help"), 0, "Start and stop recording"),
         (("status", "--socket", "nowhere.sock"), 69, "no answer"),
     ],
 )
 def test_a_short_command_loads_nothing_heavy(
-    tmp_path: Path, words: tuple[str, ...], code: int, words_said: str
+    tmp_path: Path, words: tuple[str, ...], code: int, output_part: str
 ) -> None:
     """Typer from 0.29 on reads options by pydantic; a command of ours loads no more than that."""
-    _, _, by_typer = run(tmp_path, TYPER, "--word", "x")
-    assert by_typer <= {"pydantic"}
-    found, said, loaded = run(tmp_path, VGRD, *words)
-    assert found == code, said
-    assert words_said in said
-    assert loaded - by_typer == set()
+    _, _, library = run(tmp_path, TYPER, "--word", "x")
+    assert library <= {"pydantic"}
+    exit_code, output, loaded = run(tmp_path, VGRD, *words)
+    assert exit_code == code, output
+    assert output_part in output
+    assert loaded - library == set()

@@ -102,6 +102,10 @@ def _fault(detail: ErrorDetails, model: type[Table], where: str, ending: Hint) -
         return f"{key}: is missing, add it"
     if detail["type"] == "value_error":  # raised by our own checks, which say what they were given
         return f"{key}: {detail['msg'].removeprefix('Value error, ')}"
+    if (
+        not where and len(location) == 1
+    ):  # a whole section, such as [[camera]] for [camera], is long
+        return f"{key}: {detail['msg']}"
     return f"{key}: {detail['msg']} (got {detail['input']!r})"
 
 

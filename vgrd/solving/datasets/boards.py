@@ -110,11 +110,11 @@ TARGET_TABLES: Mapping[str, type[TargetTable]] = {
 _BOARD_TABLES: Mapping[str, type[TargetTable | TagsTable]] = {**TARGET_TABLES, "tags": TagsTable}
 
 
-def target_of(table: object, faults: list[str]) -> TargetSpec | None:
+def read_target(table: object, faults: list[str]) -> TargetSpec | None:
     """The target that a [target] table describes, or None with every fault appended."""
-    parsed = _parsed(table, TARGET_TABLES, faults)
+    target = _check_table(table, TARGET_TABLES, faults)
     try:
-        return parsed.spec() if parsed is not None else None
+        return target.spec() if target is not None else None
     except InputError as error:
         faults.append(f"target: {error}")
         return None
@@ -127,16 +127,18 @@ def load_board(path: Path) -> "Board":
     """
     data = read_toml(path, "a board file (.toml)")
     faults: list[str] = []
-    parsed = _parsed(data.get("target", data), _BOARD_TABLES, faults)
-    if parsed is None:
+    table = _check_table(data.get("target", data), _BOARD_TABLES, faults)
+    if table is None:
         raise ConfigError(str(path), faults)
-    board = parsed.spec()
+    board = table.spec()
     if isinstance(board, SingleTag):
         raise ConfigError(str(path), ["target.type: one tag is not enough; print a board"])
     return board
 
 
-def _parsed(table: object, models: Mapping[str, type[TableT]], faults: list[str]) -> TableT | None:
+def _check_table(
+    table: object, models: Mapping[str, type[TableT]], faults: list[str]
+) -> TableT | None:
     """The table checked as one of the type it names."""
     kind = table.get("type") if isinstance(table, dict) else None
     if not isinstance(kind, str) or kind not in models:

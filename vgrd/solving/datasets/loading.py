@@ -14,7 +14,7 @@ from vgrd.geometry import Array, Pose
 from vgrd.geometry.camera import CameraModel
 from vgrd.geometry.rotation_formats import RotationFormat, pose_from
 from vgrd.model import Mount
-from vgrd.solving.datasets.boards import target_of
+from vgrd.solving.datasets.boards import read_target
 from vgrd.solving.datasets.document import CameraTable, PosesTable, SampleTable
 from vgrd.solving.datasets.features import Places, read_features
 from vgrd.solving.datasets.points import read_points
@@ -148,7 +148,7 @@ def _target(data: dict[str, Any], kinds: set[str], faults: list[str]) -> TargetS
         if "image" in kinds:
             faults.append("target: is missing; samples with an image need [target] type, ...")
         return None
-    return target_of(table, faults)
+    return read_target(table, faults)
 
 
 class _SampleReader:

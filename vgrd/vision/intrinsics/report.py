@@ -38,31 +38,31 @@ def improvements(result: IntrinsicsResult) -> list[Finding]:
     used = [report for report in result.reports if report.used]
     tilted = sum((report.tilt_deg or 0) > _TILTED_DEG for report in used)
     empty = float(np.mean(coverage(result.views, result.camera.size_px) == 0))
-    found = []
+    findings = []
     if tilted < _LEAST_TILTED:
-        found.append(
+        findings.append(
             Finding(
                 "frontal",
                 f"only {tilted} pictures show the board tilted by more than 15 degrees: tilt it",
             )
         )
     if len(used) < _FEW_PICTURES:
-        found.append(Finding("few_pictures", f"{len(used)} pictures used: 20 are good"))
+        findings.append(Finding("few_pictures", f"{len(used)} pictures used: 20 are good"))
     if empty > _EMPTY_SHARE:
-        found.append(
+        findings.append(
             Finding(
                 "coverage", f"{empty:.0%} of the picture never saw the board: see coverage.png"
             )
         )
     if result.held_out_px > _HELD_OUT_RATIO * result.rms_px:
-        found.append(
+        findings.append(
             Finding(
                 "held_out",
                 f"pictures left out are off by {result.held_out_px:.3g} px, those of the fit by "
                 f"{result.rms_px:.3g}: take more pictures",
             )
         )
-    return found
+    return findings
 
 
 def write_report(folder: Path, result: IntrinsicsResult) -> list[str]:
