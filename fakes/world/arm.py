@@ -9,50 +9,18 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from fakes.world.arm_errors import RAD_PER_MM, ErrorField, deviated
 from vgrd.geometry import Array, Pose
 
-_WAVES = 6
-_RAD_PER_MM = 0.75e-3  # rotation that comes with the field's translation: 0.15 mrad at 0.2 mm
+PEAK_OVER_MEAN = 1.875  # speed of a minimum-jerk profile
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class ErrorField:
-    """A smooth deviation of the arm: a sum of sinusoids of 400 to 1200 mm wave length.
-
-    waves: (n, 3) rad/mm; phases: (n, 6); weights: (n, 6) mm and rad per wave.
-    """
-
-    waves: Array
-    phases: Array
-    weights: Array
-
-    @classmethod
-    def random(cls, seed: int, peak_mm: float, workspace_mm: Array) -> "ErrorField":
-        """Draw a field whose largest translation over `workspace_mm` (2, 3) is `peak_mm`."""
-        rng = np.random.default_rng((seed, 1))
-        directions = rng.standard_normal((_WAVES, 3))
-        directions /= np.linalg.norm(directions, axis=1, keepdims=True)
-        waves = directions * (2 * np.pi / rng.uniform(400, 1200, (_WAVES, 1)))
-        weights = rng.standard_normal((_WAVES, 6)) * ([1.0] * 3 + [_RAD_PER_MM] * 3)
-        unscaled = cls(waves, rng.uniform(0, 2 * np.pi, (_WAVES, 6)), weights)
-        box = np.linspace(workspace_mm[0], workspace_mm[1], 9).T
-        grid = np.stack(np.meshgrid(*box), -1).reshape(-1, 3)
-        peak = max(float(np.linalg.norm(unscaled.tangent(p)[:3])) for p in grid)
-        return cls(waves, unscaled.phases, weights * (peak_mm / peak))
-
-    def tangent(self, flange_in_base: Array) -> Array:
-        """Deviation (6,) at a flange position (3,): (mm, rad) in the base frame."""
-        return np.asarray(
-            (self.weights * np.sin((self.waves @ flange_in_base)[:, None] + self.phases)).sum(0)
-        )
-
-
-def _deviated(pose: Pose, deviation: Array) -> Pose:
-    """Shift `pose` by deviation[:3], turn it about its own origin by deviation[3:], base axes."""
-    return Pose(
-        Pose.from_rotvec(deviation[3:]).rotation @ pose.rotation,
-        pose.translation + deviation[:3],
-    )
+def minimum_jerk(elapsed_s: float, duration_s: float) -> float:
+    """Share of the way, 0 to 1, after `elapsed_s` of a minimum-jerk move."""
+    if duration_s <= 0:
+        return 1.0
+    x = min(max(elapsed_s / duration_s, 0.0), 1.0)
+    return x**3 * (10 - 15 * x + 6 * x * x)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -67,11 +35,8 @@ class Move:
     duration_s: float
 
     def progress(self, now_s: float) -> float:
-        """Tell the share of the way, 0 to 1 (minimum jerk)."""
-        if self.duration_s <= 0:
-            return 1.0
-        x = min(max((now_s - self.started_s) / self.duration_s, 0.0), 1.0)
-        return x**3 * (10 - 15 * x + 6 * x * x)
+        """Tell the share of the way, 0 to 1."""
+        return minimum_jerk(now_s - self.started_s, self.duration_s)
 
     def flange(self, now_s: float) -> Pose:
         """Tell the reported flange at a time."""
@@ -180,18 +145,17 @@ class Arm:
     def _true(self, reported: Pose, deviation: Array) -> Pose:
         if self._field is not None:
             deviation = deviation + self._field.tangent(reported.translation)
-        return _deviated(reported, deviation)
+        return deviated(reported, deviation)
 
     def _drawn_deviation(self) -> Array:
         sigma = self._repeatability
         return np.concatenate(
-            [self._rng.normal(0, 1, 3) * sigma, self._rng.normal(0, 1, 3) * sigma * _RAD_PER_MM]
+            [self._rng.normal(0, 1, 3) * sigma, self._rng.normal(0, 1, 3) * sigma * RAD_PER_MM]
         )
 
     def _start(self, target: Pose, deviation: Array, now_s: float) -> float:
         here, here_deviation = self._move.flange(now_s), self._move.deviation(now_s)
         mm, rad = here.distance(target)
-        peak = 1.875  # peak speed of a minimum-jerk profile over its mean
-        duration = peak * max(mm / self._speeds[0], rad / self._speeds[1])
+        duration = PEAK_OVER_MEAN * max(mm / self._speeds[0], rad / self._speeds[1])
         self._move = Move(here, target, here_deviation, deviation, now_s, duration)
         return now_s + duration

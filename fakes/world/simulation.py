@@ -12,9 +12,10 @@ from types import MappingProxyType
 import numpy as np
 from numpy.random import SeedSequence
 from scipy.spatial.transform import Rotation
-from scipy.special import ndtr, ndtri
 
-from vgrd.geometry import Array, Pose, exp_rotation, hat
+from fakes.world.arm_errors import EXACT_ARM, ArmErrors, deviated
+from fakes.world.noise import COARSE, Vision, truncated_normal
+from vgrd.geometry import Array, Pose
 from vgrd.model import (
     CellFacts,
     Mount,
@@ -36,49 +37,8 @@ WORK_ROTATION = frozen_array(Rotation.from_euler("xyz", [np.pi, 0, 0.3]).as_matr
 TOUCH_SIGMA_MM = 0.233
 _TRUNCATED_SIGMAS = 3.0
 _LEFT_OF_SIGMA = 0.98658  # standard deviation of a normal variable cut there
-_WAVES = 64
 _SECONDS_PER_SAMPLE = 5.0
 _K = ((6486.0, 0.0, 2012.0), (0.0, 6486.0, 1518.0), (0.0, 0.0, 1.0))
-
-
-@dataclass(frozen=True, slots=True)
-class Vision:
-    """Noise of a tag's pose, in the camera across and along the view, and about the tag's axes."""
-
-    lateral_mm: float
-    depth_mm: float
-    tilt_deg: float
-    roll_deg: float
-
-    def finer(self, times: float) -> "Vision":
-        """The same, smaller."""
-        return Vision(
-            self.lateral_mm / times,
-            self.depth_mm / times,
-            self.tilt_deg / times,
-            self.roll_deg / times,
-        )
-
-
-COARSE = Vision(0.01, 0.06, 0.03, 0.006)
-FINE = COARSE.finer(20)
-
-
-@dataclass(frozen=True, slots=True)
-class ArmErrors:
-    """How the arm differs from its report: a new draw for every move, and a smooth field.
-
-    sigma_mm, field_mm: per axis; turns are rad_per_mm times as large; length_mm: over which the
-    field changes (squared-exponential correlation).
-    """
-
-    sigma_mm: float = 0.0
-    field_mm: float = 0.0
-    length_mm: float = 200.0
-    rad_per_mm: float = 0.75e-3
-
-
-EXACT_ARM = ArmErrors()
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -103,7 +63,9 @@ class Request:
 class Simulation:
     """One cell; everything random comes from `seed`.
 
-    center_sigma_mm: how far CAD is off the axis of turning, per axis.
+    axial_sigma_mm: of touches along the tool, None for the sigma across. one_axis: the wrist turns
+    about its axis only. center_sigma_mm: how far CAD is off the axis of turning, per axis. tool:
+    None for one whose touching tip works.
     """
 
     base_from_camera = Pose(
@@ -130,13 +92,15 @@ class Simulation:
         arm: ArmErrors = EXACT_ARM,
         one_axis: bool = False,
         center_sigma_mm: float = 0.0,
+        tool: Tool | None = None,
     ) -> None:
         self.rng = np.random.default_rng(seed)
         self.vision = vision
         self.sigmas_mm = (touch_sigma_mm, axial_sigma_mm or touch_sigma_mm)
         self.arm = arm
         self._one_axis = one_axis
-        self._field = _field(self.rng, arm)
+        self.tool = tool or Tool()
+        self._field = arm.field(self.rng)
         self._stamp_s = 0.0
         self._center_in_cad = np.zeros(3)
         if center_sigma_mm > 0:
@@ -157,9 +121,16 @@ class Simulation:
         """Where a target is, (3,) base, mm."""
         return self.base_from_object(angle_rad) @ self.targets[target].point_in_object
 
+    def flange(self, target: str, angle_rad: float, R: Array) -> Array:
+        """Where the flange truly has to be for the work tip to meet a target, (3,) base, mm.
+
+        R: (3, 3) orientation of the wrist.
+        """
+        return np.asarray(self.point(target, angle_rad) - R @ self._work_tip())
+
     def miss(self, request: Request, base_from_wrist: Pose) -> Array:
-        """Tip minus target, (3,) mm, after the arm was sent to `base_from_wrist`."""
-        tip = self._true(base_from_wrist, self._draw()) @ self.tcp_in_wrist
+        """Work tip minus target, (3,) mm, after the arm was sent to `base_from_wrist`."""
+        tip = self._true(base_from_wrist, self._draw()) @ self._work_tip()
         return np.asarray(tip - self.point(request.target, request.angle_rad))
 
     def wrist(self, spread_rad: float = 0.0) -> Array:
@@ -185,14 +156,17 @@ class Simulation:
         angles = np.linspace(0, 1.6 * np.pi, count)
         return tuple(self.observe(self.standing, float(angle), draw) for angle in angles)
 
-    def touch(self, target: str, R: Array, angle_rad: float = 0.0) -> Touch:
-        """Touch a target with the wrist oriented as R (reported)."""
-        return self._touch(target, self.point(target, angle_rad), R, angle_rad)
+    def touch(self, target: str, R: Array, angle_rad: float = 0.0, *, tag_a: bool = True) -> Touch:
+        """Touch a target with the wrist oriented as R (reported); tag_a: whether it is visible."""
+        point = self.point(target, angle_rad)
+        return self._touch(target, point, R, angle_rad, tag_a=tag_a)
 
     def points(self, count: int, spread_rad: float = np.radians(25)) -> tuple[Touch, ...]:
         """Touches of one fixed point with varied wrists, no picture."""
-        at = self.fixed_point_in_base
-        return tuple(self._touch("spike", at, self.wrist(spread_rad), None) for _ in range(count))
+        return tuple(
+            self._touch("spike", self.fixed_point_in_base, self.wrist(spread_rad), None)
+            for _ in range(count)
+        )
 
     def holes(self, spins: Sequence[int | None], sigma_px: float = 0.1) -> tuple[Hole, ...]:
         """All holes as the camera sees them, object as in each spin (of 1.6 pi over 10) or still."""
@@ -246,7 +220,7 @@ class Simulation:
             image_size_px=(4024, 3036),
             tag_a=TAG_A,
             tag_b=TAG_B,
-            tool=Tool(),
+            tool=self.tool,
             object=ObjectSpec(
                 MappingProxyType(self.targets),
                 center_in_object=frozen_array(self._center_in_cad, 3),
@@ -255,73 +229,58 @@ class Simulation:
         )
 
     def observe(
-        self, reported: Pose, angle_rad: float, deviation: Array | None = None
+        self,
+        reported: Pose,
+        angle_rad: float,
+        deviation: Array | None = None,
+        *,
+        tag_a: bool = True,
     ) -> Observation:
-        """One picture of both tags, the arm standing where it reports `reported`."""
+        """One picture of the tags, the arm standing where it reports `reported`.
+
+        deviation: (6,) of the arm, None to draw one; tag_a: False while something hides it.
+        """
         deviation = self._draw() if deviation is None else deviation
         camera_from_base = self.base_from_camera.inverse()
         A = camera_from_base @ self._true(reported, deviation) @ self.wrist_from_tag_a
         B = camera_from_base @ self.base_from_object(angle_rad) @ self.object_from_tag_b
         self._stamp_s += _SECONDS_PER_SAMPLE
-        return Observation(reported, self._stamp_s, self._see(TAG_A, A), self._see(TAG_B, B))
+        on_flange = self._see(TAG_A, A) if tag_a else None
+        return Observation(reported, self._stamp_s, on_flange, self._see(TAG_B, B))
 
-    def _touch(self, target: str, point: Array, R: Array, angle_rad: float | None) -> Touch:
+    def _touch(
+        self,
+        target: str,
+        point: Array,
+        R: Array,
+        angle_rad: float | None,
+        *,
+        tag_a: bool = True,
+    ) -> Touch:
         lateral, axial = self.sigmas_mm
-        miss = R @ (self._truncated() * (lateral, lateral, axial))
+        miss = R @ (truncated_normal(self.rng, _TRUNCATED_SIGMAS, 3) * (lateral, lateral, axial))
         draw = self._draw()
         flange = point + miss - R @ self.tcp_in_wrist
         for _ in range(3):
-            off = self._true(Pose(R, flange), draw) @ self.tcp_in_wrist - (point + miss)
-            flange = flange - off
+            error = self._true(Pose(R, flange), draw) @ self.tcp_in_wrist - (point + miss)
+            flange = flange - error
         reported = Pose(R, flange)
-        seen = None if angle_rad is None else self.observe(reported, angle_rad, draw)
+        picture = None
+        if angle_rad is not None:
+            picture = self.observe(reported, angle_rad, draw, tag_a=tag_a)
         lateral, axial = (max(_LEFT_OF_SIGMA * sigma, 1e-3) for sigma in self.sigmas_mm)
-        return Touch(target, reported, lateral, axial, seen)
+        return Touch(target, reported, lateral, axial, picture)
 
-    def _truncated(self) -> Array:
-        tail = ndtr(-_TRUNCATED_SIGMAS)
-        return np.asarray(ndtri(self.rng.uniform(tail, 1 - tail, 3)))
+    def _work_tip(self) -> Array:
+        """Tip that works, (3,) mm, in the wrist."""
+        return np.asarray(self.tcp_in_wrist + self.tool.work_from_touch_mm)
 
     def _draw(self) -> Array:
-        scale = np.array([1.0] * 3 + [self.arm.rad_per_mm] * 3)
-        return np.asarray(self.rng.normal(size=6) * scale * self.arm.sigma_mm)
+        return self.arm.deviation(self.rng)
 
     def _true(self, reported: Pose, deviation: Array) -> Pose:
         """Where the arm truly is: shifted, and turned about its flange."""
-        d = self._field.tangent(reported.translation) + deviation
-        return Pose(exp_rotation(d[3:]) @ reported.rotation, reported.translation + d[:3])
+        return deviated(reported, self._field.tangent(reported.translation) + deviation)
 
     def _see(self, spec: TagSpec, truth: Pose) -> TagObservation:
-        v = self.vision
-        shift = np.array([v.lateral_mm, v.lateral_mm, v.depth_mm])
-        turn = np.radians([v.tilt_deg, v.tilt_deg, v.roll_deg])
-        R = truth.rotation @ exp_rotation(self.rng.normal(size=3) * turn)
-        seen = Pose(R, truth.translation + self.rng.normal(size=3) * shift)
-        G = np.zeros((6, 6))
-        G[:3, :3] = np.eye(3)
-        G[3:, 3:] = seen.rotation
-        G[:3, 3:] = hat(seen.translation) @ seen.rotation
-        covariance = (G * np.concatenate([shift, turn]) ** 2) @ G.T
-        return TagObservation(spec, seen, frozen_array(covariance, 6, 6), np.zeros((4, 2)), 0.0)
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class _ErrorField:
-    """Smooth deviation of the arm: waves (n, 3) rad/mm, phases (n, 6), weights (n, 6) mm and rad."""
-
-    waves: Array
-    phases: Array
-    weights: Array
-
-    def tangent(self, flange_in_base: Array) -> Array:
-        """Deviation (6,) at a flange position (3,): mm and rad, base axes."""
-        angles = (self.waves @ flange_in_base)[:, None] + self.phases
-        return np.asarray((self.weights * np.sin(angles)).sum(axis=0))
-
-
-def _field(rng: np.random.Generator, arm: ArmErrors) -> _ErrorField:
-    """Random Fourier features of a squared-exponential field (Rahimi and Recht 2007)."""
-    scale = np.array([1.0] * 3 + [arm.rad_per_mm] * 3)
-    weights = rng.normal(size=(_WAVES, 6)) * scale * arm.field_mm * np.sqrt(2 / _WAVES)
-    phases = rng.uniform(0, 2 * np.pi, (_WAVES, 6))
-    return _ErrorField(rng.normal(size=(_WAVES, 3)) / arm.length_mm, phases, weights)
+        return self.vision.observe(self.rng, spec, truth)

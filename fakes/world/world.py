@@ -13,8 +13,10 @@ from typing import Literal
 
 import numpy as np
 
-from fakes.world.arm import Arm, ErrorField
+from fakes.world.arm import PEAK_OVER_MEAN, Arm, minimum_jerk
+from fakes.world.arm_errors import ErrorField
 from fakes.world.layout import Layout
+from fakes.world.noise import truncated_normal
 from vgrd.geometry import Array, Pose
 from vgrd.model import Target
 
@@ -95,10 +97,7 @@ class _Turn:
     duration_s: float
 
     def angle(self, now_s: float) -> float:
-        if self.duration_s <= 0:
-            return self.end_rad
-        x = min(max((now_s - self.started_s) / self.duration_s, 0.0), 1.0)
-        share = x**3 * (10 - 15 * x + 6 * x * x)
+        share = minimum_jerk(now_s - self.started_s, self.duration_s)
         return self.start_rad + share * (self.end_rad - self.start_rad)
 
 
@@ -164,7 +163,7 @@ class World:
         """Start turning the table to an angle; returns the time at which it stands."""
         with self._lock:
             here = self._turn.angle(now_s)
-            duration = 1.875 * abs(angle_rad - here) / self._turn_rad_s
+            duration = PEAK_OVER_MEAN * abs(angle_rad - here) / self._turn_rad_s
             self._turn = _Turn(here, angle_rad, now_s, duration)
             return now_s + duration
 
@@ -227,8 +226,8 @@ class World:
             )
 
     def _touch_noise(self) -> Array:
-        """Draw from a normal distribution truncated by rejection, per axis."""
-        noise = self._rng.normal(0, self.noise.touch_sigma_mm, 3)
-        while (outside := np.abs(noise) > self.noise.touch_limit_mm).any():
-            noise[outside] = self._rng.normal(0, self.noise.touch_sigma_mm, int(outside.sum()))
-        return noise
+        """Draw how far the operator is off, (3,) mm."""
+        sigma, limit = self.noise.touch_sigma_mm, self.noise.touch_limit_mm
+        if not sigma:
+            return np.zeros(3)
+        return sigma * truncated_normal(self._rng, limit / sigma, 3)

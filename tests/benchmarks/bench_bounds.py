@@ -12,14 +12,9 @@ from numpy.random import SeedSequence
 from scipy.spatial.transform import Rotation
 from scipy.special import chdtri
 
-from fakes.world.simulation import (
-    COARSE,
-    EXACT_ARM,
-    WORK_ROTATION,
-    ArmErrors,
-    Request,
-    Simulation,
-)
+from fakes.world.arm_errors import EXACT_ARM, ArmErrors
+from fakes.world.noise import COARSE
+from fakes.world.simulation import WORK_ROTATION, Request, Simulation
 from tests.benchmarks.harness import Row
 from vgrd.calibration.hand_eye.pose_pairs import HandEyeProblem, PoseSample, calibrate_hand_eye
 from vgrd.calibration.joint.estimate import calibrate_joint, fit_as_if

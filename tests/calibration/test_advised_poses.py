@@ -8,7 +8,9 @@ from itertools import combinations
 import numpy as np
 import pytest
 
-from fakes.world.simulation import COARSE, ArmErrors, Simulation
+from fakes.world.arm_errors import ArmErrors
+from fakes.world.noise import COARSE
+from fakes.world.simulation import Simulation
 from vgrd.calibration.planning.advice import SessionAdvice, advise_session
 from vgrd.calibration.planning.next_sample import Spinning, Touching
 from vgrd.calibration.planning.reach import Reach

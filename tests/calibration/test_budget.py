@@ -4,7 +4,9 @@ from functools import cache
 import numpy as np
 import pytest
 
-from fakes.world.simulation import FINE, ArmErrors, Simulation
+from fakes.world.arm_errors import ArmErrors
+from fakes.world.noise import FINE
+from fakes.world.simulation import Simulation
 from vgrd.calibration.joint.camera_corrections import PriorSigmas
 from vgrd.calibration.joint.estimate import calibrate_joint
 from vgrd.calibration.joint.expected import expected_by_joint

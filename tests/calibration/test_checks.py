@@ -7,7 +7,8 @@ from numpy.random import SeedSequence
 from fakes.studies.robustness.conventions import free_session
 from fakes.studies.robustness.degenerate import KINDS as DEGENERATE
 from fakes.studies.robustness.mistakes import CONVENTIONS, OTHERS, with_poses
-from fakes.world.simulation import WORK_ROTATION, ArmErrors, Simulation
+from fakes.world.arm_errors import ArmErrors
+from fakes.world.simulation import WORK_ROTATION, Simulation
 from vgrd.calibration.acceptance import accept, confidence_of
 from vgrd.calibration.checks import (
     bad_touches,

@@ -4,7 +4,9 @@ import numpy as np
 import pytest
 
 from fakes.studies.paper.baselines import expected_by_method
-from fakes.world.simulation import FINE, WORK_ROTATION, ArmErrors, Simulation, Vision
+from fakes.world.arm_errors import ArmErrors
+from fakes.world.noise import FINE, Vision
+from fakes.world.simulation import WORK_ROTATION, Simulation
 from vgrd.calibration.joint.estimate import calibrate_joint
 from vgrd.calibration.joint.expected import expected_by_joint, predict, work_orientation
 from vgrd.calibration.joint.problem import EvidenceKind, Sighting, Turntable

@@ -3,7 +3,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from fakes.world.simulation import FINE, Simulation
+from fakes.world.noise import FINE
+from fakes.world.simulation import Simulation
 from vgrd.calibration.joint.estimate import calibrate_joint
 from vgrd.calibration.joint.expected import expected_by_joint
 from vgrd.calibration.joint.fit import fit_joint

@@ -5,7 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from fakes.world.simulation import COARSE, Simulation
+from fakes.world.noise import COARSE
+from fakes.world.simulation import Simulation
 from vgrd.calibration.checks.misinterpreted_points import rival_names
 from vgrd.calibration.joint.estimate import calibrate_joint
 from vgrd.calibration.joint.fit import JointFit

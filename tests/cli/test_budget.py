@@ -6,7 +6,8 @@ from pathlib import Path
 import pytest
 
 from fakes.testing import ManualClock
-from fakes.world.simulation import ArmErrors, Simulation
+from fakes.world.arm_errors import ArmErrors
+from fakes.world.simulation import Simulation
 from vgrd.model import Plan
 from vgrd.store.sessions import SampleKind, SessionWriter
 

@@ -1,7 +1,8 @@
 import numpy as np
 import pytest
 
-from fakes.world.arm import Arm, ErrorField
+from fakes.world.arm import Arm
+from fakes.world.arm_errors import ErrorField
 from fakes.world.layout import Layout
 from vgrd.geometry import Pose
 

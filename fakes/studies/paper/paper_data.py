@@ -4,9 +4,9 @@ from dataclasses import dataclass
 
 import numpy as np
 from scipy.spatial.transform import Rotation
-from scipy.special import ndtr, ndtri
 from scipy.stats import truncnorm
 
+from fakes.world.noise import truncated_normal
 from vgrd.calibration.touches.touch_set import TouchSet
 from vgrd.calibration.universal.estimate import Equations, UniversalProblem
 from vgrd.geometry import Array, Pose
@@ -38,8 +38,7 @@ class Drawn:
 
 def truncated_noise(rng: np.random.Generator, shape: tuple[int, ...]) -> Array:
     """Normal noise of SIGMA_MM cut at LIMIT_MM, mm."""
-    tail = ndtr(-LIMIT_MM / SIGMA_MM)
-    return np.asarray(SIGMA_MM * ndtri(rng.uniform(tail, 1 - tail, shape)))
+    return SIGMA_MM * truncated_normal(rng, LIMIT_MM / SIGMA_MM, shape)
 
 
 def draw(

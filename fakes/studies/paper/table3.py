@@ -22,7 +22,8 @@ from fakes.studies.paper.baselines import (
 )
 from fakes.studies.sessions import SESSIONS, Session
 from fakes.studies.study import Figure, Parameters, Study, Trials
-from fakes.world.simulation import COARSE, FINE, WORK_ROTATION, Request, Simulation
+from fakes.world.noise import COARSE, FINE
+from fakes.world.simulation import WORK_ROTATION, Request, Simulation
 from vgrd.calibration.joint.estimate import calibrate_joint
 from vgrd.calibration.joint.expected import expected_by_joint
 from vgrd.calibration.joint.fit import JointFit

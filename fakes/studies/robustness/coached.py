@@ -16,7 +16,8 @@ import numpy as np
 from numpy.random import SeedSequence
 
 from fakes.studies.study import Figure, Parameters, Study, Trials
-from fakes.world.simulation import COARSE, WORK_ROTATION, Request, Simulation
+from fakes.world.noise import COARSE
+from fakes.world.simulation import WORK_ROTATION, Request, Simulation
 from vgrd.calibration.joint.estimate import calibrate_joint
 from vgrd.calibration.joint.expected import expected_by_joint, predict
 from vgrd.calibration.joint.fit import JointFit

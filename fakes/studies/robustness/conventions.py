@@ -17,7 +17,8 @@ from fakes.studies.robustness.mistakes import (
 )
 from fakes.studies.sessions import TILT_RAD
 from fakes.studies.study import Figure, Parameters, Study, Trials
-from fakes.world.simulation import ArmErrors, Simulation
+from fakes.world.arm_errors import ArmErrors
+from fakes.world.simulation import Simulation
 from vgrd.calibration.checks import cannot_tell, examine
 from vgrd.charts import COLORS, panels
 from vgrd.geometry import Pose

@@ -13,14 +13,9 @@ from scipy.special import chdtri
 
 from fakes.studies.sessions import Session
 from fakes.studies.study import Figure, Parameters, Study, Trials
-from fakes.world.simulation import (
-    COARSE,
-    EXACT_ARM,
-    WORK_ROTATION,
-    ArmErrors,
-    Request,
-    Simulation,
-)
+from fakes.world.arm_errors import EXACT_ARM, ArmErrors
+from fakes.world.noise import COARSE
+from fakes.world.simulation import WORK_ROTATION, Request, Simulation
 from vgrd.calibration.calibration import expected_coordinate
 from vgrd.calibration.joint.estimate import calibrate_joint
 from vgrd.calibration.joint.expected import expected_by_joint

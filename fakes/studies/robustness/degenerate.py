@@ -10,7 +10,8 @@ from numpy.random import Generator, SeedSequence
 
 from fakes.studies.sessions import TILT_RAD
 from fakes.studies.study import Figure, Parameters, Study, Trials
-from fakes.world.simulation import WORK_ROTATION, ArmErrors, Simulation
+from fakes.world.arm_errors import ArmErrors
+from fakes.world.simulation import WORK_ROTATION, Simulation
 from vgrd.calibration.checks import examine, missing_motions
 from vgrd.calibration.solve import calibrate_system
 from vgrd.charts import COLORS, panels
