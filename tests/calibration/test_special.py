@@ -5,8 +5,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from fakes.studies.paper.baselines import SPECIAL, SPECIAL_CAD, expected_by_method
-from fakes.world.recordings import SimulatedCell, Vision, fixed_wrist
+from fakes.studies.paper.baselines import (
+    SPECIAL,
+    SPECIAL_CAD,
+    expected_by_method,
+)
+from fakes.world.noise import Vision
+from fakes.world.simulation import WORK_ROTATION, Simulation
 from vgrd.calibration.calibration import expected_coordinate
 from vgrd.calibration.joint.problem import Sighting
 from vgrd.calibration.solve import calibrate_system
@@ -15,10 +20,10 @@ from vgrd.calibration.touches.reference import find_reference
 from vgrd.calibration.turntable.rotation_center import find_rotation_center
 from vgrd.errors import DidNotConverge, InputError, NotObservable, TooFewObservations
 from vgrd.geometry import Pose, exp_rotation
-from vgrd.geometry.camera import CameraModel
-from vgrd.model import Observation, Plan, Policy
+from vgrd.model import Plan, Policy
 
-PERFECT = Vision(1e-6, 1e-6, 1e-7)
+STEADY = Vision(0.001, 0.02, 0.005, 0.005)
+PERFECT = Vision(1e-6, 1e-6, 1e-7, 1e-7)
 
 
 def looks(cell, yaw_rad, count=10):
@@ -26,15 +31,13 @@ def looks(cell, yaw_rad, count=10):
     out = []
     for _ in range(count):
         turn = exp_rotation((0.0, 0.0, cell.rng.uniform(-yaw_rad, yaw_rad)))
-        at = cell.rng.uniform((250, -100, 150), (450, 100, 350))
-        wrist = Pose(turn @ fixed_wrist(), at)
-        seen = cell.observe(wrist, 0.0)
-        out.append(Observation(wrist, 0.0, seen.tag_a, seen.tag_b))
+        position = cell.rng.uniform((250, -100, 150), (450, 100, 350))
+        out.append(cell.observe(Pose(turn @ WORK_ROTATION, position), 0.0))
     return tuple(out)
 
 
-def recorded(seed, yaw_rad, **options):
-    cell = SimulatedCell(np.random.default_rng(seed), **options)
+def recorded(seed, yaw_rad, vision=STEADY, **options):
+    cell = Simulation(seed, vision=vision, **options)
     return cell, replace(cell.record(plan=Plan.SPECIAL), looks=looks(cell, yaw_rad))
 
 
@@ -42,12 +45,12 @@ def misses(cell, calibration, requests=5):
     """Distances in xy and lengths of the errors, mm, and the radii that were told."""
     rows = []
     for _ in range(requests):
-        angle, target = cell.rng.uniform(-np.pi, np.pi), f"P{cell.rng.integers(6) + 1}"
-        wrist = Pose(fixed_wrist(), np.array([300.0, 60.0, 300.0]))
-        seen = cell.observe(wrist, angle).tag_b
-        served = expected_coordinate(calibration, target, seen, Policy.FIXED)
-        off = served.base_from_wrist.translation - cell.flange(target, angle, fixed_wrist())
-        rows.append((np.linalg.norm(off[:2]), np.linalg.norm(off), served.u95_mm))
+        request = cell.request()
+        tag_b = request.seen.tag_b
+        served = expected_coordinate(calibration, request.target, tag_b, Policy.FIXED)
+        flange = cell.flange(request.target, request.angle_rad, WORK_ROTATION)
+        error = served.base_from_wrist.translation - flange
+        rows.append((np.linalg.norm(error[:2]), np.linalg.norm(error), served.u95_mm))
     return np.array(rows).T
 
 
@@ -76,10 +79,10 @@ def test_its_errors_at_the_papers_noise_are_small_and_its_radius_holds_them():
 
 def test_the_published_special_method_answers_for_a_4_axis_robot_too():
     cell, recording = recorded(3, 1.0, touch_sigma_mm=0.0, vision=PERFECT)
-    now = cell.observe(Pose(fixed_wrist(), np.array([320.0, 40.0, 280.0])), 1.1)
+    now = cell.observe(Pose(WORK_ROTATION, np.array([320.0, 40.0, 280.0])), 1.1)
     answers = expected_by_method(recording, "P2", now)
     for name in (SPECIAL, SPECIAL_CAD):
-        np.testing.assert_allclose(answers[name], cell.flange("P2", 1.1, fixed_wrist()), atol=2e-3)
+        np.testing.assert_allclose(answers[name], cell.flange("P2", 1.1, WORK_ROTATION), atol=2e-3)
 
 
 def test_looks_without_any_turn_are_refused_with_the_missing_motion():
@@ -95,48 +98,38 @@ def test_without_a_rotation_centre_the_missing_motion_is_still_named():
 
 
 HOLE_PX = 0.05
+SPINS = range(10)
 
 
-def holes_in(cell, recording, angles, names=("P1", "P2", "P3", "P4", "P5", "P6"), sigma=HOLE_PX):
-    """What the camera sees of the holes: as touched (None) and in the spins of these angles."""
-    facts = recording.facts
-    camera = CameraModel(facts.camera_matrix, facts.distortion, facts.image_size_px)
-    camera_from_base = cell.base_from_camera.inverse()
-    out = []
-    for spin, angle in angles.items():
-        for name in names:
-            at = cell.base_from_object(angle) @ cell.targets()[name].point_in_object
-            pixel = camera.project((camera_from_base @ at)[None])[0]
-            noise = cell.rng.normal(size=2) * sigma
-            out.append(Sighting(name, pixel + noise, max(sigma, 1e-3), spin))
-    return out
-
-
-def turns(count=10):
-    """Angle of every spin of `SimulatedCell.spins`."""
-    return dict(enumerate(np.linspace(0, 1.6 * np.pi, count)))
+def holes_in(cell, spins, names=("P1", "P2", "P3", "P4", "P5", "P6"), sigma=HOLE_PX):
+    """What the camera sees of the holes: as touched (None) and in these spins."""
+    return [
+        Sighting(hole.target, hole.pixel, max(sigma, 1e-3), hole.spin)
+        for hole in cell.holes(spins, sigma)
+        if hole.target in names
+    ]
 
 
 def center_in_tag(cell):
     return cell.object_from_tag_b.inverse().translation
 
 
-@pytest.mark.parametrize("angles", [{None: 0.0}, turns(), {None: 0.0, 3: turns()[3]}])
-def test_holes_tell_the_centre_exactly_whether_the_object_was_turned_or_not(angles):
+@pytest.mark.parametrize("spins", [[None], SPINS, [None, 3]])
+def test_holes_tell_the_centre_exactly_whether_the_object_was_turned_or_not(spins):
     cell, recording = recorded(1, 1.0, vision=PERFECT)
-    seen = holes_in(cell, recording, angles, sigma=0.0)
+    seen = holes_in(cell, spins, sigma=0.0)
     found = find_hole_center(recording, seen, find_reference(recording.touches))
     np.testing.assert_allclose(found.center_in_tag, center_in_tag(cell), atol=1e-3)
-    assert found.used == 6 * len(angles)
+    assert found.used == 6 * len(spins)
 
 
 @pytest.mark.parametrize("rotation_deg", [0.005, 0.1])
 def test_the_covariance_of_the_centre_by_holes_holds_the_noise_of_the_tags_too(rotation_deg):
     nees = []
     for seed in range(40):
-        vision = Vision(rotation_deg=rotation_deg)
+        vision = replace(STEADY, tilt_deg=rotation_deg, roll_deg=rotation_deg)
         cell, recording = recorded(seed, 1.0, vision=vision)
-        seen = holes_in(cell, recording, {None: 0.0} | turns())
+        seen = holes_in(cell, [None, *SPINS])
         found = find_hole_center(recording, seen, find_reference(recording.touches))
         off = found.center_in_tag - center_in_tag(cell)
         nees.append(off @ np.linalg.solve(found.covariance, off))
@@ -148,7 +141,7 @@ def test_without_any_turn_the_holes_let_a_constant_wrist_be_served():
     still = replace(recording, spins=(), looks=cell.looks(8))
     with pytest.raises(InputError, match="rotation centre or the TCP"):
         misses(cell, calibrate_system(still))
-    calibration = calibrate_system(still, sightings=holes_in(cell, still, {None: 0.0}, sigma=0.0))
+    calibration = calibrate_system(still, sightings=holes_in(cell, [None], sigma=0.0))
     _, off, _ = misses(cell, calibration)
     np.testing.assert_allclose(off, 0, atol=5e-3)
     assert calibration.residuals["holes_used"] == 6
@@ -158,7 +151,7 @@ def test_a_centre_that_is_wrong_in_cad_is_told_and_served_right_by_the_holes():
     cell, recording = recorded(5, 1.0, touch_sigma_mm=0.0, vision=PERFECT)
     spec = replace(recording.facts.object, center_in_object=np.array([0.6, -0.8, 0.0]))
     wrong = replace(recording, facts=replace(recording.facts, object=spec))
-    seen = holes_in(cell, wrong, turns(), sigma=0.01)
+    seen = holes_in(cell, SPINS, sigma=0.01)
     alone, helped = calibrate_system(wrong), calibrate_system(wrong, sightings=seen)
     (told,) = [one for one in helped.verdict.findings if one.code == "pivot_disagrees"]
     assert "1.00 mm" in told.message
@@ -169,14 +162,14 @@ def test_a_centre_that_is_wrong_in_cad_is_told_and_served_right_by_the_holes():
 def test_where_both_agree_the_centre_is_better_than_either_and_nothing_is_told():
     apart = {"turned": [], "holes": [], "both": []}
     for seed in range(12):
-        vision = Vision(lateral_mm=0.05, rotation_deg=0.1)
+        vision = Vision(0.05, 0.02, 0.1, 0.1)
         cell, recording = recorded(seed, 1.0, vision=vision)
         tags = [spin.tag_b for spin in recording.spins]
         turned = find_rotation_center(
             [tag.camera_from_tag for tag in tags], [tag.covariance for tag in tags]
         )
         reference = find_reference(recording.touches)
-        seen = holes_in(cell, recording, turns(), sigma=0.5)
+        seen = holes_in(cell, SPINS, sigma=0.5)
         holes = find_hole_center(recording, seen, reference)
         both = combine(holes, turned)
         assert both.apart_sigmas < 5
@@ -194,14 +187,14 @@ def test_where_both_agree_the_centre_is_better_than_either_and_nothing_is_told()
 def test_a_wrong_hole_is_left_out_and_too_few_are_refused_with_the_reason():
     cell, recording = recorded(2, 1.0, vision=PERFECT)
     reference = find_reference(recording.touches)
-    seen = holes_in(cell, recording, turns(), sigma=0.01)
+    seen = holes_in(cell, SPINS, sigma=0.01)
     seen[7] = replace(seen[7], pixel=np.add(seen[7].pixel, (9.0, -4.0)))
     found = find_hole_center(recording, seen, reference)
     assert found.used == len(seen) - 1
     np.testing.assert_allclose(found.center_in_tag, center_in_tag(cell), atol=5e-3)
     with pytest.raises(TooFewObservations, match="3 holes"):
         find_hole_center(recording, seen[:2], reference)
-    two = holes_in(cell, recording, turns(), ("P1", "P4"))
+    two = holes_in(cell, SPINS, ("P1", "P4"))
     told = calibrate_system(recording, sightings=two).verdict.findings
     assert "holes_unusable" in [one.code for one in told]
     mixed = [replace(one, target=f"P{(i * i) % 6 + 1}") for i, one in enumerate(seen)]

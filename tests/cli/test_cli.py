@@ -12,13 +12,16 @@ import pytest
 
 from fakes.cell.cell import cell_text
 from fakes.world.layout import Layout
-from fakes.world.recordings import SimulatedCell, fixed_wrist
+from fakes.world.noise import Vision
+from fakes.world.simulation import WORK_ROTATION, Simulation
 from vgrd.clock import SystemClock
-from vgrd.model import Recording
+from vgrd.model import Plan, Recording
 from vgrd.orphans import dying_with_us
 from vgrd.store.sessions import SampleKind, SessionWriter
 
 SEED = 4
+STEADY = Vision(0.001, 0.02, 0.005, 0.005)
+TILT_RAD = 0.44
 
 
 @pytest.fixture
@@ -141,9 +144,9 @@ def test_a_question_to_no_daemon_in_particular_is_refused(vgrd, monkeypatch) -> 
 
 
 def test_a_recorded_session_is_solved_without_a_daemon(vgrd, tmp_path) -> None:
-    cell = SimulatedCell(np.random.default_rng(SEED), touch_sigma_mm=0.05)
-    wrists = [cell.tilted() for _ in range(12)]
-    folder = write_session(tmp_path / "state", cell.record(wrists=wrists))
+    cell = Simulation(SEED, vision=STEADY, touch_sigma_mm=0.05)
+    wrists = [cell.wrist(TILT_RAD) for _ in range(12)]
+    folder = write_session(tmp_path / "state", cell.record(plan=Plan.SPECIAL, wrists=wrists))
     result = vgrd("solve", folder, "--json", "-").result
     assert result["verdict"]["ok"] is True
     assert np.linalg.norm(np.array(result["tcp_in_wrist_mm"]) - cell.tcp_in_wrist) < 0.5
@@ -155,9 +158,9 @@ def test_a_recorded_session_is_solved_without_a_daemon(vgrd, tmp_path) -> None:
 def test_a_session_that_a_kill_cut_short_in_a_line_is_solved_with_what_is_whole(
     vgrd, tmp_path
 ) -> None:
-    cell = SimulatedCell(np.random.default_rng(SEED), touch_sigma_mm=0.05)
-    wrists = [cell.tilted() for _ in range(12)]
-    folder = write_session(tmp_path / "state", cell.record(wrists=wrists))
+    cell = Simulation(SEED, vision=STEADY, touch_sigma_mm=0.05)
+    wrists = [cell.wrist(TILT_RAD) for _ in range(12)]
+    folder = write_session(tmp_path / "state", cell.record(plan=Plan.SPECIAL, wrists=wrists))
     samples = folder / "samples.jsonl"
     whole = samples.read_bytes()
     samples.write_bytes(whole[:-100])
@@ -169,8 +172,8 @@ def test_a_session_that_a_kill_cut_short_in_a_line_is_solved_with_what_is_whole(
 
 
 def test_a_session_with_too_few_samples_is_refused_with_the_reason(vgrd, tmp_path) -> None:
-    cell = SimulatedCell(np.random.default_rng(SEED))
-    folder = write_session(tmp_path / "state", cell.record(looks=1, spins=0))
+    cell = Simulation(SEED, vision=STEADY)
+    folder = write_session(tmp_path / "state", cell.record(plan=Plan.SPECIAL, looks=1, spins=0))
     done = vgrd("solve", folder, "--json", "-")
     assert done.code == 65
     assert "determine 11 of 12 unknowns" in done.err
@@ -180,9 +183,9 @@ def test_a_session_with_too_few_samples_is_refused_with_the_reason(vgrd, tmp_pat
 def test_a_rejected_calibration_is_told_with_its_reason_and_by_the_exit_code(
     vgrd, tmp_path
 ) -> None:
-    cell = SimulatedCell(np.random.default_rng(SEED))
-    elsewhere = replace(cell.touch("P1", fixed_wrist()), target="P2")
-    recording = cell.record(wrists=[cell.tilted() for _ in range(12)])
+    cell = Simulation(SEED, vision=STEADY)
+    elsewhere = replace(cell.touch("P1", WORK_ROTATION), target="P2")
+    recording = cell.record(plan=Plan.SPECIAL, wrists=[cell.wrist(TILT_RAD) for _ in range(12)])
     folder = write_session(tmp_path / "state", replace(recording, verifications=(elsewhere,)))
     done = vgrd("solve", folder, "--json", "-")
     assert done.code == 65
@@ -194,8 +197,8 @@ def test_a_rejected_calibration_is_told_with_its_reason_and_by_the_exit_code(
 def test_a_session_whose_samples_were_damaged_is_refused_with_file_and_line(
     vgrd, tmp_path
 ) -> None:
-    cell = SimulatedCell(np.random.default_rng(SEED))
-    folder = write_session(tmp_path / "state", cell.record())
+    cell = Simulation(SEED, vision=STEADY)
+    folder = write_session(tmp_path / "state", cell.record(plan=Plan.SPECIAL))
     samples = folder / "samples.jsonl"
     damaged = bytearray(samples.read_bytes())
     damaged[len(damaged) // 3] ^= 1
