@@ -7,7 +7,12 @@ from pathlib import Path
 import numpy as np
 
 from fakes.demo.show import Request
-from fakes.studies.paper.baselines import SPECIAL, SPECIAL_CAD, expected_by_method
+from fakes.studies.paper.baselines import (
+    SPECIAL,
+    SPECIAL_CAD,
+    compare_methods,
+    expected_by_method,
+)
 from fakes.world.world import World
 from vgrd.geometry import Array, Pose
 from vgrd.model import Observation, Recording
@@ -24,15 +29,16 @@ def misses_by_method(
     Each request is judged by the picture that was recorded for its answer.
     """
     recording = load_recording(teaching)
-    constant = _constant_wrist(recording)
+    methods = compare_methods(recording)
+    one_wrist = compare_methods(_constant_wrist(recording))
     observations = [seen for seen in iterate_observations(requests) if seen.tag_b is not None]
     misses: dict[str, list[Array]] = {}
     for request in served:
         seen = _picture_of(request, observations)
         if seen is None:
             continue
-        answers = expected_by_method(recording, request.target, seen)
-        special = expected_by_method(constant, request.target, seen)
+        answers = expected_by_method(methods, request.target, seen)
+        special = expected_by_method(one_wrist, request.target, seen)
         answers |= {name: special[name] for name in (SPECIAL, SPECIAL_CAD) if name in special}
         for method, flange in answers.items():
             pose = Pose(request.served.rotation, flange)

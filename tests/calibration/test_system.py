@@ -3,7 +3,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from fakes.studies.paper.baselines import expected_by_method
+from fakes.studies.paper.baselines import compare_methods, expected_by_method
 from fakes.world.arm_errors import ArmErrors
 from fakes.world.noise import Vision
 from fakes.world.simulation import WORK_ROTATION, Simulation
@@ -335,12 +335,11 @@ def test_the_papers_methods_stand_side_by_side_in_their_known_order():
     for seed in range(16):
         world = cell(seed)
         recording = session(world, points=10)
+        methods = compare_methods(recording)
         for _ in range(2):
             request = world.request()
             true = world.flange(request.target, request.angle_rad, WORK_ROTATION)
-            for name, flange in expected_by_method(
-                recording, request.target, request.seen
-            ).items():
+            for name, flange in expected_by_method(methods, request.target, request.seen).items():
                 misses.setdefault(name, []).append(np.linalg.norm((flange - true)[:2]))
     mean = {name: np.mean(values) for name, values in misses.items()}
     assert list(mean) == ["conventional", "special", "special + CAD", "served"]
@@ -352,12 +351,12 @@ def test_the_papers_methods_stand_side_by_side_in_their_known_order():
 def test_a_method_that_lacks_its_samples_is_left_out():
     world = cell(1)
     now = world.observe(SOMEWHERE, 0.4)
-    without_points = session(world)
+    without_points = compare_methods(session(world))
     assert "conventional" not in expected_by_method(without_points, "P1", now)
-    varied = session(world, wrists=mixed_wrists(world))
+    varied = compare_methods(session(world, wrists=mixed_wrists(world)))
     assert set(expected_by_method(varied, "P1", now)) == {"served"}
     hidden = world.observe(SOMEWHERE, 0.4, tag_a=False)
-    with_points = session(world, points=8)
+    with_points = compare_methods(session(world, points=8))
     assert set(expected_by_method(with_points, "P1", hidden)) == {
         "special",
         "special + CAD",

@@ -1,11 +1,11 @@
 """The paper's methods side by side, from one recording: what each would have answered."""
 
 from collections.abc import Callable, Mapping
-from functools import lru_cache, partial
+from functools import partial
 
 import numpy as np
 
-from vgrd.calibration.calibration import expected_coordinate
+from vgrd.calibration.calibration import Calibration, expected_coordinate
 from vgrd.calibration.hand_eye.pose_pairs import HandEyeProblem, HandEyeResult, calibrate_hand_eye
 from vgrd.calibration.hand_eye.samples import hand_eye_samples
 from vgrd.calibration.observability.motion import Axes, turned_axes
@@ -34,14 +34,14 @@ Method = Callable[[str, Observation], Array]
 
 
 def expected_by_method(
-    recording: Recording, target: str, observation_now: Observation
+    methods: Mapping[str, Method], target: str, observation_now: Observation
 ) -> dict[str, Array]:
-    """Flange (3,) in the base by every method that the recording allows, policy fixed, mm.
+    """Flange (3,) in the base by every one of `methods`, policy fixed, mm.
 
-    A method that cannot answer, for want of samples or of a tag in the picture, is left out.
+    A method that cannot answer, for want of a touch or of a tag in the picture, is left out.
     """
     answers = {}
-    for name, method in compare_methods(recording).items():
+    for name, method in methods.items():
         try:
             answers[name] = method(target, observation_now)
         except (CalibrationError, InputError):
@@ -49,28 +49,24 @@ def expected_by_method(
     return answers
 
 
-@lru_cache(maxsize=4)
 def compare_methods(recording: Recording) -> Mapping[str, Method]:
-    """Every method that the recording allows, prepared: (target, picture) -> flange (3,), mm."""
-    preparations = {
-        CONVENTIONAL: _prepare_conventional,
-        SPECIAL: _prepare_special,
-        SPECIAL_CAD: _prepare_special_cad,
-        SERVED: _prepare_served,
-    }
+    """Every method that the recording allows, prepared: (target, picture) -> flange (3,), mm.
+
+    All that does not depend on the request is computed here, once.
+    """
     methods: dict[str, Method] = {}
-    for name, prepare in preparations.items():
+    for prepare in (_prepare_conventional, _prepare_special, _prepare_served):
         try:
-            methods[name] = prepare(recording)
+            methods |= prepare(recording)
         except (CalibrationError, InputError):
             continue
     return methods
 
 
-def _prepare_conventional(recording: Recording) -> Method:
+def _prepare_conventional(recording: Recording) -> Mapping[str, Method]:
     """Section III: fixed-point TCP, hand-eye, one touch of the target, Eq. 6 with the live tag A."""
     tcp = calibrate_fixed_point(arm_touches(recording.points, recording)).tcp_in_wrist
-    return partial(_conventional, recording, _hand_eye(recording), tcp)
+    return {CONVENTIONAL: partial(_conventional, recording, _hand_eye(recording), tcp)}
 
 
 def _conventional(
@@ -87,16 +83,12 @@ def _conventional(
     return flange_for(point, R, tcp + recording.facts.tool.work_from_touch_mm)
 
 
-def _prepare_special(recording: Recording) -> Method:
-    """Section V as published: Eq. 19 from one touch of the target."""
+def _prepare_special(recording: Recording) -> Mapping[str, Method]:
+    """Section V: Eq. 19 as published, from one touch of the target, and from touches fitted to CAD."""
     fit = _cad_fit(recording)
-    return partial(_special, recording, _rotation(recording), fit, _pivot_in_tag(recording), False)
-
-
-def _prepare_special_cad(recording: Recording) -> Method:
-    """Eq. 19 from the touches fitted to CAD."""
-    fit = _cad_fit(recording)
-    return partial(_special, recording, _rotation(recording), fit, _pivot_in_tag(recording), True)
+    rotation = _hand_eye(recording, allow_unobservable=1)  # all that Eq. 19 needs of the hand-eye
+    special = partial(_special, recording, rotation, fit, _pivot_in_tag(recording))
+    return {SPECIAL: partial(special, False), SPECIAL_CAD: partial(special, True)}
 
 
 def _special(
@@ -135,29 +127,20 @@ def _special(
     return answer - offset
 
 
-def _prepare_served(recording: Recording) -> Method:
-    return partial(_served, recording)
+def _prepare_served(recording: Recording) -> Mapping[str, Method]:
+    """What the daemon would serve."""
+    return {SERVED: partial(_served, calibrate_system(recording))}
 
 
-def _served(recording: Recording, target: str, now: Observation) -> Array:
-    calibration = _calibrated(recording)
+def _served(calibration: Calibration, target: str, now: Observation) -> Array:
     expected = expected_coordinate(calibration, target, _tag_b(now), Policy.FIXED)
     return expected.base_from_wrist.translation
 
 
-_calibrated = lru_cache(maxsize=4)(calibrate_system)
-
-
-@lru_cache(maxsize=4)
 def _hand_eye(recording: Recording, allow_unobservable: int = 0) -> HandEyeResult:
     samples = hand_eye_samples(recording)
     problem = HandEyeProblem(recording.facts.mount, samples, allow_unobservable=allow_unobservable)
     return calibrate_hand_eye(problem)
-
-
-def _rotation(recording: Recording) -> HandEyeResult:
-    """All that Eq. 19 needs of the hand-eye is its rotation."""
-    return _hand_eye(recording, allow_unobservable=1)
 
 
 def _cad_fit(recording: Recording) -> CadFit:
@@ -172,7 +155,7 @@ def _cad_fit(recording: Recording) -> CadFit:
 
 
 def _pivot_in_tag(recording: Recording) -> Array:
-    tags = [seen.tag_b.camera_from_tag for seen in recording.spins if seen.tag_b is not None]
+    tags = [spin.tag_b.camera_from_tag for spin in recording.spins if spin.tag_b is not None]
     return find_rotation_center(tags).center_in_tag
 
 
@@ -183,13 +166,13 @@ def _first_touch(recording: Recording, target: str) -> Touch:
     raise InputError(f"target {target!r} was not touched")
 
 
-def _both_tags(seen: Observation | None) -> tuple[Pose, Pose]:
-    if seen is None or seen.tag_a is None:
+def _both_tags(picture: Observation | None) -> tuple[Pose, Pose]:
+    if picture is None or picture.tag_a is None:
         raise InputError("tag A is not in the picture")
-    return seen.tag_a.camera_from_tag, _tag_b(seen).camera_from_tag
+    return picture.tag_a.camera_from_tag, _tag_b(picture).camera_from_tag
 
 
-def _tag_b(seen: Observation | None) -> TagObservation:
-    if seen is None or seen.tag_b is None:
+def _tag_b(picture: Observation | None) -> TagObservation:
+    if picture is None or picture.tag_b is None:
         raise InputError("tag B is not in the picture")
-    return seen.tag_b
+    return picture.tag_b
