@@ -35,6 +35,8 @@ Retrying is decided by type. Messages name what, where and the remedy.
 """
 
 from collections.abc import Sequence
+from copy import copy
+from typing import Self
 
 
 class VgrdError(Exception):
@@ -110,6 +112,12 @@ class CalibrationError(VgrdError):
     """The data cannot give what was asked for."""
 
     exit_code = 65
+
+    def with_hints(self, hints: Sequence[str]) -> Self:
+        """The same error, its message followed by what may have caused it, a line each."""
+        hinted = copy(self)
+        hinted.args = ("\n".join([str(self), *hints]),)
+        return hinted
 
 
 class TooFewObservations(CalibrationError):

@@ -18,6 +18,8 @@ sys.argv[0] = "vgrd"
 try:
     main(){REPORT}
 """
+
+
 def run(folder: Path, script: str, *words: str) -> tuple[int, str, set[str]]:
     """Exit code, all output, and what was loaded of what is heavy."""
     command = [sys.executable, "-c", script, *words]

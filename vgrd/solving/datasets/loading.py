@@ -12,7 +12,9 @@ from vgrd.documents.toml import one_word, read_toml, unknown_keys
 from vgrd.errors import ConfigError, InputError
 from vgrd.geometry import Array, Pose
 from vgrd.geometry.camera import CameraModel
+from vgrd.geometry.coincidence import equal_poses
 from vgrd.geometry.rotation_formats import RotationFormat, pose_from
+from vgrd.judging.thresholds import SAME_TEXT_MM, SAME_TEXT_RAD
 from vgrd.model import Mount
 from vgrd.solving.datasets.boards import read_target
 from vgrd.solving.datasets.document import CameraTable, PosesTable, SampleTable
@@ -26,8 +28,6 @@ _SOURCES = ("image", "points", "camera_from_target")
 _MM_PER = {"mm": 1.0, "m": 1000.0}
 _REACH_MM = 20_000.0  # no arm reaches 20 m: it is another unit
 _SMALLEST_ARM_MM = 10.0  # no arm stays within 10 mm: it is another unit
-_SAME_MM = 1e-3
-_SAME_RAD = 1e-6
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -229,15 +229,12 @@ def arm_faults(named: Sequence[tuple[str, Pose]], unit: str, table: str) -> list
 
 
 def _repeats(named: Sequence[tuple[str, Pose]], key: str, source: str) -> list[str]:
-    groups: list[tuple[Pose, list[str]]] = []
-    for name, pose in named:
-        for first, names in groups:
-            mm, rad = first.distance(pose)
-            if mm < _SAME_MM and rad < _SAME_RAD:
-                names.append(name)
-                break
-        else:
-            groups.append((pose, [name]))
+    if not named:
+        return []
+    groups: dict[int, list[str]] = {}
+    equal = equal_poses([pose for _, pose in named], SAME_TEXT_MM, SAME_TEXT_RAD)
+    for (name, _), first in zip(named, np.argmax(equal, axis=1), strict=True):
+        groups.setdefault(int(first), []).append(name)
     if len(named) > 1 and len(groups) == 1:
         return [
             f"{key}: all {len(named)} are equal: the {source} was not read again between "
@@ -246,6 +243,6 @@ def _repeats(named: Sequence[tuple[str, Pose]], key: str, source: str) -> list[s
     return [
         f"{key}: {', '.join(repr(name) for name in names)} hold the same pose: the {source} "
         "did not move or was not read again; keep one of them"
-        for _, names in groups
+        for names in groups.values()
         if len(names) > 1
     ]

@@ -78,8 +78,7 @@ def solve_dataset(
     try:
         result = fitter.match_noise()
     except CalibrationError as error:
-        error.args = ("\n".join([str(error), *suspects(dataset, found.names, own)]),)
-        raise
+        raise error.with_hints(suspects(dataset, found.names, own)) from error
     steps.advance()
     misses = _leave_one_out(fitter, found, result, steps)
     evidence = Evidence(

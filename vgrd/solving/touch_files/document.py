@@ -25,13 +25,14 @@ from vgrd.documents.tables import (
 from vgrd.documents.toml import one_word, read_toml, unknown_keys
 from vgrd.errors import ConfigError, InputError
 from vgrd.geometry import Array, Pose
+from vgrd.geometry.coincidence import are_in_line
 from vgrd.geometry.rotation_formats import RotationFormat, pose_from
+from vgrd.judging.thresholds import LINE
 from vgrd.solving.datasets.document import PosesTable
 from vgrd.solving.datasets.loading import arm_faults
 
 DEFAULT_SIGMA_MM = 0.233  # the paper's touches, experiment B
 _TABLES = ("kind", "poses", "touch", "plane", "sphere")
-_LINE = 0.01
 _SAME_AXIS = 1e-6  # rounding of a text
 
 Vector = Annotated[list[Number], Field(min_length=3, max_length=3)]
@@ -213,9 +214,8 @@ def _axis(rows: Sequence[TouchTable], faults: list[str]) -> Array:
 
 
 def _line_faults(points: Array) -> list[str]:
-    spread = np.linalg.svd(points - points.mean(axis=0), compute_uv=False)
-    if spread[0] == 0:
+    if not np.ptp(points, axis=0).any():
         return ["touch.target: all are equal; touch at least 4 CAD points that are far apart"]
-    if spread[1] <= _LINE * spread[0]:
+    if are_in_line(points, LINE):
         return ["touch.target: all are on one line; touch a point beside it too"]
     return []
