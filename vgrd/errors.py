@@ -35,7 +35,6 @@ Retrying is decided by type. Messages name what, where and the remedy.
 """
 
 from collections.abc import Sequence
-from copy import copy
 from typing import Self
 
 
@@ -115,8 +114,8 @@ class CalibrationError(VgrdError):
 
     def with_hints(self, hints: Sequence[str]) -> Self:
         """The same error, its message followed by what may have caused it, a line each."""
-        hinted = copy(self)
-        hinted.args = ("\n".join([str(self), *hints]),)
+        hinted = type(self).__new__(type(self), "\n".join([str(self), *hints]))
+        hinted.__dict__.update(vars(self))
         return hinted
 
 
