@@ -1,6 +1,5 @@
 """The show of `python -m fakes demo`: teach, solve, activate, ask, break things; every figure is measured."""
 
-import json
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
@@ -17,6 +16,7 @@ from fakes.world.layout import Layout
 from fakes.world.poses import retracted_pose
 from fakes.world.world import World
 from vgrd.geometry import Array, Pose
+from vgrd.store.calibrations import CalibrationStore
 
 LOOKS, SPINS, FIXED_POINTS = 8, 10, 10
 TILTED_TOUCHES = 6
@@ -208,8 +208,6 @@ class Show:
 
 def true_tip_error_mm(layout: Layout, calibration_json: Path) -> float | None:
     """Distance of the calibrated TCP from the true one, None where the method knows no TCP."""
-    body = json.loads(calibration_json.read_text(encoding="utf-8"))["body"]
-    tcp = body["tcp_in_wrist"]
-    if tcp is None:
-        return None
-    return float(np.linalg.norm(np.array(tcp) - layout.tcp_in_wrist))
+    store = CalibrationStore(calibration_json.parents[1])
+    tcp = store.load(calibration_json.stem).tcp_in_wrist
+    return None if tcp is None else float(np.linalg.norm(tcp - layout.tcp_in_wrist))
