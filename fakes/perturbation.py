@@ -19,12 +19,16 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from vgrd.calibration.hand_eye.points import PointHandEyeProblem, PointSample
-from vgrd.calibration.hand_eye.pose_pairs import HandEyeProblem, PoseSample
-from vgrd.calibration.hand_eye.published import PosePair
-from vgrd.calibration.joint.problem import Sighting
-from vgrd.calibration.touches.touch_set import TouchSet
-from vgrd.calibration.universal.estimate import UniversalProblem
+from vgrd.calibration.hand_eye import (
+    HandEyeProblem,
+    PointHandEyeProblem,
+    PointSample,
+    PosePair,
+    PoseSample,
+)
+from vgrd.calibration.joint import Sighting
+from vgrd.calibration.touches import TouchSet
+from vgrd.calibration.universal import UniversalProblem
 from vgrd.geometry import Array, Pose, exp_rotation
 from vgrd.model import Observation, Recording, TagObservation, Touch
 
@@ -52,7 +56,7 @@ DOORS: Mapping[str, tuple[str, ...]] = {
     "vgrd.calibration.hand_eye.park_martin:park_martin_start": ("flange_motions", "cameras"),
     "vgrd.calibration.joint.estimate:calibrate_joint": ("recording", "sightings"),
     "vgrd.calibration.joint.samples:gather": ("recording", "sightings"),
-    "vgrd.calibration.touches.repeatability:repeatability": ("touches", "targets"),
+    "vgrd.calibration.touches.scatter:repeatability": ("touches", "targets"),
     "vgrd.calibration.turntable.rotation_center:find_rotation_center": (
         "camera_from_tag",
         "covariances",

@@ -17,7 +17,7 @@ from vgrd.calibration.joint import estimate as joint
 from vgrd.calibration.joint.problem import Sighting
 from vgrd.calibration.tcp import fixed_point as tcp
 from vgrd.calibration.tcp.fixed_point import calibrate_fixed_point
-from vgrd.calibration.touches.touch_set import TouchSet
+from vgrd.calibration.touches.equations import TouchSet
 from vgrd.calibration.universal.estimate import UniversalProblem, calibrate_universal
 from vgrd.geometry import exp_rotation
 from vgrd.orphans import dying_with_us

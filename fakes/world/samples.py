@@ -3,8 +3,7 @@
 import numpy as np
 
 from vgrd.calibration.calibration import Calibration
-from vgrd.calibration.stepwise.chain import CameraChain, Pivot
-from vgrd.calibration.stepwise.solution import UniversalSolution
+from vgrd.calibration.stepwise import CameraChain, Pivot, UniversalSolution
 from vgrd.devices import CameraImage, FlangeReading
 from vgrd.geometry import Array, Pose
 from vgrd.model import (

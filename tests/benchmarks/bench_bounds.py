@@ -23,7 +23,7 @@ from vgrd.calibration.joint.fit import JointFit
 from vgrd.calibration.joint.problem import EvidenceKind, JointData, Turntable
 from vgrd.calibration.joint.samples import gather
 from vgrd.calibration.joint.state import JointState
-from vgrd.calibration.touches.touch_set import TouchSet
+from vgrd.calibration.touches.equations import TouchSet
 from vgrd.calibration.universal.estimate import Equations, UniversalProblem, calibrate_universal
 from vgrd.geometry import Array, Pose, hat
 from vgrd.geometry.covariance import covariance_from

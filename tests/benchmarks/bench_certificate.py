@@ -15,7 +15,7 @@ from scipy.spatial.transform import Rotation
 from scipy.stats import truncnorm
 
 from tests.benchmarks.harness import Row, ratio_of
-from vgrd.calibration.touches.touch_set import TouchSet
+from vgrd.calibration.touches.equations import TouchSet
 from vgrd.calibration.universal.estimate import (
     Equations,
     UniversalProblem,

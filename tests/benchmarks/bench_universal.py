@@ -11,7 +11,7 @@ from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 
 from tests.benchmarks.harness import Row, ratio_of
-from vgrd.calibration.touches.touch_set import TouchSet
+from vgrd.calibration.touches.equations import TouchSet
 from vgrd.calibration.universal.estimate import Equations, UniversalProblem, calibrate_universal
 
 PROBLEMS = 20

@@ -10,7 +10,7 @@ from fakes.world.simulation import Simulation
 from vgrd.calibration.joint.camera_corrections import PriorSigmas
 from vgrd.calibration.joint.estimate import calibrate_joint
 from vgrd.calibration.joint.expected import expected_by_joint
-from vgrd.calibration.planning.error_budget import Source, Systematic, error_budget
+from vgrd.calibration.planning.budget import Source, Systematic, error_budget
 from vgrd.geometry import Pose, exp_rotation
 from vgrd.model import ArmModel, Policy
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from vgrd.calibration.touches.touch_set import TouchSet
+from vgrd.calibration.touches.equations import TouchSet
 from vgrd.calibration.universal.certificate import certify_rotation
 from vgrd.calibration.universal.estimate import (
     Equations,

@@ -12,7 +12,7 @@ from fakes.studies.robustness.degenerate_touches import (
     solve_session,
 )
 from vgrd.calibration.tcp.sphere import calibrate_sphere
-from vgrd.calibration.touches.touch_set import TouchSet
+from vgrd.calibration.touches.equations import TouchSet
 from vgrd.errors import NotObservable
 from vgrd.geometry import exp_rotation
 from vgrd.geometry.covariance import observability

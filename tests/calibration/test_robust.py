@@ -6,8 +6,8 @@ from vgrd.calibration.observability.leave_one_out import fit_without_outliers, n
 from vgrd.calibration.tcp.fixed_point import calibrate_fixed_point
 from vgrd.calibration.tcp.plane import fit_plane
 from vgrd.calibration.tcp.sphere import fit_sphere
-from vgrd.calibration.touches.repeatability import repeatability
-from vgrd.calibration.touches.touch_set import TouchSet
+from vgrd.calibration.touches.equations import TouchSet
+from vgrd.calibration.touches.scatter import repeatability
 from vgrd.calibration.universal.estimate import UniversalProblem, calibrate_universal
 from vgrd.errors import InputError, TooFewObservations
 

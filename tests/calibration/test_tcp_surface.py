@@ -4,7 +4,7 @@ from scipy.spatial.transform import Rotation
 
 from vgrd.calibration.tcp.plane import Plane, calibrate_plane
 from vgrd.calibration.tcp.sphere import calibrate_sphere
-from vgrd.calibration.touches.touch_set import TouchSet
+from vgrd.calibration.touches.equations import TouchSet
 from vgrd.calibration.universal.estimate import UniversalProblem, calibrate_universal
 from vgrd.errors import InputError, NotObservable, TooFewObservations
 from vgrd.geometry import Pose, exp_rotation

@@ -4,7 +4,7 @@ from scipy.spatial.transform import Rotation
 
 from vgrd.calibration.tcp.fixed_point import calibrate_fixed_point
 from vgrd.calibration.touches.cad_fit import fit_cad, kabsch
-from vgrd.calibration.touches.touch_set import TouchSet
+from vgrd.calibration.touches.equations import TouchSet
 from vgrd.calibration.turntable.rotation_center import find_rotation_center
 from vgrd.errors import InputError, NotObservable, TooFewObservations
 from vgrd.geometry import Pose, exp_rotation

@@ -3,7 +3,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 from scipy.stats import truncnorm
 
-from vgrd.calibration.touches.touch_set import TouchSet
+from vgrd.calibration.touches.equations import TouchSet
 from vgrd.calibration.universal.estimate import (
     Equations,
     UniversalProblem,

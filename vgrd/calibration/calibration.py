@@ -5,8 +5,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from vgrd.calibration.joint.solution import JointSolution
-from vgrd.calibration.stepwise.solution import SpecialSolution, UniversalSolution
+from vgrd.calibration.joint import JointSolution
+from vgrd.calibration.stepwise import SpecialSolution, UniversalSolution
 from vgrd.errors import InputError
 from vgrd.geometry import Array, Pose
 from vgrd.model import (

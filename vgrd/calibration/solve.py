@@ -5,10 +5,9 @@ from dataclasses import replace
 
 from vgrd.calibration.calibration import Calibration, Solution
 from vgrd.calibration.checks import cannot_tell, examine
-from vgrd.calibration.joint.calibration import calibrate_jointly
-from vgrd.calibration.joint.problem import Sighting
+from vgrd.calibration.joint import Sighting, calibrate_jointly
 from vgrd.calibration.outcome import Outcome
-from vgrd.calibration.stepwise.calibration import calibrate_in_steps
+from vgrd.calibration.stepwise import calibrate_in_steps
 from vgrd.calibration.verification import verify
 from vgrd.errors import DidNotConverge, InputError
 from vgrd.model import Mount, Plan, Policy, Recording, Verdict

@@ -9,7 +9,7 @@ from vgrd.commands.printing import JsonOption, Result, console, print_result, ta
 from vgrd.errors import InputError
 
 if TYPE_CHECKING:
-    from vgrd.calibration.planning.error_budget import Budget
+    from vgrd.calibration.planning import Budget
 
 
 def register(app: typer.Typer) -> None:
@@ -40,7 +40,7 @@ def budget(
     json_to: JsonOption = None,
 ) -> None:
     """Share the error of the expected coordinate out among the links of the chain."""
-    from vgrd.calibration.planning.error_budget import Systematic
+    from vgrd.calibration.planning import Systematic
     from vgrd.model import Policy
     from vgrd.solving.budget import session_budget
     from vgrd.store.sessions import load_recording

@@ -125,9 +125,9 @@ def advise_folder(
     folder: Path, policy: Policy, tilt_deg: float | None = None, yaw_deg: float | None = None
 ) -> dict[str, object]:
     """Advice on a session folder, open or closed; JSON-able. Limits None: as the session suggests."""
-    from vgrd.calibration.planning.advice import advise_session
-    from vgrd.calibration.planning.reach import (
+    from vgrd.calibration.planning import (
         Reach,  # of the advising process: the cell starts without
+        advise_session,
     )
 
     recording = load_recording(folder)

@@ -5,9 +5,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from vgrd.calibration.joint.estimate import calibrate_joint
-from vgrd.calibration.planning.error_budget import Budget, Systematic, error_budget
-from vgrd.calibration.planning.predicted_rows import picture_of
+from vgrd.calibration.joint import calibrate_joint
+from vgrd.calibration.planning import Budget, Systematic, error_budget, picture_of
 from vgrd.geometry import exp_rotation
 from vgrd.model import ArmModel, Policy, Recording
 

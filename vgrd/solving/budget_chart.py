@@ -4,7 +4,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from vgrd.calibration.planning.error_budget import Budget
+from vgrd.calibration.planning import Budget
 from vgrd.charts import COLORS, panels
 from vgrd.geometry import Array
 

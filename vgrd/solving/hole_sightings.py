@@ -12,10 +12,8 @@ from itertools import chain, zip_longest
 
 import numpy as np
 
-from vgrd.calibration.joint.estimate import calibrate_joint, start_near_tag_plane
-from vgrd.calibration.joint.problem import Sighting
-from vgrd.calibration.joint.state import JointState
-from vgrd.calibration.turntable.usable_spins import without_useless_spins
+from vgrd.calibration.joint import JointState, Sighting, calibrate_joint, start_near_tag_plane
+from vgrd.calibration.turntable import without_useless_spins
 from vgrd.devices import CameraImage
 from vgrd.errors import DidNotConverge
 from vgrd.geometry import Array, Pose

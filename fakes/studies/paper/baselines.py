@@ -6,21 +6,24 @@ from functools import partial
 import numpy as np
 
 from vgrd.calibration.calibration import Calibration, expected_coordinate
-from vgrd.calibration.hand_eye.pose_pairs import HandEyeProblem, HandEyeResult, calibrate_hand_eye
-from vgrd.calibration.hand_eye.samples import hand_eye_samples
-from vgrd.calibration.observability.motion import Axes, turned_axes
+from vgrd.calibration.hand_eye import (
+    HandEyeProblem,
+    HandEyeResult,
+    calibrate_hand_eye,
+    hand_eye_samples,
+)
+from vgrd.calibration.observability import Axes, turned_axes
 from vgrd.calibration.solve import calibrate_system
-from vgrd.calibration.stepwise.equations import (
+from vgrd.calibration.stepwise import (
     flange_for,
     motion_about,
     moved_flange,
     point_in_base_live,
     special_expected,
 )
-from vgrd.calibration.tcp.fixed_point import calibrate_fixed_point
-from vgrd.calibration.touches.cad_fit import CadFit, fit_cad
-from vgrd.calibration.touches.recorded import arm_touches
-from vgrd.calibration.turntable.rotation_center import find_rotation_center
+from vgrd.calibration.tcp import calibrate_fixed_point
+from vgrd.calibration.touches import CadFit, arm_touches, fit_cad
+from vgrd.calibration.turntable import find_rotation_center
 from vgrd.errors import CalibrationError, InputError
 from vgrd.geometry import Array, Pose
 from vgrd.model import Observation, Policy, Recording, TagObservation, Touch

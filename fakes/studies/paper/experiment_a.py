@@ -14,9 +14,9 @@ from scipy.spatial.transform import Rotation
 
 from fakes.studies.paper.paper_data import NOISE_MM, truncated_noise
 from fakes.studies.study import Figure, Parameters, Study, Trials
-from vgrd.calibration.tcp.fixed_point import calibrate_fixed_point
-from vgrd.calibration.touches.touch_set import TouchSet
-from vgrd.calibration.universal.estimate import UniversalProblem, calibrate_universal
+from vgrd.calibration.tcp import calibrate_fixed_point
+from vgrd.calibration.touches import TouchSet
+from vgrd.calibration.universal import UniversalProblem, calibrate_universal
 from vgrd.charts import COLORS, PAPER, legend, panels, published
 from vgrd.geometry import Array, Pose, exp_rotation
 

@@ -7,7 +7,7 @@ from numpy.random import SeedSequence, default_rng
 
 from fakes.studies.paper.paper_data import draw
 from fakes.studies.study import Figure, Parameters, Study, Trials
-from vgrd.calibration.universal.estimate import calibrate_universal
+from vgrd.calibration.universal import calibrate_universal
 from vgrd.charts import COLORS, PAPER, legend, panels
 from vgrd.geometry import Array
 from vgrd.geometry.covariance import rms

@@ -7,8 +7,8 @@ from scipy.spatial.transform import Rotation
 from scipy.stats import truncnorm
 
 from fakes.world.noise import truncated_normal
-from vgrd.calibration.touches.touch_set import TouchSet
-from vgrd.calibration.universal.estimate import Equations, UniversalProblem
+from vgrd.calibration.touches import TouchSet
+from vgrd.calibration.universal import Equations, UniversalProblem
 from vgrd.geometry import Array, Pose
 from vgrd.geometry.covariance import covariance_from
 

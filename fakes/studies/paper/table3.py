@@ -24,10 +24,7 @@ from fakes.studies.sessions import SESSIONS, Session
 from fakes.studies.study import Figure, Parameters, Study, Trials
 from fakes.world.noise import COARSE, FINE
 from fakes.world.simulation import WORK_ROTATION, Request, Simulation
-from vgrd.calibration.joint.estimate import calibrate_joint
-from vgrd.calibration.joint.expected import expected_by_joint
-from vgrd.calibration.joint.fit import JointFit
-from vgrd.calibration.joint.problem import Sighting
+from vgrd.calibration.joint import JointFit, Sighting, calibrate_joint, expected_by_joint
 from vgrd.charts import COLORS, legend, panels, published
 from vgrd.geometry import Array, Pose
 from vgrd.model import Plan, Policy, Recording

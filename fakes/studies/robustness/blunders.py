@@ -19,10 +19,7 @@ from fakes.studies.study import Figure, Parameters, Study, Trials
 from fakes.world.noise import COARSE
 from fakes.world.simulation import WORK_ROTATION, Request, Simulation
 from vgrd.calibration.calibration import Calibration, expected_coordinate
-from vgrd.calibration.joint.estimate import calibrate_joint
-from vgrd.calibration.joint.expected import expected_by_joint
-from vgrd.calibration.joint.fit import JointFit
-from vgrd.calibration.joint.problem import EvidenceKind
+from vgrd.calibration.joint import EvidenceKind, JointFit, calibrate_joint, expected_by_joint
 from vgrd.calibration.solve import calibrate_system
 from vgrd.charts import COLORS, legend, panels
 from vgrd.errors import CalibrationError

@@ -8,7 +8,7 @@ from scipy.spatial.transform import Rotation
 
 from fakes.studies.paper.paper_data import draw
 from fakes.studies.study import Figure, Parameters, Study, Trials
-from vgrd.calibration.universal.estimate import (
+from vgrd.calibration.universal import (
     Equations,
     UniversalProblem,
     calibrate_universal,

@@ -18,19 +18,22 @@ from numpy.random import SeedSequence
 from fakes.studies.study import Figure, Parameters, Study, Trials
 from fakes.world.noise import COARSE
 from fakes.world.simulation import WORK_ROTATION, Request, Simulation
-from vgrd.calibration.joint.estimate import calibrate_joint
-from vgrd.calibration.joint.expected import expected_by_joint, predict
-from vgrd.calibration.joint.fit import JointFit
-from vgrd.calibration.joint.solution import solution_of
-from vgrd.calibration.planning.next_sample import (
+from vgrd.calibration.joint import (
+    JointFit,
+    calibrate_joint,
+    expected_by_joint,
+    predict,
+    solution_of,
+)
+from vgrd.calibration.planning import (
     Job,
+    PredictedError,
     Reach,
     Spinning,
     Touching,
     plan_samples,
     plan_touches,
 )
-from vgrd.calibration.planning.predicted_error import PredictedError
 from vgrd.charts import COLORS, legend, panels
 from vgrd.errors import TagNotSeen
 from vgrd.geometry import Array, exp_rotation

@@ -17,9 +17,7 @@ from fakes.world.arm_errors import EXACT_ARM, ArmErrors
 from fakes.world.noise import COARSE
 from fakes.world.simulation import WORK_ROTATION, Request, Simulation
 from vgrd.calibration.calibration import expected_coordinate
-from vgrd.calibration.joint.estimate import calibrate_joint
-from vgrd.calibration.joint.expected import expected_by_joint
-from vgrd.calibration.joint.problem import Turntable
+from vgrd.calibration.joint import Turntable, calibrate_joint, expected_by_joint
 from vgrd.calibration.solve import calibrate_system
 from vgrd.charts import COLORS, PAPER, legend, panels
 from vgrd.errors import CalibrationError

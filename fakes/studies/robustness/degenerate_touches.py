@@ -9,12 +9,9 @@ from numpy.random import Generator, SeedSequence
 from scipy.spatial.transform import Rotation
 
 from fakes.studies.study import Figure, Parameters, Study, Trials
-from vgrd.calibration.tcp.fixed_point import calibrate_fixed_point
-from vgrd.calibration.tcp.plane import Plane, calibrate_plane
-from vgrd.calibration.tcp.sphere import calibrate_sphere
-from vgrd.calibration.touches.cad_fit import fit_cad
-from vgrd.calibration.touches.touch_set import TouchSet
-from vgrd.calibration.universal.estimate import UniversalProblem, calibrate_universal
+from vgrd.calibration.tcp import Plane, calibrate_fixed_point, calibrate_plane, calibrate_sphere
+from vgrd.calibration.touches import TouchSet, fit_cad
+from vgrd.calibration.universal import UniversalProblem, calibrate_universal
 from vgrd.charts import COLORS, panels
 from vgrd.errors import NotObservable
 from vgrd.geometry import Array, Pose

@@ -1,15 +1,27 @@
 """Checks of a recording by its own data: what is missing, what was meant otherwise, what moved."""
 
-from vgrd.calibration.checks.bad_touches import bad_touches
-from vgrd.calibration.checks.conventions import cannot_tell
+from vgrd.calibration.checks.cad_mistakes import VariedWrists, misinterpretation
+from vgrd.calibration.checks.conventions import cannot_tell, mistaken_unit
 from vgrd.calibration.checks.examining import examine
-from vgrd.calibration.checks.missing_motion import MissingMotion, missing_motion, missing_motions
+from vgrd.calibration.checks.interpretations import Interpretation, best_of
+from vgrd.calibration.checks.misinterpreted_points import rival_names
+from vgrd.calibration.checks.motion_gaps import MissingMotion, missing_motion, missing_motions
+from vgrd.calibration.checks.pose_agreement import Poses, agreement
+from vgrd.calibration.checks.touch_outliers import bad_touches
 
 __all__ = [
+    "Interpretation",
     "MissingMotion",
+    "Poses",
+    "VariedWrists",
+    "agreement",
     "bad_touches",
+    "best_of",
     "cannot_tell",
     "examine",
+    "misinterpretation",
     "missing_motion",
     "missing_motions",
+    "mistaken_unit",
+    "rival_names",
 ]

@@ -9,7 +9,6 @@ from types import MappingProxyType
 
 import numpy as np
 
-from vgrd.calibration.checks.agreement import Agreement, Poses, agreement, noise_of
 from vgrd.calibration.checks.interpretations import (
     Fitted,
     Interpretation,
@@ -17,8 +16,8 @@ from vgrd.calibration.checks.interpretations import (
     degrees_as_radians,
     other_readings,
 )
-from vgrd.calibration.hand_eye.pose_pairs import PoseSample
-from vgrd.calibration.hand_eye.samples import hand_eye_samples
+from vgrd.calibration.checks.pose_agreement import Agreement, Poses, agreement, noise_of
+from vgrd.calibration.hand_eye import PoseSample, hand_eye_samples
 from vgrd.geometry.rotation_formats import RotationFormat
 from vgrd.judging.findings import finding
 from vgrd.judging.thresholds import CONTRADICTORY_DEG, CONTRADICTORY_MM, REACH_MM

@@ -6,11 +6,11 @@ import numpy as np
 
 from vgrd.calibration.checks.conventions import misinterpreted_poses
 from vgrd.calibration.checks.misinterpreted_points import misinterpreted_points
-from vgrd.calibration.checks.missing_motion import missing_motions
+from vgrd.calibration.checks.motion_gaps import missing_motions
 from vgrd.calibration.checks.repeats import moved_object, repeated_poses
 from vgrd.calibration.checks.size_and_time import tag_size, time_offset
-from vgrd.calibration.hand_eye.samples import hand_eye_samples
-from vgrd.calibration.observability.motion import Axes, turned_axes
+from vgrd.calibration.hand_eye import hand_eye_samples
+from vgrd.calibration.observability import Axes, turned_axes
 from vgrd.geometry.rotation_formats import RotationFormat
 from vgrd.judging.findings import finding
 from vgrd.model import Finding, Policy, Recording

@@ -11,7 +11,7 @@ from itertools import product
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from vgrd.calibration.checks.agreement import Agreement, Poses, from_positions
+from vgrd.calibration.checks.pose_agreement import Agreement, Poses, from_positions
 from vgrd.errors import InputError
 from vgrd.geometry import Array
 from vgrd.geometry.rotation_formats import RotationFormat as Format

@@ -5,14 +5,14 @@ from itertools import combinations
 
 import numpy as np
 
-from vgrd.calibration.checks.misinterpretation import (
+from vgrd.calibration.checks.cad_mistakes import (
     ConstantWrist,
     VariedWrists,
     misinterpretation,
 )
-from vgrd.calibration.observability.motion import Axes, turned_axes
-from vgrd.calibration.touches.recorded import arm_touches
-from vgrd.calibration.universal.start import lowest_cost, reduced_cost
+from vgrd.calibration.observability import Axes, turned_axes
+from vgrd.calibration.touches import arm_touches
+from vgrd.calibration.universal import lowest_cost, reduced_cost
 from vgrd.geometry import Array
 from vgrd.judging.thresholds import NOISY_SCALE
 from vgrd.model import Finding, Recording

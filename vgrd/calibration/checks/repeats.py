@@ -4,8 +4,8 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from vgrd.calibration.hand_eye.samples import first_of_same, sightings_of_tag_a
-from vgrd.calibration.touches.reference import moved_touches
+from vgrd.calibration.hand_eye import first_of_same, sightings_of_tag_a
+from vgrd.calibration.touches import moved_touches
 from vgrd.geometry import Array, Pose
 from vgrd.judging.findings import finding
 from vgrd.model import Finding, Recording

@@ -9,8 +9,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from vgrd.calibration.checks.agreement import Poses, agreement
-from vgrd.calibration.hand_eye.pose_pairs import PoseSample
+from vgrd.calibration.checks.pose_agreement import Poses, agreement
+from vgrd.calibration.hand_eye import PoseSample
 from vgrd.errors import NotObservable
 from vgrd.geometry import Array, hat, log_rotation
 from vgrd.geometry.covariance import covariance_from, sqrt_information

@@ -2,3 +2,45 @@
 
 May import observability; `published` holds the methods of others, unrefined.
 """
+
+from vgrd.calibration.hand_eye.features import Place
+from vgrd.calibration.hand_eye.null_space import null_space_findings, undetermined_in_words
+from vgrd.calibration.hand_eye.park_martin import park_martin_start
+from vgrd.calibration.hand_eye.points import (
+    PointHandEyeProblem,
+    PointSample,
+    TargetScale,
+    calibrate_hand_eye_from_points,
+)
+from vgrd.calibration.hand_eye.pose_pairs import (
+    HandEyeProblem,
+    HandEyeResult,
+    PoseSample,
+    SampleResidual,
+    calibrate_hand_eye,
+)
+from vgrd.calibration.hand_eye.published import METHODS, PosePair
+from vgrd.calibration.hand_eye.samples import first_of_same, hand_eye_samples, sightings_of_tag_a
+from vgrd.calibration.hand_eye.state import flange_motion_of
+
+__all__ = [
+    "METHODS",
+    "HandEyeProblem",
+    "HandEyeResult",
+    "Place",
+    "PointHandEyeProblem",
+    "PointSample",
+    "PosePair",
+    "PoseSample",
+    "SampleResidual",
+    "TargetScale",
+    "calibrate_hand_eye",
+    "calibrate_hand_eye_from_points",
+    "first_of_same",
+    "flange_motion_of",
+    "hand_eye_samples",
+    "null_space_findings",
+    "park_martin_start",
+    "sightings_of_tag_a",
+    "undetermined_in_words",
+]

@@ -15,7 +15,7 @@ from vgrd.calibration.hand_eye.null_space import (
     without_part_along,
 )
 from vgrd.calibration.hand_eye.state import HandEye, flange_motion_of
-from vgrd.calibration.observability.motion import check_distinct
+from vgrd.calibration.observability import check_distinct
 from vgrd.errors import DidNotConverge, NotObservable, TooFewObservations
 from vgrd.geometry import Array, Pose
 from vgrd.geometry.chi2 import chi2_quantile

@@ -9,7 +9,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from vgrd.calibration.hand_eye.certificate import translation_rows
-from vgrd.calibration.observability.motion import (
+from vgrd.calibration.observability import (
     Axes,
     check_hand_eye_motion,
     hand_eye_observability,

@@ -2,3 +2,65 @@
 
 May import touches, hand_eye, universal and turntable.
 """
+
+from vgrd.calibration.joint.calibration import calibrate_jointly
+from vgrd.calibration.joint.camera_corrections import (
+    TAG_A,
+    TAG_B,
+    CameraCorrections,
+    PriorSigmas,
+    adjoints,
+)
+from vgrd.calibration.joint.estimate import calibrate_joint, start_near_tag_plane
+from vgrd.calibration.joint.expected import expected_by_joint, predict, work_orientation
+from vgrd.calibration.joint.fit import (
+    JointFit,
+    information_inverse,
+    variance_inflation,
+    whiten_arm,
+)
+from vgrd.calibration.joint.problem import (
+    EvidenceKind,
+    JointData,
+    Looks,
+    Sighting,
+    Tags,
+    Turntable,
+    target_of,
+)
+from vgrd.calibration.joint.rows import arm_jacobian, linearize, object_motions
+from vgrd.calibration.joint.solution import JointSolution, Prediction, solution_of
+from vgrd.calibration.joint.state import JointState, Layout
+
+__all__ = [
+    "TAG_A",
+    "TAG_B",
+    "CameraCorrections",
+    "EvidenceKind",
+    "JointData",
+    "JointFit",
+    "JointSolution",
+    "JointState",
+    "Layout",
+    "Looks",
+    "Prediction",
+    "PriorSigmas",
+    "Sighting",
+    "Tags",
+    "Turntable",
+    "adjoints",
+    "arm_jacobian",
+    "calibrate_joint",
+    "calibrate_jointly",
+    "expected_by_joint",
+    "information_inverse",
+    "linearize",
+    "object_motions",
+    "predict",
+    "solution_of",
+    "start_near_tag_plane",
+    "target_of",
+    "variance_inflation",
+    "whiten_arm",
+    "work_orientation",
+]

@@ -13,7 +13,7 @@ from vgrd.calibration.joint.rows import left_jacobian
 from vgrd.calibration.joint.solution import JointSolution, solution_of
 from vgrd.calibration.joint.state import Layout
 from vgrd.calibration.outcome import Outcome
-from vgrd.calibration.turntable.usable_spins import without_useless_spins
+from vgrd.calibration.turntable import without_useless_spins
 from vgrd.errors import NotObservable
 from vgrd.judging.findings import finding
 from vgrd.judging.thresholds import IRRELEVANT_MM, NOISY_SCALE, WRONG_SIGMA

@@ -12,7 +12,7 @@ from vgrd.calibration.joint.solution import (
     kept_columns,
     solution_of,
 )
-from vgrd.calibration.touches.recorded import touched_orientation
+from vgrd.calibration.touches import touched_orientation
 from vgrd.errors import InputError, TagNotSeen
 from vgrd.geometry import Array
 from vgrd.model import ExpectedCoordinate, Observation, Policy, Recording, TagObservation

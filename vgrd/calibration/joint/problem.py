@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vgrd.calibration.joint.camera_corrections import TAG_A, TAG_B, CameraCorrections
-from vgrd.calibration.touches.touch_set import TouchSet
+from vgrd.calibration.touches import TouchSet
 from vgrd.errors import InputError
 from vgrd.geometry import Array, Pose
 from vgrd.geometry.camera import CameraModel

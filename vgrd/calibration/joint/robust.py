@@ -14,8 +14,8 @@ import numpy as np
 from vgrd.calibration.joint.fit import JointFit, JointSample, fit_joint, units
 from vgrd.calibration.joint.problem import SAMPLED, EvidenceKind, JointData
 from vgrd.calibration.joint.state import JointState, layout_of
-from vgrd.calibration.observability.leave_one_out import fit_without_outliers
-from vgrd.calibration.touches.touch_set import TouchSet, equivalent_sigmas
+from vgrd.calibration.observability import fit_without_outliers
+from vgrd.calibration.touches import TouchSet, equivalent_sigmas
 from vgrd.geometry import Array
 from vgrd.judging.thresholds import OUTLIER_SIGMA, PICTURE_SIGMA
 

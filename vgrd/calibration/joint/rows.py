@@ -7,7 +7,7 @@ import numpy as np
 from vgrd.calibration.joint.camera_corrections import adjoints
 from vgrd.calibration.joint.problem import EvidenceKind, Indices, JointData, Tags
 from vgrd.calibration.joint.state import JointState, Layout
-from vgrd.calibration.touches.touch_set import TouchSet
+from vgrd.calibration.touches import TouchSet
 from vgrd.geometry import Array, Pose, hat, log_rotation
 
 _EYE = np.eye(3)

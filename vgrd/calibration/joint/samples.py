@@ -15,7 +15,7 @@ from vgrd.calibration.joint.problem import (
     Turntable,
     target_of,
 )
-from vgrd.calibration.touches.touch_set import TouchSet, touch_set
+from vgrd.calibration.touches import TouchSet, touch_set
 from vgrd.errors import InputError, TooFewObservations
 from vgrd.geometry import Array, Pose
 from vgrd.geometry.covariance import sqrt_information

@@ -11,11 +11,11 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from vgrd.calibration.hand_eye.park_martin import park_martin_start
+from vgrd.calibration.hand_eye import park_martin_start
 from vgrd.calibration.joint.problem import JointData, Looks, Tags
-from vgrd.calibration.observability.motion import Axes, turned_axes
-from vgrd.calibration.turntable.rotation_center import RotationCenter, find_rotation_center
-from vgrd.calibration.universal.estimate import UniversalProblem, calibrate_universal
+from vgrd.calibration.observability import Axes, turned_axes
+from vgrd.calibration.turntable import RotationCenter, find_rotation_center
+from vgrd.calibration.universal import UniversalProblem, calibrate_universal
 from vgrd.errors import CalibrationError, NotObservable, TooFewObservations
 from vgrd.geometry import Array, Pose, nearest_rotation
 from vgrd.model import Motion

@@ -2,3 +2,31 @@
 
 May import joint and checks.
 """
+
+from vgrd.calibration.planning.advice import advise_session
+from vgrd.calibration.planning.budget import Budget, Systematic, error_budget
+from vgrd.calibration.planning.next_sample import (
+    Job,
+    Spinning,
+    Touching,
+    plan_samples,
+    plan_touches,
+)
+from vgrd.calibration.planning.predicted_error import PredictedError
+from vgrd.calibration.planning.predicted_rows import picture_of
+from vgrd.calibration.planning.reach import Reach
+
+__all__ = [
+    "Budget",
+    "Job",
+    "PredictedError",
+    "Reach",
+    "Spinning",
+    "Systematic",
+    "Touching",
+    "advise_session",
+    "error_budget",
+    "picture_of",
+    "plan_samples",
+    "plan_touches",
+]

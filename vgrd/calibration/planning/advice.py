@@ -6,13 +6,12 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from vgrd.calibration.checks import examine, missing_motions
-from vgrd.calibration.joint.estimate import calibrate_joint
-from vgrd.calibration.joint.fit import JointFit
+from vgrd.calibration.joint import JointFit, calibrate_joint
 from vgrd.calibration.planning.next_sample import Advice, next_best, without_pose
 from vgrd.calibration.planning.pose_trust import reason_against
 from vgrd.calibration.planning.predicted_error import Job, PredictedError, Undetermined
 from vgrd.calibration.planning.reach import Reach, camera_sees_tag_a, usual_wrist
-from vgrd.calibration.turntable.usable_spins import without_useless_spins
+from vgrd.calibration.turntable import without_useless_spins
 from vgrd.errors import DidNotConverge, VgrdError
 from vgrd.geometry import Array
 from vgrd.judging.findings import finding

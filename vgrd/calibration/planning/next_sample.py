@@ -10,8 +10,7 @@ from functools import cache, partial
 
 import numpy as np
 
-from vgrd.calibration.joint.estimate import calibrate_joint
-from vgrd.calibration.joint.fit import JointFit
+from vgrd.calibration.joint import JointFit, calibrate_joint
 from vgrd.calibration.planning.predicted_error import Job, PredictedError
 from vgrd.calibration.planning.reach import (
     Candidate,

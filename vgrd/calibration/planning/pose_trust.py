@@ -8,9 +8,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from vgrd.calibration.checks.misinterpreted_points import rival_names
-from vgrd.calibration.joint.fit import JointFit
-from vgrd.calibration.joint.state import Layout
+from vgrd.calibration.checks import rival_names
+from vgrd.calibration.joint import JointFit, Layout
 from vgrd.calibration.planning.reach import Candidate, Reach, Touching, flange_of
 from vgrd.geometry import Array, Pose, hat, log_rotation
 from vgrd.geometry.covariance import radius95

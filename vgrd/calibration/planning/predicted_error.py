@@ -9,11 +9,15 @@ from itertools import product
 
 import numpy as np
 
-from vgrd.calibration.joint.expected import predict, work_orientation
-from vgrd.calibration.joint.fit import JointFit, information_inverse
-from vgrd.calibration.joint.problem import EvidenceKind
-from vgrd.calibration.joint.solution import solution_of
-from vgrd.calibration.joint.state import Layout
+from vgrd.calibration.joint import (
+    EvidenceKind,
+    JointFit,
+    Layout,
+    information_inverse,
+    predict,
+    solution_of,
+    work_orientation,
+)
 from vgrd.calibration.planning.predicted_rows import ForeseenRows, picture_of
 from vgrd.calibration.planning.reach import Candidate, Looking
 from vgrd.geometry import Array, Pose

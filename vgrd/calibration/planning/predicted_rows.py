@@ -5,13 +5,23 @@ from dataclasses import replace
 
 import numpy as np
 
-from vgrd.calibration.joint.camera_corrections import TAG_A, TAG_B, adjoints
-from vgrd.calibration.joint.fit import JointFit
-from vgrd.calibration.joint.problem import EvidenceKind, JointData, Looks, Tags, target_of
-from vgrd.calibration.joint.rows import arm_jacobian, linearize, object_motions
-from vgrd.calibration.joint.state import Layout
+from vgrd.calibration.joint import (
+    TAG_A,
+    TAG_B,
+    EvidenceKind,
+    JointData,
+    JointFit,
+    Layout,
+    Looks,
+    Tags,
+    adjoints,
+    arm_jacobian,
+    linearize,
+    object_motions,
+    target_of,
+)
 from vgrd.calibration.planning.reach import Candidate, Spinning, Touching, flange_of
-from vgrd.calibration.touches.touch_set import TouchSet, touch_set
+from vgrd.calibration.touches import TouchSet, touch_set
 from vgrd.geometry import Array, Pose
 from vgrd.geometry.covariance import sqrt_information
 from vgrd.model import TagObservation, TagSpec, frozen_array

@@ -6,10 +6,9 @@ from itertools import product
 
 import numpy as np
 
-from vgrd.calibration.joint.fit import JointFit
-from vgrd.calibration.joint.problem import target_of
-from vgrd.calibration.observability.motion import Axes, turned_axes
-from vgrd.calibration.touches.recorded import touched_orientation
+from vgrd.calibration.joint import JointFit, target_of
+from vgrd.calibration.observability import Axes, turned_axes
+from vgrd.calibration.touches import touched_orientation
 from vgrd.errors import InputError
 from vgrd.geometry import Array, Pose, exp_rotation
 from vgrd.model import Motion, Recording

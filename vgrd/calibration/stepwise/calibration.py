@@ -4,18 +4,22 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from vgrd.calibration.hand_eye.null_space import null_space_findings
-from vgrd.calibration.hand_eye.pose_pairs import HandEyeProblem, HandEyeResult, calibrate_hand_eye
-from vgrd.calibration.hand_eye.samples import hand_eye_samples
-from vgrd.calibration.joint.problem import Sighting
+from vgrd.calibration.hand_eye import (
+    HandEyeProblem,
+    HandEyeResult,
+    calibrate_hand_eye,
+    hand_eye_samples,
+    null_space_findings,
+)
+from vgrd.calibration.joint import Sighting
 from vgrd.calibration.outcome import Outcome
 from vgrd.calibration.stepwise.chain import CameraChain, Pivot
 from vgrd.calibration.stepwise.hole_center import HoleCenter, combine, find_hole_center
 from vgrd.calibration.stepwise.solution import SpecialSolution, UniversalSolution
 from vgrd.calibration.stepwise.touch_fit import FittedTouches, fit_touches
 from vgrd.calibration.stepwise.verdict import Evidence, judge
-from vgrd.calibration.touches.reference import find_reference
-from vgrd.calibration.turntable.rotation_center import RotationCenter, find_rotation_center
+from vgrd.calibration.touches import find_reference
+from vgrd.calibration.turntable import RotationCenter, find_rotation_center
 from vgrd.errors import DidNotConverge, NotObservable, TooFewObservations
 from vgrd.geometry import Array
 from vgrd.judging.findings import finding

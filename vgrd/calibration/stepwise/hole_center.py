@@ -11,12 +11,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from vgrd.calibration.joint.fit import variance_inflation
-from vgrd.calibration.joint.problem import Sighting, Turntable
-from vgrd.calibration.touches.cad_fit import kabsch
-from vgrd.calibration.touches.reference import Reference
-from vgrd.calibration.touches.touch_set import equivalent_sigmas
-from vgrd.calibration.turntable.rotation_center import RotationCenter
+from vgrd.calibration.joint import Sighting, Turntable, variance_inflation
+from vgrd.calibration.touches import Reference, equivalent_sigmas, kabsch
+from vgrd.calibration.turntable import RotationCenter
 from vgrd.errors import DidNotConverge, NotObservable, TooFewObservations
 from vgrd.geometry import Array, Pose, exp_rotation, hat
 from vgrd.geometry.camera import CameraModel

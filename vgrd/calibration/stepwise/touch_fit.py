@@ -5,10 +5,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from vgrd.calibration.observability.motion import Axes, check_distinct, turned_axes
-from vgrd.calibration.touches.cad_fit import CadFit, fit_cad
-from vgrd.calibration.touches.recorded import arm_touches, touched_orientation
-from vgrd.calibration.universal.estimate import (
+from vgrd.calibration.observability import Axes, check_distinct, turned_axes
+from vgrd.calibration.touches import CadFit, arm_touches, fit_cad, touched_orientation
+from vgrd.calibration.universal import (
     UniversalProblem,
     UniversalResult,
     calibrate_universal,

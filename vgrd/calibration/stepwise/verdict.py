@@ -4,11 +4,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from vgrd.calibration.checks.bad_touches import bad_touches
-from vgrd.calibration.hand_eye.pose_pairs import HandEyeResult
+from vgrd.calibration.checks import bad_touches
+from vgrd.calibration.hand_eye import HandEyeResult
 from vgrd.calibration.stepwise.touch_fit import FittedTouches
-from vgrd.calibration.touches.reference import Reference
-from vgrd.calibration.turntable.rotation_center import RotationCenter
+from vgrd.calibration.touches import Reference
+from vgrd.calibration.turntable import RotationCenter
 from vgrd.geometry.covariance import rms
 from vgrd.judging.findings import finding
 from vgrd.judging.thresholds import NOISY_SCALE, PIVOT_APART_MM, SPIN_MM, SPIN_SIGMA

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from vgrd.calibration.observability.motion import missing_rotation
+from vgrd.calibration.observability import missing_rotation
 from vgrd.calibration.tcp.surface import (
     SPARE,
     SurfaceResult,
@@ -16,7 +16,7 @@ from vgrd.calibration.tcp.surface import (
     surface_result,
     tip_sigma_mm,
 )
-from vgrd.calibration.touches.touch_set import TouchSet
+from vgrd.calibration.touches import TouchSet
 from vgrd.errors import InputError
 from vgrd.geometry import Array
 from vgrd.geometry.least_squares import Minimum, check_convergence, minimize

@@ -12,8 +12,8 @@ from typing import Generic, TypeVar
 
 import numpy as np
 
-from vgrd.calibration.observability.motion import missing_rotation
-from vgrd.calibration.touches.touch_set import TouchSet, studentized_residuals
+from vgrd.calibration.observability import missing_rotation
+from vgrd.calibration.touches import TouchSet, studentized_residuals
 from vgrd.errors import NotObservable, TooFewObservations
 from vgrd.geometry import Array
 from vgrd.geometry.covariance import covariance_from, observability

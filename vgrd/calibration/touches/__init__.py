@@ -2,3 +2,32 @@
 
 May import observability and model.
 """
+
+from vgrd.calibration.touches.cad_fit import CadFit, fit_cad, kabsch
+from vgrd.calibration.touches.equations import (
+    TouchSet,
+    equivalent_sigmas,
+    studentized_residuals,
+    touch_set,
+)
+from vgrd.calibration.touches.recorded import arm_touches, touched_orientation
+from vgrd.calibration.touches.reference import Reference, find_reference, moved_touches
+from vgrd.calibration.touches.scatter import Repeatability, Sigma, repeatability
+
+__all__ = [
+    "CadFit",
+    "Reference",
+    "Repeatability",
+    "Sigma",
+    "TouchSet",
+    "arm_touches",
+    "equivalent_sigmas",
+    "find_reference",
+    "fit_cad",
+    "kabsch",
+    "moved_touches",
+    "repeatability",
+    "studentized_residuals",
+    "touch_set",
+    "touched_orientation",
+]

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from vgrd.calibration.touches.touch_set import TouchSet, studentized_residuals
+from vgrd.calibration.touches.equations import TouchSet, studentized_residuals
 from vgrd.errors import InputError, NotObservable, TooFewObservations
 from vgrd.geometry import Array, Pose, hat, nearest_rotation
 from vgrd.geometry.coincidence import are_in_line

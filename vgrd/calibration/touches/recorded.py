@@ -4,7 +4,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from vgrd.calibration.touches.touch_set import TouchSet, touch_set
+from vgrd.calibration.touches.equations import TouchSet, touch_set
 from vgrd.geometry import Array, log_rotation
 from vgrd.model import Recording, Touch
 

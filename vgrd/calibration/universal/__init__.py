@@ -2,3 +2,23 @@
 
 May import touches and observability.
 """
+
+from vgrd.calibration.universal.estimate import (
+    Equations,
+    UniversalProblem,
+    UniversalResult,
+    calibrate_universal,
+    retract,
+)
+from vgrd.calibration.universal.start import linear_rotation, lowest_cost, reduced_cost
+
+__all__ = [
+    "Equations",
+    "UniversalProblem",
+    "UniversalResult",
+    "calibrate_universal",
+    "linear_rotation",
+    "lowest_cost",
+    "reduced_cost",
+    "retract",
+]

@@ -5,7 +5,7 @@ from typing import Literal
 
 import numpy as np
 
-from vgrd.calibration.touches.touch_set import studentized_residuals
+from vgrd.calibration.touches import studentized_residuals
 from vgrd.calibration.universal.certificate import certify_rotation
 from vgrd.calibration.universal.problem import (
     Equations,

@@ -4,8 +4,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from vgrd.calibration.observability.motion import Axes, missing_rotation, turned_axes
-from vgrd.calibration.touches.touch_set import TouchSet
+from vgrd.calibration.observability import Axes, missing_rotation, turned_axes
+from vgrd.calibration.touches import TouchSet
 from vgrd.calibration.universal.start import solve_linear_part
 from vgrd.errors import InputError, NotObservable, TooFewObservations
 from vgrd.geometry import Array, exp_rotation, hat

@@ -8,7 +8,7 @@ from itertools import permutations, product
 
 import numpy as np
 
-from vgrd.calibration.touches.touch_set import TouchSet
+from vgrd.calibration.touches import TouchSet
 from vgrd.geometry import Array, exp_rotation, hat, nearest_rotation
 
 _FIRST_STEPS = 5  # of all 24 starts, to rank them

@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from vgrd.calibration.hand_eye.features import Place
+from vgrd.calibration.hand_eye import Place
 from vgrd.documents.tables import parse, tables_of
 from vgrd.documents.toml import hint
 from vgrd.solving.datasets.document import FeatureTable, SampleTable

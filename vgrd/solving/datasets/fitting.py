@@ -6,18 +6,16 @@ from dataclasses import replace
 
 import numpy as np
 
-from vgrd.calibration.hand_eye.features import Place
-from vgrd.calibration.hand_eye.points import (
-    PointHandEyeProblem,
-    PointSample,
-    TargetScale,
-    calibrate_hand_eye_from_points,
-)
-from vgrd.calibration.hand_eye.pose_pairs import (
+from vgrd.calibration.hand_eye import (
     HandEyeProblem,
     HandEyeResult,
+    Place,
+    PointHandEyeProblem,
+    PointSample,
     PoseSample,
+    TargetScale,
     calibrate_hand_eye,
+    calibrate_hand_eye_from_points,
 )
 from vgrd.errors import CalibrationError
 from vgrd.geometry import Array, Pose, hat

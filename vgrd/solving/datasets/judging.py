@@ -5,13 +5,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from vgrd.calibration.checks.agreement import Poses, agreement
-from vgrd.calibration.checks.conventions import mistaken_unit
-from vgrd.calibration.checks.interpretations import Interpretation, best_of
-from vgrd.calibration.hand_eye.null_space import null_space_findings
-from vgrd.calibration.hand_eye.points import TargetScale
-from vgrd.calibration.hand_eye.pose_pairs import HandEyeResult
-from vgrd.calibration.hand_eye.state import flange_motion_of
+from vgrd.calibration.checks import Interpretation, Poses, agreement, best_of, mistaken_unit
+from vgrd.calibration.hand_eye import (
+    HandEyeResult,
+    TargetScale,
+    flange_motion_of,
+    null_space_findings,
+)
 from vgrd.errors import InputError
 from vgrd.geometry import Pose
 from vgrd.geometry.rotation_formats import RotationFormat, pose_from, value_count

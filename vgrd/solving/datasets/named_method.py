@@ -5,9 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from vgrd.calibration.hand_eye.points import TargetScale
-from vgrd.calibration.hand_eye.pose_pairs import HandEyeResult, SampleResidual
-from vgrd.calibration.hand_eye.published import METHODS, PosePair
+from vgrd.calibration.hand_eye import METHODS, HandEyeResult, PosePair, SampleResidual, TargetScale
 from vgrd.errors import InputError
 from vgrd.geometry import Array, Pose
 from vgrd.geometry.camera import CameraModel

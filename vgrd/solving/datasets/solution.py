@@ -5,7 +5,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
-from vgrd.calibration.hand_eye.points import TargetScale
+from vgrd.calibration.hand_eye import TargetScale
 from vgrd.geometry import Array, Pose
 from vgrd.geometry.camera import CameraModel
 from vgrd.model import Mount, Verdict

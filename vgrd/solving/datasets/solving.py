@@ -7,10 +7,8 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from vgrd.calibration.hand_eye.null_space import undetermined_in_words
-from vgrd.calibration.hand_eye.points import PointSample
-from vgrd.calibration.hand_eye.pose_pairs import HandEyeResult
-from vgrd.calibration.observability.motion import Axes, turned_axes
+from vgrd.calibration.hand_eye import HandEyeResult, PointSample, undetermined_in_words
+from vgrd.calibration.observability import Axes, turned_axes
 from vgrd.errors import CalibrationError, ConfigError, InputError, TagNotSeen, TooFewObservations
 from vgrd.geometry import Pose
 from vgrd.geometry.resection import checked_points

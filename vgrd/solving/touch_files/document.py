@@ -10,8 +10,8 @@ from typing import Annotated, Any
 import numpy as np
 from pydantic import Field
 
-from vgrd.calibration.tcp.plane import Plane
-from vgrd.calibration.touches.touch_set import TouchSet, touch_set
+from vgrd.calibration.tcp import Plane
+from vgrd.calibration.touches import TouchSet, touch_set
 from vgrd.documents.tables import (
     LengthMm,
     NamedTable,

@@ -6,8 +6,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from vgrd.calibration.touches.repeatability import Repeatability, Sigma, repeatability
-from vgrd.calibration.touches.touch_set import TouchSet
+from vgrd.calibration.touches import Repeatability, Sigma, TouchSet, repeatability
 from vgrd.errors import TooFewObservations
 from vgrd.geometry import Array
 from vgrd.solving.touch_files.document import TouchFile, TouchKind

@@ -7,18 +7,23 @@ from typing import Any
 
 import numpy as np
 
-from vgrd.calibration.checks.misinterpretation import VariedWrists, misinterpretation
-from vgrd.calibration.observability.leave_one_out import (
+from vgrd.calibration.checks import VariedWrists, misinterpretation
+from vgrd.calibration.observability import (
     RobustFit,
     TouchFit,
     fit_without_outliers,
     noise_scale,
 )
-from vgrd.calibration.tcp.fixed_point import FixedPointResult, calibrate_fixed_point
-from vgrd.calibration.tcp.plane import check_one_plane, fit_plane
-from vgrd.calibration.tcp.sphere import check_one_sphere, fit_sphere
-from vgrd.calibration.touches.touch_set import TouchSet
-from vgrd.calibration.universal.estimate import (
+from vgrd.calibration.tcp import (
+    FixedPointResult,
+    calibrate_fixed_point,
+    check_one_plane,
+    check_one_sphere,
+    fit_plane,
+    fit_sphere,
+)
+from vgrd.calibration.touches import TouchSet
+from vgrd.calibration.universal import (
     UniversalProblem,
     UniversalResult,
     calibrate_universal,

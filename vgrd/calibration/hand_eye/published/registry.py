@@ -10,7 +10,7 @@ from vgrd.calibration.hand_eye.published.robot_world import li, shah
 from vgrd.calibration.hand_eye.published.separable import horaud_dornaika, park_martin, tsai_lenz
 from vgrd.calibration.hand_eye.published.simultaneous import andreff, daniilidis, gwak, lu_chou, wu
 from vgrd.calibration.hand_eye.state import flange_motion_of
-from vgrd.calibration.observability.motion import (
+from vgrd.calibration.observability import (
     Axes,
     check_distinct,
     check_hand_eye_motion,

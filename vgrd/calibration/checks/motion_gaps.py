@@ -8,13 +8,12 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from vgrd.calibration.checks.agreement import Poses, agreement
-from vgrd.calibration.checks.missing_touches import missing_points, missing_touches
+from vgrd.calibration.checks.pose_agreement import Poses, agreement
 from vgrd.calibration.checks.proposals import MissingMotion, direction, tilted
-from vgrd.calibration.hand_eye.pose_pairs import PoseSample
-from vgrd.calibration.hand_eye.samples import hand_eye_samples
-from vgrd.calibration.observability.motion import Axes, hand_eye_observability, turned_axes
-from vgrd.calibration.turntable.rotation_center import find_rotation_center
+from vgrd.calibration.checks.touch_gaps import missing_points, missing_touches
+from vgrd.calibration.hand_eye import PoseSample, hand_eye_samples
+from vgrd.calibration.observability import Axes, hand_eye_observability, turned_axes
+from vgrd.calibration.turntable import find_rotation_center
 from vgrd.errors import NotObservable
 from vgrd.geometry import Array, Pose, log_rotation
 from vgrd.model import Motion, Mount, Plan, Policy, Recording

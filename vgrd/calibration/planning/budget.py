@@ -12,11 +12,20 @@ from enum import StrEnum
 import numpy as np
 from scipy.linalg import solve_triangular
 
-from vgrd.calibration.joint.camera_corrections import TAG_A, TAG_B, CameraCorrections, PriorSigmas
-from vgrd.calibration.joint.expected import predict, work_orientation
-from vgrd.calibration.joint.fit import JointFit, whiten_arm
-from vgrd.calibration.joint.problem import EvidenceKind, Tags
-from vgrd.calibration.joint.solution import Prediction, solution_of
+from vgrd.calibration.joint import (
+    TAG_A,
+    TAG_B,
+    CameraCorrections,
+    EvidenceKind,
+    JointFit,
+    Prediction,
+    PriorSigmas,
+    Tags,
+    predict,
+    solution_of,
+    whiten_arm,
+    work_orientation,
+)
 from vgrd.calibration.planning.predicted_error import Job, PredictedError
 from vgrd.errors import InputError
 from vgrd.geometry import Array

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from vgrd.calibration.touches.touch_set import TouchSet
+from vgrd.calibration.touches.equations import TouchSet
 from vgrd.errors import InputError, TooFewObservations
 from vgrd.geometry import Array
 from vgrd.geometry.chi2 import chi2_quantile

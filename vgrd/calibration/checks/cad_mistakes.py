@@ -7,11 +7,14 @@ from typing import Protocol
 
 import numpy as np
 
-from vgrd.calibration.observability.leave_one_out import noise_scale
-from vgrd.calibration.touches.cad_fit import fit_cad, kabsch
-from vgrd.calibration.touches.touch_set import TouchSet
-from vgrd.calibration.universal.estimate import UniversalProblem, calibrate_universal
-from vgrd.calibration.universal.start import linear_rotation, reduced_cost
+from vgrd.calibration.observability import noise_scale
+from vgrd.calibration.touches import TouchSet, fit_cad, kabsch
+from vgrd.calibration.universal import (
+    UniversalProblem,
+    calibrate_universal,
+    linear_rotation,
+    reduced_cost,
+)
 from vgrd.errors import CalibrationError
 from vgrd.geometry import Array
 from vgrd.geometry.rotation_relaxation import relax

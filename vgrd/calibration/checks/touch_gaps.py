@@ -5,11 +5,10 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from vgrd.calibration.checks.proposals import MissingMotion, direction, tilted
-from vgrd.calibration.observability.motion import Axes, turned_axes
-from vgrd.calibration.tcp.fixed_point import calibrate_fixed_point
-from vgrd.calibration.touches.cad_fit import fit_cad
-from vgrd.calibration.touches.recorded import arm_touches
-from vgrd.calibration.universal.estimate import UniversalProblem, calibrate_universal
+from vgrd.calibration.observability import Axes, turned_axes
+from vgrd.calibration.tcp import calibrate_fixed_point
+from vgrd.calibration.touches import arm_touches, fit_cad
+from vgrd.calibration.universal import UniversalProblem, calibrate_universal
 from vgrd.errors import CalibrationError, InputError, NotObservable, TooFewObservations
 from vgrd.geometry import Array, log_rotation
 from vgrd.geometry.coincidence import are_in_line

@@ -7,12 +7,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from vgrd.calibration.observability.leave_one_out import fit_without_outliers
-from vgrd.calibration.observability.motion import Axes, turned_axes
-from vgrd.calibration.touches.cad_fit import fit_cad
-from vgrd.calibration.touches.recorded import arm_touches
-from vgrd.calibration.touches.touch_set import TouchSet
-from vgrd.calibration.universal.estimate import UniversalProblem, calibrate_universal
+from vgrd.calibration.observability import Axes, fit_without_outliers, turned_axes
+from vgrd.calibration.touches import TouchSet, arm_touches, fit_cad
+from vgrd.calibration.universal import UniversalProblem, calibrate_universal
 from vgrd.geometry import Array
 from vgrd.judging.findings import finding
 from vgrd.judging.thresholds import OUTLIER_SIGMA, WRONG_SIGMA
