@@ -26,7 +26,7 @@ from vgrd.calibration.hand_eye import (
     PosePair,
     PoseSample,
 )
-from vgrd.calibration.joint import Sighting
+from vgrd.calibration.joint import HolePixel
 from vgrd.calibration.touches import TouchSet
 from vgrd.calibration.universal import UniversalProblem
 from vgrd.geometry import Array, Pose, exp_rotation
@@ -216,12 +216,12 @@ class Jitter:
         return replace(value, camera_from_tag=self.shaken(value.camera_from_tag))
 
     @shaken.register
-    def _(self, value: Sighting) -> Sighting:
+    def _(self, value: HolePixel) -> HolePixel:
         return replace(value, pixel=self.shaken(value.pixel))
 
     def session(
-        self, recording: Recording, sightings: Sequence[Sighting]
-    ) -> tuple[Recording, tuple[Sighting, ...]]:
+        self, recording: Recording, sightings: Sequence[HolePixel]
+    ) -> tuple[Recording, tuple[HolePixel, ...]]:
         """A recording and the holes seen in it; each hole still tells of its spin."""
         kinds = ("looks", "spins", "touches", "points", "verifications")
         orders: dict[str, Order] = {}
@@ -236,7 +236,7 @@ class Jitter:
         return replace(recording, **samples), tuple(moved)
 
 
-def _with_spin(hole: Sighting, place: Order) -> Sighting:
+def _with_spin(hole: HolePixel, place: Order) -> HolePixel:
     known = hole.spin is not None and 0 <= hole.spin < len(place)
     return replace(hole, spin=int(place[hole.spin])) if known else hole
 

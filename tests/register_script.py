@@ -6,10 +6,34 @@ Run by `tests.behaviour` in the tree that it asks; uses nothing but the doors of
 import itertools
 import json
 
-from vgrd.registers import Answer, RegisterImage, Request, RotationFormat, State, Status, view
+from vgrd.registers import Answer, RegisterImage, Request, State, Status, view
 
 DEADLINE_S = 0.25
-TRIG, POINT = 0, 2
+AGES_S = (0.0, 0.2, 0.3, 2.5)
+FORMATS = type(Answer().rotation_format)  # its name differs between versions
+# Numbers that every version of the map has.
+STATUSES = (
+    0,
+    1,
+    2,
+    10,
+    101,
+    102,
+    103,
+    106,
+    201,
+    202,
+    205,
+    206,
+    302,
+    401,
+    403,
+    501,
+    504,
+    505,
+    602,
+    900,
+)
 
 
 def request(trig: int, point: int) -> Request:
@@ -24,9 +48,9 @@ def views() -> list[dict[str, object]]:
     """The registers in every state and at several ages."""
     out: list[dict[str, object]] = []
     asked = request(3, 2)
-    for status, age_s, form in itertools.product(Status, (0.0, 0.2, 0.3, 2.5), RotationFormat):
+    for status, age_s, form in itertools.product(STATUSES, AGES_S, FORMATS):
         answer = Answer(
-            status,
+            Status(status),
             echo=3,
             seq=7,
             nonce=3,

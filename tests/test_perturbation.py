@@ -14,7 +14,7 @@ from fakes.perturbation import SIZE, Jitter, Perturbation, installed
 from fakes.world.simulation import Simulation
 from vgrd.calibration import solve as system
 from vgrd.calibration.joint import estimate as joint
-from vgrd.calibration.joint.problem import Sighting
+from vgrd.calibration.joint.problem import HolePixel
 from vgrd.calibration.tcp import fixed_point as tcp
 from vgrd.calibration.tcp.fixed_point import calibrate_fixed_point
 from vgrd.calibration.touches.equations import TouchSet
@@ -97,7 +97,7 @@ def test_equal_input_is_perturbed_alike_and_another_seed_differs():
 
 def test_a_hole_stays_with_the_spin_in_which_it_was_seen():
     recording = Simulation(1).record()
-    holes = [Sighting("P1", np.array([1.0 + spin, 2.0]), 0.1, spin) for spin in (0, 4, 7)]
+    holes = [HolePixel("P1", np.array([1.0 + spin, 2.0]), 0.1, spin) for spin in (0, 4, 7)]
     moved, seen = Jitter(np.random.default_rng(3)).session(recording, holes)
     stamps = [recording.spins[hole.spin].stamp_s for hole in holes]
     assert {moved.spins[one.spin].stamp_s: round(one.pixel[0]) for one in seen} == dict(

@@ -28,7 +28,7 @@ from fakes.world.layout import Layout
 from fakes.world.visibility import (
     PLATE_CELLS,
     TAG_NAMES,
-    Sight,
+    Visibility,
     bodies,
     hides,
     plate_points,
@@ -51,7 +51,7 @@ class Renderer:
         self._scenery = Scenery(layout)
         self._holes = HoleDrawer(layout)
 
-    def visible(self, name: TagName, snapshot: WorldSnapshot) -> Sight:
+    def visible(self, name: TagName, snapshot: WorldSnapshot) -> Visibility:
         """Judge how the camera sees tag "a" or "b"."""
         return visible(self.layout, name, snapshot)
 

@@ -14,7 +14,7 @@ _PERIOD_S = 10.0
 
 
 @dataclass(slots=True)
-class Arm:
+class ScriptedArm:
     """A flange that stands still, or circles horizontally with `radius_mm` in ten seconds."""
 
     radius_mm: float = 0.0

@@ -11,7 +11,7 @@ from rich.table import Table
 from fakes.world import layout as written
 from fakes.world import poses
 from fakes.world.layout import Layout
-from fakes.world.visibility import TAG_NAMES, Sight, visible
+from fakes.world.visibility import TAG_NAMES, Visibility, visible
 from fakes.world.world import TagName
 from vgrd.geometry import Pose
 
@@ -70,7 +70,7 @@ def main() -> None:
     print("hidden:", ", ".join(f"{reason} ({n})" for reason, n in hidden.most_common()))
 
 
-def _statistics(sights: Sequence[Mapping[TagName, Sight]]) -> list[str]:
+def _statistics(sights: Sequence[Mapping[TagName, Visibility]]) -> list[str]:
     total = len(sights)
     seen = {tag: sum(sight[tag].seen for sight in sights) for tag in TAG_NAMES}
     both = sum(all(sight[tag].seen for tag in TAG_NAMES) for sight in sights)

@@ -7,12 +7,12 @@ from typing import Annotated
 import typer
 
 from drivers import robot_profile
-from fakes.commands.arm import Arm
+from fakes.commands.arm import ScriptedArm
 from fakes.commands.console import Action, switch, until_stopped, what_can_be_typed
 from fakes.controllers.modbus_robot import ModbusFaults, ModbusRobotServer
 
 
-def _actions(arm: Arm, server: ModbusRobotServer) -> dict[str, Action]:
+def _actions(arm: ScriptedArm, server: ModbusRobotServer) -> dict[str, Action]:
     still = arm.actions()
 
     def reset(words: Sequence[str]) -> None:
@@ -26,7 +26,7 @@ def _actions(arm: Arm, server: ModbusRobotServer) -> dict[str, Action]:
     }
 
 
-async def _serve(arm: Arm, profile: str, host: str, port: int) -> None:
+async def _serve(arm: ScriptedArm, profile: str, host: str, port: int) -> None:
     loaded = robot_profile.load(profile)
     async with ModbusRobotServer(arm.state, loaded, host, port) as server:
         actions = _actions(arm, server)
@@ -45,4 +45,4 @@ def main(
     pose and tcp take x y z (mm) and a rotation vector (rad); silent and refuse take on or off;
     reset undoes all.
     """
-    asyncio.run(_serve(Arm(circle_mm), profile, host, port))
+    asyncio.run(_serve(ScriptedArm(circle_mm), profile, host, port))

@@ -6,12 +6,12 @@ from typing import Annotated
 
 import typer
 
-from fakes.commands.arm import Arm
+from fakes.commands.arm import ScriptedArm
 from fakes.commands.console import Action, numbers, switch, until_stopped, what_can_be_typed, word
 from fakes.controllers.rtde import PORT, RtdeFaults, RtdeServer
 
 
-def _actions(arm: Arm, server: RtdeServer) -> dict[str, Action]:
+def _actions(arm: ScriptedArm, server: RtdeServer) -> dict[str, Action]:
     switches = {
         "silent": "silent",
         "freeze": "freeze",
@@ -45,7 +45,7 @@ def _actions(arm: Arm, server: RtdeServer) -> dict[str, Action]:
     )
 
 
-async def _serve(arm: Arm, host: str, port: int, *, silent: bool) -> None:
+async def _serve(arm: ScriptedArm, host: str, port: int, *, silent: bool) -> None:
     async with RtdeServer(arm.state, host, port) as server:
         server.faults.silent = silent
         actions = _actions(arm, server)
@@ -66,4 +66,4 @@ def main(
     repeat and nan take on or off; late and clock take seconds; drop takes fin or rst;
     reset undoes all.
     """
-    asyncio.run(_serve(Arm(circle_mm), host, port, silent=silent))
+    asyncio.run(_serve(ScriptedArm(circle_mm), host, port, silent=silent))

@@ -14,7 +14,7 @@ from pymodbus.exceptions import ModbusException
 
 from fakes.world.world import World
 from vgrd.geometry import Array, Pose
-from vgrd.registers import REQUEST, RESPONSE, Command, Policy, State, Status
+from vgrd.registers import REQUEST, RESPONSE, Command, PolicyCode, State, Status
 
 POLL_S = 0.01
 HEARTBEAT_LOST_S = 0.5
@@ -102,7 +102,7 @@ class RobotProgram:
         self,
         point: int,
         command: Command = Command.EC_FRESH,
-        policy: Policy = Policy.CONFIGURED,
+        policy: PolicyCode = PolicyCode.CONFIGURED,
     ) -> Reply:
         """Request a point and wait for the answer; Stopped on anything but OK."""
         asked_s = self.request(point, command, policy)
@@ -118,7 +118,7 @@ class RobotProgram:
         self,
         point: int,
         command: Command = Command.EC_FRESH,
-        policy: Policy = Policy.CONFIGURED,
+        policy: PolicyCode = PolicyCode.CONFIGURED,
     ) -> float:
         """Write a request; returns when (monotonic). Stopped when it was not taken."""
         self.trigger = self.trigger % 60000 + 1

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from fakes.demo.show import Request
+from fakes.demo.show import ShownRequest
 from fakes.studies.paper.baselines import (
     SPECIAL,
     SPECIAL_CAD,
@@ -22,7 +22,7 @@ SAME_WRIST_RAD = 0.01
 
 
 def misses_by_method(
-    world: World, teaching: Path, requests: Path, served: Sequence[Request]
+    world: World, teaching: Path, requests: Path, served: Sequence[ShownRequest]
 ) -> Mapping[str, Array]:
     """True misses (n, 3) mm of every method, had the robot gone where that method says.
 
@@ -47,7 +47,7 @@ def misses_by_method(
     return {method: np.array(values) for method, values in misses.items()}
 
 
-def _picture_of(request: Request, observations: Sequence[Observation]) -> Observation | None:
+def _picture_of(request: ShownRequest, observations: Sequence[Observation]) -> Observation | None:
     """The last one recorded until the answer: a picture that shows nothing new is not recorded."""
     answered_s = request.stamp_s + request.latency_s
     return max(

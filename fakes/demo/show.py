@@ -26,7 +26,7 @@ SOLVE_S, FOLLOW_S, RECOVERY_S = 600.0, 60.0, 120.0
 
 
 @dataclass(slots=True)
-class Request:
+class ShownRequest:
     """One robot request: where the table stood, what was served, and the true miss (3,) mm."""
 
     target: str
@@ -43,7 +43,7 @@ class Request:
 class Shown:
     """Everything the demo measured."""
 
-    requests: list[Request] = field(default_factory=list)
+    requests: list[ShownRequest] = field(default_factory=list)
     repeats: int = 0
     presses: int = 0
     calibration: dict[str, object] = field(default_factory=dict)
@@ -142,7 +142,7 @@ class Show:
         reply = program.ask(self.world.targets[target].id)
         program.touch(reply)
         self.shown.requests.append(
-            Request(
+            ShownRequest(
                 target,
                 angle_rad,
                 reply.base_from_wrist,

@@ -14,7 +14,7 @@ SEED = 20
 
 
 @dataclass(frozen=True, slots=True)
-class Outcome:
+class StudyOutcome:
     """What a study found, and the files it wrote."""
 
     name: str
@@ -53,7 +53,7 @@ def conduct(
     out: Path,
     plot: bool = True,
     report: Report | None = None,
-) -> Outcome:
+) -> StudyOutcome:
     """Run a study and write its files into `out`, which is made.
 
     runs: of each case, None takes the study's own number (its full one with `full`). Raises
@@ -74,7 +74,7 @@ def conduct(
         files.append(out / f"{name}.png")
         study.draw(trials).savefig(files[1])
     figures = (*study.figures(trials), _refused(trials))
-    return Outcome(name, study.title, count, seed, figures, tuple(files))
+    return StudyOutcome(name, study.title, count, seed, figures, tuple(files))
 
 
 def _refused(trials: Trials) -> Figure:

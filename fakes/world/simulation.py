@@ -52,7 +52,7 @@ class Hole:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Request:
+class SimulatedRequest:
     """A picture of the turned object at run time, and the angle that nobody knows."""
 
     target: str
@@ -128,7 +128,7 @@ class Simulation:
         """
         return np.asarray(self.point(target, angle_rad) - R @ self._work_tip())
 
-    def miss(self, request: Request, base_from_wrist: Pose) -> Array:
+    def miss(self, request: SimulatedRequest, base_from_wrist: Pose) -> Array:
         """Work tip minus target, (3,) mm, after the arm was sent to `base_from_wrist`."""
         tip = self._true(base_from_wrist, self._draw()) @ self._work_tip()
         return np.asarray(tip - self.point(request.target, request.angle_rad))
@@ -205,11 +205,11 @@ class Simulation:
             points=self.points(points),
         )
 
-    def request(self) -> Request:
+    def request(self) -> SimulatedRequest:
         """The object turned at random, one picture from where the robot waits."""
         angle = float(self.rng.uniform(-np.pi, np.pi))
         target = f"P{self.rng.integers(6) + 1}"
-        return Request(target, angle, self.observe(self.standing, angle))
+        return SimulatedRequest(target, angle, self.observe(self.standing, angle))
 
     def facts(self) -> CellFacts:
         """What a cell file would tell."""

@@ -86,7 +86,7 @@ def plate_hides(base_from_plate: Pose, size_mm: float, points_in_base: Array, ey
 
 
 @dataclass(frozen=True, slots=True)
-class Sight:
+class Visibility:
     """How the camera sees a tag: `reasons` why it cannot be read (empty: it can), tilt, focus, depth.
 
     tilt_rad: between the tag's normal and the line of sight; defocus_px: diameter of the blur
@@ -104,7 +104,7 @@ class Sight:
         return not self.reasons
 
 
-def visible(layout: Layout, name: TagName, snapshot: WorldSnapshot) -> Sight:
+def visible(layout: Layout, name: TagName, snapshot: WorldSnapshot) -> Visibility:
     """Judge how the camera sees tag "a" or "b" in a snapshot."""
     tag = layout.tag_a if name == "a" else layout.tag_b
     base_from_tag = snapshot.base_from_tag(name, layout)
@@ -134,7 +134,7 @@ def visible(layout: Layout, name: TagName, snapshot: WorldSnapshot) -> Sight:
     tag_a = snapshot.base_from_tag("a", layout)
     if name == "b" and plate_hides(tag_a, layout.tag_a.size_mm, points, eye):
         reasons.append("behind tag a")
-    return Sight(tuple(reasons), tilt, defocus, float(centre[2]))
+    return Visibility(tuple(reasons), tilt, defocus, float(centre[2]))
 
 
 def _inside(layout: Layout, points_in_camera: Array) -> bool:

@@ -14,7 +14,7 @@ from scipy.special import chdtri
 
 from fakes.world.arm_errors import EXACT_ARM, ArmErrors
 from fakes.world.noise import COARSE
-from fakes.world.simulation import WORK_ROTATION, Request, Simulation
+from fakes.world.simulation import WORK_ROTATION, SimulatedRequest, Simulation
 from tests.benchmarks.harness import Row
 from vgrd.calibration.hand_eye.pose_pairs import HandEyeProblem, PoseSample, calibrate_hand_eye
 from vgrd.calibration.joint.estimate import calibrate_joint, fit_as_if
@@ -143,7 +143,9 @@ def _joint(name: str, arm: ArmErrors) -> list[Row]:
     ]
 
 
-def _answers(result: JointFit, request: Request) -> tuple[tuple[Array, Array], tuple[Pose, Array]]:
+def _answers(
+    result: JointFit, request: SimulatedRequest
+) -> tuple[tuple[Array, Array], tuple[Pose, Array]]:
     """TCP and flange pose of the expected coordinate, each with its covariance."""
     part = result.layout.TCP
     expected = expected_by_joint(result, request.target, request.seen, Policy.FIXED, WORK_ROTATION)

@@ -11,7 +11,7 @@ from tests.benchmarks.harness import Row
 from vgrd.geometry import Array, Pose
 from vgrd.geometry.camera import CameraModel
 from vgrd.vision.intrinsics.estimate import calibrate_intrinsics
-from vgrd.vision.intrinsics.fit import View
+from vgrd.vision.intrinsics.fit import BoardView
 
 RUNS, PICTURES = 8, 20
 NOISE_PX, PRINT_MM = 0.005, 0.01
@@ -53,11 +53,11 @@ def spread(errors: list[Array]) -> tuple[float, float]:
     return float(np.sqrt(squares[:2].mean())), float(np.sqrt(squares[2:].mean()))
 
 
-def simulated(board: Array, seed: int) -> list[View]:
+def simulated(board: Array, seed: int) -> list[BoardView]:
     """Pictures of the board as printed, tilted by 5 to 35 degrees, more than half of it in view."""
     rng = np.random.default_rng(seed)
     real = board + rng.normal(0, PRINT_MM, board.shape)
-    views: list[View] = []
+    views: list[BoardView] = []
     while len(views) < PICTURES:
         axis, yaw = rng.uniform(0, 2 * np.pi, 2)
         tilt = np.radians(rng.uniform(5, 35)) * np.array([np.cos(axis), np.sin(axis), 0])
@@ -68,11 +68,11 @@ def simulated(board: Array, seed: int) -> list[View]:
         inside = ((pixels > 3) & (pixels < np.array(SIZE) - 4)).all(1)
         if inside.mean() > 0.5:
             noisy = pixels[inside] + rng.normal(0, NOISE_PX, (int(inside.sum()), 2))
-            views.append(View(f"{len(views)}", np.flatnonzero(inside), noisy))
+            views.append(BoardView(f"{len(views)}", np.flatnonzero(inside), noisy))
     return views
 
 
-def opencv(board: Array, views: list[View]) -> Array:
+def opencv(board: Array, views: list[BoardView]) -> Array:
     """fx, fy, cx, cy of calibrateCamera, which believes the board."""
     points = [board[view.ids].astype(np.float32) for view in views]
     pixels = [view.pixels.astype(np.float32)[:, None] for view in views]

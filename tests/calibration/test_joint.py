@@ -9,7 +9,7 @@ from fakes.world.noise import FINE, Vision
 from fakes.world.simulation import WORK_ROTATION, Simulation
 from vgrd.calibration.joint.estimate import calibrate_joint
 from vgrd.calibration.joint.expected import expected_by_joint, predict, work_orientation
-from vgrd.calibration.joint.problem import EvidenceKind, Sighting, Turntable
+from vgrd.calibration.joint.problem import EvidenceKind, HolePixel, Turntable
 from vgrd.calibration.joint.rows import arm_jacobian, linearize
 from vgrd.calibration.joint.samples import gather
 from vgrd.calibration.joint.solution import solution_of
@@ -66,7 +66,7 @@ def misses(sim, result, policy=Policy.FIXED, count=4, **options):
 
 
 def sightings(holes):
-    return [Sighting(hole.target, hole.pixel, hole.sigma_px, hole.spin) for hole in holes]
+    return [HolePixel(hole.target, hole.pixel, hole.sigma_px, hole.spin) for hole in holes]
 
 
 @pytest.mark.parametrize("policy", list(Policy))

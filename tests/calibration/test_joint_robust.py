@@ -8,7 +8,7 @@ from fakes.world.simulation import Simulation
 from vgrd.calibration.joint.estimate import calibrate_joint
 from vgrd.calibration.joint.expected import expected_by_joint
 from vgrd.calibration.joint.fit import fit_joint
-from vgrd.calibration.joint.problem import SAMPLED, EvidenceKind, Sighting
+from vgrd.calibration.joint.problem import SAMPLED, EvidenceKind, HolePixel
 from vgrd.calibration.joint.robust import leave_one_out
 from vgrd.calibration.joint.samples import gather
 from vgrd.calibration.joint.state import guess, layout_of
@@ -108,7 +108,7 @@ def test_bad_pictures_are_named_and_the_touches_keep_their_weight():
 @pytest.mark.ordered("the number of a sample is part of what is expected")
 def test_a_hole_read_in_the_wrong_place_is_named():
     sim, recording = taught(531)
-    holes = [Sighting(h.target, h.pixel, h.sigma_px, h.spin) for h in sim.holes([None, 3])]
+    holes = [HolePixel(h.target, h.pixel, h.sigma_px, h.spin) for h in sim.holes([None, 3])]
     holes[8] = replace(holes[8], pixel=holes[8].pixel + np.array([3.0, 0.0]))
     result = calibrate_joint(recording, holes, arm=EXACT)
     assert named(result) == {f"hole {holes[8].target} in spin 4"}
@@ -117,7 +117,7 @@ def test_a_hole_read_in_the_wrong_place_is_named():
 @pytest.mark.ordered("the number of a sample is part of what is expected")
 def test_holes_of_a_spin_that_is_left_out_go_with_it():
     sim, recording = taught(532)
-    holes = [Sighting(h.target, h.pixel, h.sigma_px, h.spin) for h in sim.holes([2, 5, 6])]
+    holes = [HolePixel(h.target, h.pixel, h.sigma_px, h.spin) for h in sim.holes([2, 5, 6])]
     data = gather(recording, holes, EXACT)
     weights = {link: np.ones(len(data.names[link])) for link in SAMPLED}
     weights[EvidenceKind.SPINS][list(data.names[EvidenceKind.SPINS]).index("spin 6")] = 0

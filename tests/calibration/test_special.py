@@ -14,7 +14,7 @@ from fakes.studies.paper.baselines import (
 from fakes.world.noise import Vision
 from fakes.world.simulation import WORK_ROTATION, Simulation
 from vgrd.calibration.calibration import expected_coordinate
-from vgrd.calibration.joint.problem import Sighting
+from vgrd.calibration.joint.problem import HolePixel
 from vgrd.calibration.solve import calibrate_system
 from vgrd.calibration.stepwise.hole_center import combine, find_hole_center
 from vgrd.calibration.touches.reference import find_reference
@@ -105,7 +105,7 @@ SPINS = range(10)
 def holes_in(cell, spins, names=("P1", "P2", "P3", "P4", "P5", "P6"), sigma=HOLE_PX):
     """What the camera sees of the holes: as touched (None) and in these spins."""
     return [
-        Sighting(hole.target, hole.pixel, max(sigma, 1e-3), hole.spin)
+        HolePixel(hole.target, hole.pixel, max(sigma, 1e-3), hole.spin)
         for hole in cell.holes(spins, sigma)
         if hole.target in names
     ]

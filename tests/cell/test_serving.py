@@ -38,13 +38,13 @@ from vgrd.registers import (
     REGISTER_KIND,
     REQUEST,
     Command,
+    PolicyCode,
     RegisterImage,
     Request,
-    RotationFormat,
+    RotationCode,
     State,
     Status,
 )
-from vgrd.registers import Policy as PolicyCode
 
 LIMITS = Limits(Policy.FIXED, 3.0, 1.0, 0.9, 0.3)
 CALIBRATION_ID = 0xC0FFEE
@@ -99,32 +99,32 @@ def test_a_good_request_leads_the_true_tip_to_the_target(taught: Taught) -> None
         assert answer.tags == 2
 
 
-@pytest.mark.parametrize("code", list(RotationFormat))
+@pytest.mark.parametrize("code", list(RotationCode))
 def test_all_rotation_formats_mean_the_same_orientation(
-    taught: Taught, code: RotationFormat
+    taught: Taught, code: RotationCode
 ) -> None:
     from scipy.spatial.transform import Rotation
 
     answer = answered(taught, request(OPT=code << 4))
-    euler = {RotationFormat.RPY: "xyz", RotationFormat.KUKA_ABC: "ZYX", RotationFormat.ZYZ: "ZYZ"}
+    euler = {RotationCode.RPY: "xyz", RotationCode.KUKA_ABC: "ZYX", RotationCode.ZYZ: "ZYZ"}
     turned = (
         Rotation.from_rotvec(answer.rotation)
-        if code is RotationFormat.ROTVEC
+        if code is RotationCode.ROTVEC
         else Rotation.from_euler(euler[code], answer.rotation, degrees=True)
     )
     reference = Rotation.from_rotvec(answered(taught, request()).rotation)
     assert (turned.inv() * reference).magnitude() < 1e-9
 
 
-@pytest.mark.parametrize("code", list(RotationFormat))
+@pytest.mark.parametrize("code", list(RotationCode))
 def test_the_tip_meets_the_target_with_the_wrist_as_the_robot_requests(
-    taught: Taught, code: RotationFormat
+    taught: Taught, code: RotationCode
 ) -> None:
     from scipy.spatial.transform import Rotation
 
     work = Rotation.from_euler("xyz", (170.0, 12.0, 35.0), degrees=True)
-    euler = {RotationFormat.RPY: "xyz", RotationFormat.KUKA_ABC: "ZYX", RotationFormat.ZYZ: "ZYZ"}
-    if code is RotationFormat.ROTVEC:
+    euler = {RotationCode.RPY: "xyz", RotationCode.KUKA_ABC: "ZYX", RotationCode.ZYZ: "ZYZ"}
+    if code is RotationCode.ROTVEC:
         values = work.as_rotvec() * 1e6
     else:
         values = work.as_euler(euler[code], degrees=True) * 1e4

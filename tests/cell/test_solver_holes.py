@@ -14,7 +14,7 @@ from fakes.world.poses import retracted_pose
 from fakes.world.world import World
 from vgrd.calibration.calibration import Calibration, expected_coordinate
 from vgrd.calibration.joint.fit import fit_joint, information_inverse
-from vgrd.calibration.joint.problem import Sighting
+from vgrd.calibration.joint.problem import HolePixel
 from vgrd.calibration.joint.samples import gather
 from vgrd.calibration.joint.state import guess, layout_of
 from vgrd.calibration.solve import calibrate_system
@@ -252,7 +252,7 @@ def test_holes_give_plan_special_its_centre_where_the_object_never_turned(taught
     assert (np.linalg.norm(misses, axis=1) <= told_mm).mean() > 0.9
 
 
-def still_ones(taught: Taught) -> list[Sighting]:
+def still_ones(taught: Taught) -> list[HolePixel]:
     return [one for one in taught.holes.sightings if one.spin is None]
 
 

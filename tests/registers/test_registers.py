@@ -15,10 +15,10 @@ from vgrd.registers import (
     RESPONSE,
     Answer,
     Frame,
-    Policy,
+    PolicyCode,
     RegisterImage,
     Request,
-    RotationFormat,
+    RotationCode,
     Scale16,
     State,
     Status,
@@ -62,7 +62,7 @@ answers = st.builds(
     u95_rot_10urad=u16,
     tags=u16,
     calibration_id=st.integers(0, 2**32 - 1),
-    rotation_format=st.sampled_from(RotationFormat),
+    rotation_format=st.sampled_from(RotationCode),
     frame=st.sampled_from(Frame),
 )
 images = st.builds(
@@ -148,15 +148,15 @@ def test_the_addresses_on_the_wire_are_those_of_the_map():
 @pytest.mark.parametrize(
     ("scale", "fmt", "rotation", "expected"),
     [
-        (Scale16.MRAD, RotationFormat.ROTVEC, (1.1, -2.2, 0.5), (1100, -2200, 500)),
+        (Scale16.MRAD, RotationCode.ROTVEC, (1.1, -2.2, 0.5), (1100, -2200, 500)),
         (
             Scale16.CENTIDEGREE,
-            RotationFormat.RPY,
+            RotationCode.RPY,
             (-175.587, -42.477, 90.0),
             (-17559, -4248, 9000),
         ),
-        (Scale16.FINE, RotationFormat.ROTVEC, (math.pi, 0.0, -0.5), (31416, 0, -5000)),
-        (Scale16.MRAD, RotationFormat.KUKA_ABC, (180.0, -90.0, 1.0), (3142, -1571, 17)),
+        (Scale16.FINE, RotationCode.ROTVEC, (math.pi, 0.0, -0.5), (31416, 0, -5000)),
+        (Scale16.MRAD, RotationCode.KUKA_ABC, (180.0, -90.0, 1.0), (3142, -1571, 17)),
     ],
 )
 def test_the_int16_block_is_in_the_units_that_fmt_names(scale, fmt, rotation, expected):
@@ -170,7 +170,7 @@ def test_the_int16_block_is_in_the_units_that_fmt_names(scale, fmt, rotation, ex
 
 
 def test_euler_angles_are_ten_thousandths_of_a_degree_in_the_int32_block():
-    answer = replace(GOOD, rotation_format=RotationFormat.ZYZ, rotation=(-122.0661, 137.3384, 1.0))
+    answer = replace(GOOD, rotation_format=RotationCode.ZYZ, rotation=(-122.0661, 137.3384, 1.0))
     v = values(look(replace(IMAGE, answer=answer)))
     assert [v[f"EC32_{a}"] for a in AXES[3:]] == [-1220661, 1373384, 10000]
     assert v["ECF_RX"] == pytest.approx(-122.0661)
@@ -374,7 +374,7 @@ def test_a_request_reads_what_was_written(words):
     assert (request.trig, request.command, request.point) == tuple(words[:3])
     assert request.max_age_s == words[7] / 1000
     assert request.refuse_if_moving == bool(words[3] & 1)
-    assert request.policy == Policy((words[3] >> 8) & 3)
+    assert request.policy == PolicyCode((words[3] >> 8) & 3)
     assert fields["CLHB"] == words[22]
 
 

@@ -11,7 +11,7 @@ from vgrd.geometry import Pose
 from vgrd.geometry.camera import CameraModel
 from vgrd.vision.intrinsics.effect import effect_on_coordinates
 from vgrd.vision.intrinsics.estimate import calibrate_intrinsics
-from vgrd.vision.intrinsics.fit import View
+from vgrd.vision.intrinsics.fit import BoardView
 
 SIZE = (1600, 1200)
 CAMERA = CameraModel(
@@ -43,7 +43,7 @@ def simulated(seed, *, noise_px=0.02, print_mm=0.02, pictures=14, tilt_deg=(5, 4
         inside = ((pixels > 2) & (pixels < np.array(SIZE) - 3)).all(1)
         if inside.mean() > 0.6:
             seen = pixels[inside] + rng.normal(0, noise_px, (inside.sum(), 2))
-            views.append(View(f"{len(views)}.png", np.flatnonzero(inside), seen))
+            views.append(BoardView(f"{len(views)}.png", np.flatnonzero(inside), seen))
     return views
 
 
@@ -133,7 +133,7 @@ def test_a_bad_picture_is_left_out_and_named():
     moved = views[3].pixels + rng.normal(0, 0.7, views[3].pixels.shape)
     other = rng.uniform(0, 1200, views[5].pixels.shape)
     views[3], views[5] = replace(views[3], pixels=moved), replace(views[5], pixels=other)
-    views.append(View("few.png", np.arange(5), views[0].pixels[:5]))
+    views.append(BoardView("few.png", np.arange(5), views[0].pixels[:5]))
     result = calibrate_intrinsics(board(), views, SIZE)
     reasons = {report.name: report.reason for report in result.reports if not report.used}
     assert set(reasons) == {"3.png", "5.png", "few.png"}
@@ -161,7 +161,7 @@ def test_pictures_without_tilt_leave_the_focal_length_uncertain():
 
 
 def test_too_few_usable_pictures_are_refused_with_every_reason():
-    views = [*simulated(0, pictures=3), View("bad.png", np.arange(3), np.zeros((3, 2)))]
+    views = [*simulated(0, pictures=3), BoardView("bad.png", np.arange(3), np.zeros((3, 2)))]
     with pytest.raises(TooFewObservations, match=r"3 usable.*bad\.png: only 3 points"):
         calibrate_intrinsics(board(), views, SIZE)
     with pytest.raises(InputError, match="one of"):

@@ -5,7 +5,7 @@ from dataclasses import replace
 
 from vgrd.calibration.calibration import Calibration, Solution
 from vgrd.calibration.checks import cannot_tell, examine
-from vgrd.calibration.joint import Sighting, calibrate_jointly
+from vgrd.calibration.joint import HolePixel, calibrate_jointly
 from vgrd.calibration.outcome import Outcome
 from vgrd.calibration.stepwise import calibrate_in_steps
 from vgrd.calibration.verification import verify
@@ -17,7 +17,7 @@ def calibrate_system(
     recording: Recording,
     tolerance_mm: float | None = None,
     policy: Policy = Policy.FIXED,
-    sightings: Sequence[Sighting] = (),
+    sightings: Sequence[HolePixel] = (),
 ) -> Calibration:
     """Solve everything that the recording tells; id is "" and the time 0, for the caller to set.
 

@@ -16,7 +16,7 @@ from vgrd.registers import (
     SWAPPED_FROM,
     Answer,
     Command,
-    Policy,
+    PolicyCode,
     Request,
     Scale16,
     Status,
@@ -231,7 +231,7 @@ class RegisterBank:
         self._pending, self._answered, self._refusal = request, None, None
         self._remember_answer()
         self._overdue_s = now + (request.timeout_s or self._timeout_s)
-        if by_coil and request.policy is Policy.REQUESTED:
+        if by_coil and request.policy is PolicyCode.REQUESTED:
             self._abort()
             self._refuse(Status.BAD_PARAMETER, _OPT)
             return

@@ -17,7 +17,7 @@ _COSTS_TELL = 1e-6  # of (1 + cost): no sample minds a smaller difference, and i
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Report:
+class Convergence:
     """How an iteration went; cost is half the sum of the squared residuals."""
 
     converged: bool
@@ -32,7 +32,7 @@ class Minimum(Generic[State]):
     state: State
     residuals: Array
     jacobian: Array
-    report: Report
+    report: Convergence
 
 
 def minimize(
@@ -66,11 +66,11 @@ def minimize(
             damping = max(damping / 10, _MIN_DAMPING)
         else:
             damping *= 10
-    report = Report(here.is_minimum(tolerance), steps, here.cost)
+    report = Convergence(here.is_minimum(tolerance), steps, here.cost)
     return Minimum(here.state, here.residuals, here.jacobian, report)
 
 
-def check_convergence(report: Report, what: str) -> None:
+def check_convergence(report: Convergence, what: str) -> None:
     """Raise DidNotConverge naming `what` unless the iteration found a minimum."""
     if not report.converged:
         raise DidNotConverge(

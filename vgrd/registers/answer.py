@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import Final, Self
 
 from vgrd.errors import IpcError
-from vgrd.registers.codes import Frame, RotationFormat, State, Status
+from vgrd.registers.codes import Frame, RotationCode, State, Status
 from vgrd.registers.request import Request
 
 REGISTER_RING: Final = "registers.ring"
@@ -42,7 +42,7 @@ class Answer:
     u95_rot_10urad: int = UNKNOWN16
     tags: int = 0
     calibration_id: int = 0
-    rotation_format: RotationFormat = RotationFormat.ROTVEC
+    rotation_format: RotationCode = RotationCode.ROTVEC
     frame: Frame = Frame.FLANGE
 
 
@@ -100,7 +100,7 @@ class RegisterImage:
                 object=v[5],
                 tags=v[6],
                 calibration_id=v[9],
-                rotation_format=RotationFormat(v[10]),
+                rotation_format=RotationCode(v[10]),
                 frame=Frame(v[11]),
                 position_um=(v[12], v[13], v[14]),
                 u95_um=v[15],

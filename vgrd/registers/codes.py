@@ -85,7 +85,7 @@ class Command(_Described):
     CLEAR = 4, "drop the answer and whatever is being worked on"
 
 
-class RotationFormat(_Described):
+class RotationCode(_Described):
     """How RX, RY, RZ are meant; the cell gives rad for ROTVEC and degrees for the others."""
 
     ROTVEC = 0, "rotation vector"
@@ -94,7 +94,7 @@ class RotationFormat(_Described):
     ZYZ = 3, "Euler Z, Y', Z''"
 
 
-class Policy(_Described):
+class PolicyCode(_Described):
     """How the wrist shall stand at the expected coordinate."""
 
     CONFIGURED = 0, "as the cell file says"

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 from typing import Final
 
 from vgrd.registers.answer import LARGEST32, UNKNOWN16, Answer
-from vgrd.registers.codes import RotationFormat, Scale16, Status
+from vgrd.registers.codes import RotationCode, Scale16, Status
 
 _AXES = ("X", "Y", "Z", "RX", "RY", "RZ")
 _LARGEST16 = 0x7FFF
@@ -58,13 +58,13 @@ def _axis_beyond(values: Sequence[float], limit: float) -> int:
 
 def _steps16(answer: Answer, scale: Scale16) -> list[int]:
     um, per_rad = _UNITS16[scale]
-    rotvec = answer.rotation_format == RotationFormat.ROTVEC
+    rotvec = answer.rotation_format == RotationCode.ROTVEC
     angles = answer.rotation if rotvec else tuple(map(math.radians, answer.rotation))
     return [round(p / um) for p in answer.position_um] + [_steps(a, per_rad) for a in angles]
 
 
 def _steps32(answer: Answer) -> list[int]:
-    unit = 1e6 if answer.rotation_format == RotationFormat.ROTVEC else 1e4
+    unit = 1e6 if answer.rotation_format == RotationCode.ROTVEC else 1e4
     return [*answer.position_um, *(_steps(a, unit) for a in answer.rotation)]
 
 

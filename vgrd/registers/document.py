@@ -4,7 +4,7 @@ import sys
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 
-from vgrd.registers.codes import Command, Frame, Policy, RotationFormat, Scale16, State, Status
+from vgrd.registers.codes import Command, Frame, PolicyCode, RotationCode, Scale16, State, Status
 from vgrd.registers.layout import REQUEST, RESPONSE, SWAPPED_FROM, Block
 
 _INTRODUCTION = """\
@@ -166,8 +166,8 @@ def document() -> str:
             "",
             *_codes("STATUS codes", Status),
             *_codes("CMD", Command),
-            *_codes("Rotation formats (OPT b4-7, FMT b0-3)", RotationFormat),
-            *_codes("Policies (OPT b8-9)", Policy),
+            *_codes("Rotation formats (OPT b4-7, FMT b0-3)", RotationCode),
+            *_codes("Policies (OPT b8-9)", PolicyCode),
             *_codes("Frames (FMT b4)", Frame),
             *_codes("Units of the int16 block (FMT b8-15)", Scale16),
         ]
@@ -195,7 +195,7 @@ def _block_table(block: Block, copy_offset: int | None) -> list[str]:
 
 
 def _codes(
-    title: str, codes: type[Status | Command | RotationFormat | Policy | Frame | Scale16]
+    title: str, codes: type[Status | Command | RotationCode | PolicyCode | Frame | Scale16]
 ) -> list[str]:
     rows = ((int(code), code.name, code.description) for code in codes)
     return [f"## {title}", "", *_table(("code", "name", "meaning"), rows), ""]

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import Final, Self
 
 from vgrd.errors import IpcError
-from vgrd.registers.codes import Policy, RotationFormat
+from vgrd.registers.codes import PolicyCode, RotationCode
 from vgrd.registers.layout import REQUEST
 
 _OPTIONS: Final = 0b0011_1111_0011  # policy, rotation format, TCP, refuse if moving
@@ -41,7 +41,7 @@ class Request:
         """Read the 64 bytes of registers 0-31."""
         v = REQUEST.decode(registers)
         options = int(v["OPT"])
-        unit = 1e-6 if (options >> 4) & 15 == RotationFormat.ROTVEC else 1e-4
+        unit = 1e-6 if (options >> 4) & 15 == RotationCode.ROTVEC else 1e-4
         return cls(
             registers=registers,
             nonce=nonce,
@@ -81,15 +81,15 @@ class Request:
         return next((address for address in REQUEST.reserved if words[address]), None)
 
     @property
-    def rotation_format(self) -> RotationFormat | None:
+    def rotation_format(self) -> RotationCode | None:
         """OPT b4-7, None when unknown."""
         code = (self.options >> 4) & 15
-        return RotationFormat(code) if code in list(RotationFormat) else None
+        return RotationCode(code) if code in list(RotationCode) else None
 
     @property
-    def policy(self) -> Policy:
+    def policy(self) -> PolicyCode:
         """OPT b8-9."""
-        return Policy((self.options >> 8) & 3)
+        return PolicyCode((self.options >> 8) & 3)
 
 
 def request_message(request: Request) -> dict[str, object]:

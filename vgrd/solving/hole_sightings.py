@@ -12,7 +12,7 @@ from itertools import chain, zip_longest
 
 import numpy as np
 
-from vgrd.calibration.joint import JointState, Sighting, calibrate_joint, start_near_tag_plane
+from vgrd.calibration.joint import HolePixel, JointState, calibrate_joint, start_near_tag_plane
 from vgrd.calibration.turntable import without_useless_spins
 from vgrd.devices import CameraImage
 from vgrd.errors import DidNotConverge
@@ -56,7 +56,7 @@ class SearchedPicture:
 class HolesSeen:
     """sightings: for the joint estimate; unseen: by target, why; pictures: all that were searched."""
 
-    sightings: tuple[Sighting, ...] = ()
+    sightings: tuple[HolePixel, ...] = ()
     unseen: Mapping[str, str] = field(default_factory=dict)
     pictures: tuple[SearchedPicture, ...] = ()
 
@@ -152,11 +152,11 @@ class _Search:
             if report is not None:
                 report(done, len(stamps))
 
-    def sightings(self) -> tuple[Sighting, ...]:
+    def sightings(self) -> tuple[HolePixel, ...]:
         """All that was seen, each hole's tolerance in CAD shared among its sightings."""
         counts = Counter(hole.target for _, hole in self.found)
         return tuple(
-            Sighting(
+            HolePixel(
                 hole.target,
                 hole.pixel,
                 float(np.hypot(hole.sigma_px, self._cad_px(view, hole.target, counts))),

@@ -23,8 +23,8 @@ from fakes.studies.paper.baselines import (
 from fakes.studies.sessions import SESSIONS, Session
 from fakes.studies.study import Figure, Parameters, Study, Trials
 from fakes.world.noise import COARSE, FINE
-from fakes.world.simulation import WORK_ROTATION, Request, Simulation
-from vgrd.calibration.joint import JointFit, Sighting, calibrate_joint, expected_by_joint
+from fakes.world.simulation import WORK_ROTATION, SimulatedRequest, Simulation
+from vgrd.calibration.joint import HolePixel, JointFit, calibrate_joint, expected_by_joint
 from vgrd.charts import COLORS, legend, panels, published
 from vgrd.geometry import Array, Pose
 from vgrd.model import Plan, Policy, Recording
@@ -54,7 +54,7 @@ _BARS = (
 )
 _EVERYTHING = Session(Plan.JOINT, points=10, looks=8, spins=10)
 
-Answer = Callable[[Request], Pose]
+Answer = Callable[[SimulatedRequest], Pose]
 
 
 def _trial(seed: SeedSequence, parameters: Parameters) -> dict[str, float]:
@@ -85,23 +85,23 @@ def _answers(cell: Simulation) -> Mapping[str, Answer]:
     }
 
 
-def _by_method(method: Callable[..., Array], request: Request) -> Pose:
+def _by_method(method: Callable[..., Array], request: SimulatedRequest) -> Pose:
     return Pose(WORK_ROTATION, method(request.target, request.seen))
 
 
-def _joint(recording: Recording, sightings: tuple[Sighting, ...] = ()) -> Answer:
+def _joint(recording: Recording, sightings: tuple[HolePixel, ...] = ()) -> Answer:
     return partial(_by_joint, calibrate_joint(recording, sightings))
 
 
-def _by_joint(result: JointFit, request: Request) -> Pose:
+def _by_joint(result: JointFit, request: SimulatedRequest) -> Pose:
     expected = expected_by_joint(result, request.target, request.seen, Policy.FIXED, WORK_ROTATION)
     return expected.base_from_wrist
 
 
-def _sightings(cell: Simulation) -> tuple[Sighting, ...]:
+def _sightings(cell: Simulation) -> tuple[HolePixel, ...]:
     """All six holes, once while touching and in every turntable picture."""
     seen = cell.holes([None, *range(_EVERYTHING.spins)])
-    return tuple(Sighting(hole.target, hole.pixel, hole.sigma_px, hole.spin) for hole in seen)
+    return tuple(HolePixel(hole.target, hole.pixel, hole.sigma_px, hole.spin) for hole in seen)
 
 
 def _sizes(misses: Array) -> dict[str, float]:

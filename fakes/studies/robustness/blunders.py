@@ -17,7 +17,7 @@ from numpy.random import SeedSequence
 from fakes.studies.sessions import Session
 from fakes.studies.study import Figure, Parameters, Study, Trials
 from fakes.world.noise import COARSE
-from fakes.world.simulation import WORK_ROTATION, Request, Simulation
+from fakes.world.simulation import WORK_ROTATION, SimulatedRequest, Simulation
 from vgrd.calibration.calibration import Calibration, expected_coordinate
 from vgrd.calibration.joint import EvidenceKind, JointFit, calibrate_joint, expected_by_joint
 from vgrd.calibration.solve import calibrate_system
@@ -51,7 +51,11 @@ def _trial(seed: SeedSequence, parameters: Parameters) -> dict[str, float]:
 
 
 def _of_system(
-    cell: Simulation, clean: Recording, blundered: Recording, bad: int, requests: list[Request]
+    cell: Simulation,
+    clean: Recording,
+    blundered: Recording,
+    bad: int,
+    requests: list[SimulatedRequest],
 ) -> dict[str, float]:
     without, kept = calibrate_system(clean), calibrate_system(blundered)
     left, named = _undone(blundered)
@@ -68,7 +72,11 @@ def _of_system(
 
 
 def _of_joint(
-    cell: Simulation, clean: Recording, blundered: Recording, bad: int, requests: list[Request]
+    cell: Simulation,
+    clean: Recording,
+    blundered: Recording,
+    bad: int,
+    requests: list[SimulatedRequest],
 ) -> dict[str, float]:
     without, kept = calibrate_joint(clean), calibrate_joint(blundered)
     named = _left_out(kept)
@@ -115,19 +123,21 @@ def _left_out(result: JointFit) -> set[int]:
     return {int(match[1]) - 1 for name in names if (match := _NUMBER.match(name))}
 
 
-def _system_answer(calibration: Calibration, request: Request) -> ExpectedCoordinate:
+def _system_answer(calibration: Calibration, request: SimulatedRequest) -> ExpectedCoordinate:
     tag = request.seen.tag_b
     if tag is None:
         raise CalibrationError("tag B is not in the picture")
     return expected_coordinate(calibration, request.target, tag, Policy.FIXED, WORK_ROTATION)
 
 
-def _joint_answer(result: JointFit, request: Request) -> ExpectedCoordinate:
+def _joint_answer(result: JointFit, request: SimulatedRequest) -> ExpectedCoordinate:
     return expected_by_joint(result, request.target, request.seen, Policy.FIXED, WORK_ROTATION)
 
 
 def _miss(
-    cell: Simulation, answer: Callable[[Request], ExpectedCoordinate], requests: list[Request]
+    cell: Simulation,
+    answer: Callable[[SimulatedRequest], ExpectedCoordinate],
+    requests: list[SimulatedRequest],
 ) -> float:
     """Mean length of the miss, mm."""
     misses = [cell.miss(request, answer(request).base_from_wrist) for request in requests]

@@ -17,7 +17,7 @@ from numpy.random import SeedSequence
 
 from fakes.studies.study import Figure, Parameters, Study, Trials
 from fakes.world.noise import COARSE
-from fakes.world.simulation import WORK_ROTATION, Request, Simulation
+from fakes.world.simulation import WORK_ROTATION, SimulatedRequest, Simulation
 from vgrd.calibration.joint import (
     JointFit,
     calibrate_joint,
@@ -138,7 +138,10 @@ def _wrists(rng: np.random.Generator, session: _Session, count: int) -> list[Arr
 
 
 def _square_miss(
-    cell: Simulation, result: JointFit, requests: Sequence[Request], works: Sequence[Array]
+    cell: Simulation,
+    result: JointFit,
+    requests: Sequence[SimulatedRequest],
+    works: Sequence[Array],
 ) -> float:
     squares = []
     for request, work in zip(requests, works, strict=True):
@@ -147,7 +150,9 @@ def _square_miss(
     return float(np.mean(squares))
 
 
-def _square_floor(result: JointFit, requests: Sequence[Request], works: Sequence[Array]) -> float:
+def _square_floor(
+    result: JointFit, requests: Sequence[SimulatedRequest], works: Sequence[Array]
+) -> float:
     """Predicted square of the miss with the same samples and a TCP known to 1 um."""
     known = np.zeros((3, result.layout.size))
     known[:, result.layout.TCP] = 1e3 * np.eye(3)

@@ -15,7 +15,7 @@ from fakes.studies.sessions import Session
 from fakes.studies.study import Figure, Parameters, Study, Trials
 from fakes.world.arm_errors import EXACT_ARM, ArmErrors
 from fakes.world.noise import COARSE
-from fakes.world.simulation import WORK_ROTATION, Request, Simulation
+from fakes.world.simulation import WORK_ROTATION, SimulatedRequest, Simulation
 from vgrd.calibration.calibration import expected_coordinate
 from vgrd.calibration.joint import Turntable, calibrate_joint, expected_by_joint
 from vgrd.calibration.solve import calibrate_system
@@ -43,7 +43,9 @@ def _trial(seed: SeedSequence, parameters: Parameters) -> dict[str, float]:
     return _of_system(cell, recording, request) | _of_joint(cell, recording, request, arm)
 
 
-def _of_system(cell: Simulation, recording: Recording, request: Request) -> dict[str, float]:
+def _of_system(
+    cell: Simulation, recording: Recording, request: SimulatedRequest
+) -> dict[str, float]:
     calibration = calibrate_system(recording)
     if calibration.tcp is None:
         raise CalibrationError("the tilted touches left the TCP undetermined")
@@ -55,7 +57,7 @@ def _of_system(cell: Simulation, recording: Recording, request: Request) -> dict
 
 
 def _of_joint(
-    cell: Simulation, recording: Recording, request: Request, arm: ArmErrors
+    cell: Simulation, recording: Recording, request: SimulatedRequest, arm: ArmErrors
 ) -> dict[str, float]:
     model = ArmModel(max(arm.sigma_mm, 1e-3), arm.field_mm, arm.length_mm, arm.rad_per_mm)
     result = calibrate_joint(recording, arm=model)
@@ -67,7 +69,7 @@ def _of_joint(
 
 
 def _of_answer(
-    estimate: str, cell: Simulation, request: Request, expected: ExpectedCoordinate
+    estimate: str, cell: Simulation, request: SimulatedRequest, expected: ExpectedCoordinate
 ) -> dict[str, float]:
     miss = cell.miss(request, expected.base_from_wrist)
     C = expected.position_covariance
@@ -77,7 +79,7 @@ def _of_answer(
     }
 
 
-def _tag_b(request: Request) -> TagObservation:
+def _tag_b(request: SimulatedRequest) -> TagObservation:
     tag = request.seen.tag_b
     if tag is None:
         raise CalibrationError("tag B is not in the picture")

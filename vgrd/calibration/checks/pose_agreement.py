@@ -160,7 +160,7 @@ def from_positions(places: Array, cameras: Poses) -> tuple[Array, Array, float]:
 
 
 @dataclass(frozen=True, slots=True)
-class Noise:
+class PoseNoise:
     """What one camera pose of the samples is worth, per axis, the robot's error included."""
 
     mm: float
@@ -169,7 +169,7 @@ class Noise:
 
 def noise_of(
     cameras: Poses, covariances: Array, robot_sigma_mm: float, robot_sigma_rad: float
-) -> Noise:
+) -> PoseNoise:
     """Median noise of the target's pose; covariances (n, 6, 6), left tangents."""
     place = np.concatenate(
         [np.broadcast_to(np.eye(3), (len(cameras), 3, 3)), -hat(cameras.translations)], axis=2
@@ -177,7 +177,7 @@ def noise_of(
     at_target = place @ covariances @ np.swapaxes(place, 1, 2)
     mm = np.sqrt(np.trace(at_target, axis1=1, axis2=2) / 3)
     rad = np.sqrt(np.trace(covariances[:, 3:, 3:], axis1=1, axis2=2) / 3)
-    return Noise(
+    return PoseNoise(
         float(np.hypot(np.median(mm), robot_sigma_mm)),
         float(np.hypot(np.median(rad), robot_sigma_rad)),
     )

@@ -3,7 +3,7 @@
 May import observability; `published` holds the methods of others, unrefined.
 """
 
-from vgrd.calibration.hand_eye.features import Place
+from vgrd.calibration.hand_eye.features import FeaturePlace
 from vgrd.calibration.hand_eye.null_space import null_space_findings, undetermined_in_words
 from vgrd.calibration.hand_eye.park_martin import park_martin_start
 from vgrd.calibration.hand_eye.points import (
@@ -25,9 +25,9 @@ from vgrd.calibration.hand_eye.state import flange_motion_of
 
 __all__ = [
     "METHODS",
+    "FeaturePlace",
     "HandEyeProblem",
     "HandEyeResult",
-    "Place",
     "PointHandEyeProblem",
     "PointSample",
     "PosePair",

@@ -11,7 +11,7 @@ from vgrd.judging.thresholds import UNKNOWN_MM
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Place:
+class FeaturePlace:
     """Where a point is on the target: (3,) mm, and how well that is known, per axis."""
 
     point_in_target: Array
@@ -22,8 +22,8 @@ def first_places(
     sightings: Sequence[Mapping[str, Array]],
     camera_from_target: Sequence[Pose],
     camera: CameraModel,
-    given: Mapping[str, Place],
-) -> dict[str, Place]:
+    given: Mapping[str, FeaturePlace],
+) -> dict[str, FeaturePlace]:
     """Where the points that count are: as given, else where at least two lines of sight meet.
 
     sightings: pixels (2,) by name, one mapping a picture.
@@ -36,7 +36,7 @@ def first_places(
         elif len(shown) > 1:
             directions = camera.normalize(np.array([sightings[i][name] for i in shown]))
             at = _meeting_point(directions, [camera_from_target[i] for i in shown])
-            places[name] = Place(at, UNKNOWN_MM)
+            places[name] = FeaturePlace(at, UNKNOWN_MM)
     return places
 
 

@@ -36,7 +36,7 @@ _CHI2_6_95 = 12.592  # 95 % quantile of the same: Cauchy's scale for a misfit of
 _CHI2_6_REJECT = chi2_quantile(1 - 1e-5, 6)  # a good picture in 100,000
 
 
-class Rows(ABC):
+class SampleRows(ABC):
     """What one sample contributes: residuals in units of its own measurement noise."""
 
     @abstractmethod
@@ -54,13 +54,13 @@ class Rows(ABC):
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Sample:
+class HandEyeSample:
     """A flange pose, a first guess of the target's pose, and its rows."""
 
     name: str
     base_from_wrist: Pose
     camera_from_target: Pose
-    rows: Rows
+    rows: SampleRows
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -80,7 +80,7 @@ class Fit:
 
 def fit_hand_eye(
     mount: Mount,
-    samples: Sequence[Sample],
+    samples: Sequence[HandEyeSample],
     *,
     robot_sigma_mm: float,
     robot_sigma_rad: float,
@@ -127,7 +127,7 @@ def fit_hand_eye(
 
 class _Engine:
     def __init__(
-        self, mount: Mount, samples: Sequence[Sample], sigma_mm: float, sigma_rad: float
+        self, mount: Mount, samples: Sequence[HandEyeSample], sigma_mm: float, sigma_rad: float
     ) -> None:
         self.mount = mount
         self.samples = samples

@@ -5,8 +5,8 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from vgrd.calibration.hand_eye.features import Place, first_places
-from vgrd.calibration.hand_eye.fit import Rows, Sample, fit_hand_eye
+from vgrd.calibration.hand_eye.features import FeaturePlace, first_places
+from vgrd.calibration.hand_eye.fit import HandEyeSample, SampleRows, fit_hand_eye
 from vgrd.calibration.hand_eye.pose_pairs import HandEyeResult, result_of
 from vgrd.calibration.hand_eye.state import HandEye
 from vgrd.errors import InputError
@@ -58,7 +58,7 @@ class PointHandEyeProblem:
     robust: bool = True
     start: HandEyeResult | None = None
     allow_unobservable: int = 0
-    places: Mapping[str, Place] = field(default_factory=dict)
+    places: Mapping[str, FeaturePlace] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -79,7 +79,7 @@ def calibrate_hand_eye_from_points(problem: PointHandEyeProblem) -> HandEyeResul
     sightings = [sample.features for sample in problem.samples]
     places = first_places(sightings, guesses, problem.camera, problem.places)
     samples = [
-        Sample(
+        HandEyeSample(
             sample.name,
             sample.base_from_wrist,
             pose,
@@ -107,7 +107,7 @@ def calibrate_hand_eye_from_points(problem: PointHandEyeProblem) -> HandEyeResul
     )
 
 
-def _start(problem: PointHandEyeProblem, places: Sequence[Place]) -> HandEye:
+def _start(problem: PointHandEyeProblem, places: Sequence[FeaturePlace]) -> HandEye:
     points = np.array([place.point_in_target for place in places]).reshape(-1, 3)
     blank = HandEye(
         camera=problem.camera,
@@ -149,7 +149,7 @@ def _own_pose(sample: PointSample, camera: CameraModel) -> tuple[Pose, float]:
     return found.camera_from_target, found.rms_px
 
 
-class _PointRows(Rows):
+class _PointRows(SampleRows):
     """Predicted minus seen pixels over sigma; features: names of the points in the state's order."""
 
     def __init__(

@@ -10,7 +10,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from vgrd.calibration.hand_eye.fit import Fit, Rows, Sample, fit_hand_eye
+from vgrd.calibration.hand_eye.fit import Fit, HandEyeSample, SampleRows, fit_hand_eye
 from vgrd.calibration.hand_eye.state import HandEye, flange_motion_of
 from vgrd.geometry import Array, Pose
 from vgrd.geometry.camera import CameraModel
@@ -114,7 +114,7 @@ def calibrate_hand_eye(problem: HandEyeProblem) -> HandEyeResult:
     twice) or DidNotConverge.
     """
     samples = [
-        Sample(s.name, s.base_from_wrist, s.camera_from_target, _PoseRows(s))
+        HandEyeSample(s.name, s.base_from_wrist, s.camera_from_target, _PoseRows(s))
         for s in problem.samples
     ]
     fit = fit_hand_eye(
@@ -142,7 +142,7 @@ def _start(problem: HandEyeProblem) -> HandEye:
     return replace(blank, X=X, Y=Y, is_blank=False)
 
 
-class _PoseRows(Rows):
+class _PoseRows(SampleRows):
     """Residual log(predicted measured^-1), whitened by the measurement's covariance.
 
     A target that is larger than assumed by the scale is measured nearer by the same factor.
@@ -164,7 +164,7 @@ class _PoseRows(Rows):
         return Pose(self._measured.rotation, self._measured.translation * state.scale)
 
 
-def result_of(mount: Mount, samples: Sequence[Sample], fit: Fit) -> HandEyeResult:
+def result_of(mount: Mount, samples: Sequence[HandEyeSample], fit: Fit) -> HandEyeResult:
     """Dress a fit as a result, residuals of every sample included."""
     predicted = [fit.state.predict(mount, sample.base_from_wrist) for sample in samples]
     off = np.array(

@@ -21,31 +21,31 @@ from vgrd.calibration.joint.fit import (
 )
 from vgrd.calibration.joint.problem import (
     EvidenceKind,
+    HolePixel,
     JointData,
     Looks,
-    Sighting,
     Tags,
     Turntable,
     target_of,
 )
 from vgrd.calibration.joint.rows import arm_jacobian, linearize, object_motions
 from vgrd.calibration.joint.solution import JointSolution, Prediction, solution_of
-from vgrd.calibration.joint.state import JointState, Layout
+from vgrd.calibration.joint.state import JointState, StepLayout
 
 __all__ = [
     "TAG_A",
     "TAG_B",
     "CameraCorrections",
     "EvidenceKind",
+    "HolePixel",
     "JointData",
     "JointFit",
     "JointSolution",
     "JointState",
-    "Layout",
     "Looks",
     "Prediction",
     "PriorSigmas",
-    "Sighting",
+    "StepLayout",
     "Tags",
     "Turntable",
     "adjoints",

@@ -8,10 +8,10 @@ from vgrd.calibration.acceptance import accept
 from vgrd.calibration.joint.estimate import calibrate_joint, residuals_of
 from vgrd.calibration.joint.expected import work_orientation
 from vgrd.calibration.joint.fit import JointFit
-from vgrd.calibration.joint.problem import EvidenceKind, Sighting
+from vgrd.calibration.joint.problem import EvidenceKind, HolePixel
 from vgrd.calibration.joint.rows import left_jacobian
 from vgrd.calibration.joint.solution import JointSolution, solution_of
-from vgrd.calibration.joint.state import Layout
+from vgrd.calibration.joint.state import StepLayout
 from vgrd.calibration.outcome import Outcome
 from vgrd.calibration.turntable import without_useless_spins
 from vgrd.errors import NotObservable
@@ -41,7 +41,7 @@ def calibrate_jointly(
     recording: Recording,
     tolerance_mm: float | None = None,
     policy: Policy = Policy.FIXED,
-    sightings: Sequence[Sighting] = (),
+    sightings: Sequence[HolePixel] = (),
 ) -> Outcome[JointSolution]:
     """Everything in one maximum-likelihood problem.
 
@@ -69,8 +69,8 @@ def _taught(solution: JointSolution, recording: Recording, name: str) -> TaughtP
     n = solution.layout.size
     point = solution.base_from_object @ np.asarray(target.point_in_object)
     J = np.zeros((3, n))
-    J[:, Layout.OBJECT] = left_jacobian(point[None])[0]
-    J[:, Layout.TCP] = -R_work
+    J[:, StepLayout.OBJECT] = left_jacobian(point[None])[0]
+    J[:, StepLayout.TCP] = -R_work
     open_mm = float(np.abs(J @ solution.undetermined).max(initial=0.0))
     if open_mm > IRRELEVANT_MM:
         raise NotObservable(

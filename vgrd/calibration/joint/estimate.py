@@ -13,20 +13,20 @@ import numpy as np
 from vgrd.calibration.joint.camera_corrections import PriorSigmas
 from vgrd.calibration.joint.fit import JointFit, fit_at, fit_joint
 from vgrd.calibration.joint.height import near_tag_plane
-from vgrd.calibration.joint.problem import EvidenceKind, JointData, Sighting, Turntable
+from vgrd.calibration.joint.problem import EvidenceKind, HolePixel, JointData, Turntable
 from vgrd.calibration.joint.robust import screen
 from vgrd.calibration.joint.rows import predicted_tag_a
 from vgrd.calibration.joint.samples import gather
 from vgrd.calibration.joint.state import JointState, guess, layout_of
 from vgrd.geometry import Array, log_rotation
 from vgrd.geometry.covariance import rms
-from vgrd.geometry.least_squares import Report
+from vgrd.geometry.least_squares import Convergence
 from vgrd.model import ArmModel, Recording
 
 
 def calibrate_joint(
     recording: Recording,
-    sightings: Sequence[Sighting] = (),
+    sightings: Sequence[HolePixel] = (),
     *,
     arm: ArmModel | None = None,
     turntable: Turntable | None = None,
@@ -67,7 +67,7 @@ def fit_as_if(data: JointData, state: JointState) -> JointFit:
 
     data: as `gather` gives it.
     """
-    return fit_at(data, layout_of(data), state, Report(True, 0, 0.0))
+    return fit_at(data, layout_of(data), state, Convergence(True, 0, 0.0))
 
 
 def residuals_of(fit: JointFit) -> dict[str, float]:

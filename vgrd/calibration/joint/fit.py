@@ -14,11 +14,11 @@ from scipy.linalg import solve_triangular
 from vgrd.calibration.joint.camera_corrections import TAG_A, TAG_B, RefinedCorrections
 from vgrd.calibration.joint.problem import JointData
 from vgrd.calibration.joint.rows import arm_jacobian, linearize
-from vgrd.calibration.joint.state import JointState, Layout
+from vgrd.calibration.joint.state import JointState, StepLayout
 from vgrd.errors import DidNotConverge
 from vgrd.geometry import Array
 from vgrd.geometry.chi2 import chi2_quantile
-from vgrd.geometry.least_squares import Report, check_convergence, minimize
+from vgrd.geometry.least_squares import Convergence, check_convergence, minimize
 from vgrd.model import Recording, TagObservation
 
 _UNDETERMINED_MM = 500.0  # an arm's reach: what is less sure tells nothing
@@ -57,7 +57,7 @@ class JointFit:
     """
 
     data: JointData
-    layout: Layout
+    layout: StepLayout
     state: JointState
     covariance: Array
     undetermined: Array
@@ -65,7 +65,7 @@ class JointFit:
     jacobian: Array
     J_deviations: Array
     arm_factor: Array
-    report: Report
+    report: Convergence
     samples: tuple[JointSample, ...] = ()
 
     @property
@@ -112,7 +112,7 @@ class JointFit:
         return unknown_in_words(self.layout, self.undetermined)
 
 
-def fit_joint(raw: JointData, layout: Layout, state: JointState) -> JointFit:
+def fit_joint(raw: JointData, layout: StepLayout, state: JointState) -> JointFit:
     """Most likely state near the one given, which keeps what nothing determines as it was.
 
     Raises DidNotConverge.
@@ -141,7 +141,7 @@ def fit_joint(raw: JointData, layout: Layout, state: JointState) -> JointFit:
     return fit_at(raw, layout, state, minimum.report)
 
 
-def fit_at(raw: JointData, layout: Layout, state: JointState, report: Report) -> JointFit:
+def fit_at(raw: JointData, layout: StepLayout, state: JointState, report: Convergence) -> JointFit:
     """The fit as it looks at a state."""
     data = raw.refined(state.refined)
     G, factor = arm_noise(state, data)
@@ -169,7 +169,7 @@ def variance_inflation(squares: float, degrees_of_freedom: int) -> float:
     return squares / degrees_of_freedom
 
 
-def _degrees_of_freedom(data: JointData, layout: Layout, undetermined: Array) -> int:
+def _degrees_of_freedom(data: JointData, layout: StepLayout, undetermined: Array) -> int:
     determined = layout.size - int(undetermined.shape[1])
     return max(data.measured() - determined, 0)
 
@@ -192,7 +192,7 @@ def whiten_arm(factor: Array, rows: Array) -> Array:
     return np.concatenate([first, rows[k:]])
 
 
-def information_inverse(jacobian: Array, layout: Layout) -> tuple[Array, Array]:
+def information_inverse(jacobian: Array, layout: StepLayout) -> tuple[Array, Array]:
     """Covariance (n, n) from a whitened Jacobian (r, n), and what it leaves undetermined (n, z).
 
     A direction is undetermined when the data leave it uncertain by more than 500 mm or 1 rad.
@@ -204,12 +204,12 @@ def information_inverse(jacobian: Array, layout: Layout) -> tuple[Array, Array]:
     return half @ half.T, scales[:, None] * Vt[rank:].T
 
 
-def units(layout: Layout) -> Array:
+def units(layout: StepLayout) -> Array:
     """(n,): a step of every unknown beyond which it counts as undetermined."""
     return np.where(layout.is_length(), _UNDETERMINED_MM, _UNDETERMINED_RAD)
 
 
-def unknown_in_words(layout: Layout, undetermined: Array) -> str:
+def unknown_in_words(layout: StepLayout, undetermined: Array) -> str:
     """Which unknowns the directions (n, z) that the data leave undetermined touch."""
     names = {
         "base_from_camera": layout.CAMERA,
@@ -222,28 +222,28 @@ def unknown_in_words(layout: Layout, undetermined: Array) -> str:
 
 
 def _whitened(
-    state: JointState, data: JointData, layout: Layout, factor: Array
+    state: JointState, data: JointData, layout: StepLayout, factor: Array
 ) -> tuple[Array, Array]:
     """Residuals (r,) and derivative (r, n) in sigmas, noise of the arm included."""
     r, J = linearize(state, data, layout)
     return whiten_arm(factor, r), whiten_arm(factor, J)
 
 
-def _spectrum(jacobian: Array, layout: Layout) -> tuple[Array, Array]:
+def _spectrum(jacobian: Array, layout: StepLayout) -> tuple[Array, Array]:
     """Singular values (k,) that count as determined, and all right vectors (n, n), in `units`."""
     R = np.linalg.qr(jacobian * units(layout), mode="r")
     _, s, Vt = np.linalg.svd(R, full_matrices=True)
     return s[s > 1.0], Vt
 
 
-def _frozen(state: JointState, data: JointData, layout: Layout, factor: Array) -> Array:
+def _frozen(state: JointState, data: JointData, layout: StepLayout, factor: Array) -> Array:
     """Directions (z, n) in `units` along which no step is taken: costs would lead nowhere there."""
     s, Vt = _spectrum(_whitened(state, data, layout, factor)[1], layout)
     return Vt[len(s) :]
 
 
 def _held(
-    state: JointState, data: JointData, layout: Layout, factor: Array, frozen: Array
+    state: JointState, data: JointData, layout: StepLayout, factor: Array, frozen: Array
 ) -> tuple[Array, Array]:
     """Whitened residuals and derivative across what is frozen, which rows of zero residual hold."""
     r, J = _whitened(state, data, layout, factor)
@@ -254,7 +254,7 @@ def _held(
     return np.concatenate([r, np.zeros(len(frozen))]), J
 
 
-def _retract(state: JointState, step: Array, layout: Layout) -> JointState:
+def _retract(state: JointState, step: Array, layout: StepLayout) -> JointState:
     return state.retract(step, layout)
 
 

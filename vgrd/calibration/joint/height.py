@@ -3,14 +3,14 @@
 import numpy as np
 
 from vgrd.calibration.joint.rows import left_jacobian
-from vgrd.calibration.joint.state import JointState, Layout
+from vgrd.calibration.joint.state import JointState, StepLayout
 from vgrd.geometry import Array
 
 HEIGHT_SIGMA_MM = 3.0  # targets and tag lie on one plate, give or take its thickness
 
 
 def near_tag_plane(
-    state: JointState, layout: Layout, covariance: Array, points_in_object: Array
+    state: JointState, layout: StepLayout, covariance: Array, points_in_object: Array
 ) -> JointState:
     """The state moved, within its covariance (n, n), so that points (m, 3) lie in tag B's plane.
 
@@ -21,9 +21,9 @@ def near_tag_plane(
     tag_b_from_camera = state.camera_from_tag_b.inverse()
     down = tag_b_from_camera.rotation[2]
     H = np.zeros((len(in_base), layout.size))
-    H[:, Layout.OBJECT] = (down @ state.base_from_camera.rotation.T) @ left_jacobian(in_base)
-    H[:, Layout.CAMERA] = -H[:, Layout.OBJECT]
-    H[:, Layout.TAG_B] = -down @ left_jacobian(in_camera)
+    H[:, StepLayout.OBJECT] = (down @ state.base_from_camera.rotation.T) @ left_jacobian(in_base)
+    H[:, StepLayout.CAMERA] = -H[:, StepLayout.OBJECT]
+    H[:, StepLayout.TAG_B] = -down @ left_jacobian(in_camera)
     spread = H @ covariance @ H.T + HEIGHT_SIGMA_MM**2 * np.eye(len(H))
     heights = (tag_b_from_camera @ in_camera)[:, 2]
     return state.retract(-covariance @ H.T @ np.linalg.solve(spread, heights), layout)

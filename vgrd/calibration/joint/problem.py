@@ -18,11 +18,11 @@ from vgrd.model.arm import ArmModel
 
 __all__ = [
     "EvidenceKind",
+    "HolePixel",
     "Holes",
     "Indices",
     "JointData",
     "Looks",
-    "Sighting",
     "Tags",
     "Turntable",
     "target_of",
@@ -71,7 +71,7 @@ class Turntable:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Sighting:
+class HolePixel:
     """A hole of the object in a picture.
 
     pixel: (2,), sigma_px of each coordinate; spin: index of the picture among the spins, None

@@ -6,7 +6,7 @@ import numpy as np
 
 from vgrd.calibration.joint.camera_corrections import adjoints
 from vgrd.calibration.joint.problem import EvidenceKind, Indices, JointData, Tags
-from vgrd.calibration.joint.state import JointState, Layout
+from vgrd.calibration.joint.state import JointState, StepLayout
 from vgrd.calibration.touches import TouchSet
 from vgrd.geometry import Array, Pose, hat, log_rotation
 
@@ -27,7 +27,7 @@ class ObjectMotions:
     J_motion: Array
 
 
-def linearize(state: JointState, data: JointData, layout: Layout) -> tuple[Array, Array]:
+def linearize(state: JointState, data: JointData, layout: StepLayout) -> tuple[Array, Array]:
     """Residuals (r,) and derivative (r, n), rows in the order of `data.counts`.
 
     Pictures follow the refined numbers linearly from where `data` has them.
@@ -119,7 +119,7 @@ def predicted_tag_a(state: JointState, data: JointData) -> tuple[Array, Array]:
     return X_inv.rotation @ looks.rotations @ Y.rotation, X_inv @ t
 
 
-def _rows(count: int, width: int, layout: Layout) -> Array:
+def _rows(count: int, width: int, layout: StepLayout) -> Array:
     return np.zeros((count, width, layout.size))
 
 
@@ -127,7 +127,7 @@ def _flat(r: Array, J: Array) -> tuple[Array, Array]:
     return r.ravel(), J.reshape(-1, J.shape[2])
 
 
-def _hand_eye(state: JointState, data: JointData, layout: Layout) -> tuple[Array, Array]:
+def _hand_eye(state: JointState, data: JointData, layout: StepLayout) -> tuple[Array, Array]:
     X_inv, looks = state.base_from_camera.inverse(), data.looks
     r, D, E = _tag_residuals(*predicted_tag_a(state, data), looks.tags)
     D = D @ X_inv.adjoint()
@@ -142,7 +142,7 @@ def _tips(state: JointState, touches: TouchSet) -> Array:
     return np.asarray(touches.rotations @ state.tcp_in_wrist + touches.translations)
 
 
-def _touches(state: JointState, data: JointData, layout: Layout) -> tuple[Array, Array]:
+def _touches(state: JointState, data: JointData, layout: StepLayout) -> tuple[Array, Array]:
     touches = data.touches
     W = touches.base_sqrt_informations()
     targets = state.base_from_object @ data.cad
@@ -152,7 +152,7 @@ def _touches(state: JointState, data: JointData, layout: Layout) -> tuple[Array,
     return _flat(np.einsum("nij,nj->ni", W, _tips(state, touches) - targets), J)
 
 
-def _points(state: JointState, data: JointData, layout: Layout) -> tuple[Array, Array]:
+def _points(state: JointState, data: JointData, layout: StepLayout) -> tuple[Array, Array]:
     points = data.points
     W = points.base_sqrt_informations()
     J = _rows(len(W), 3, layout)
@@ -169,7 +169,7 @@ def left_jacobian(points: Array) -> Array:
     return np.concatenate([np.broadcast_to(_EYE, lever.shape), lever], axis=2)
 
 
-def _reference(state: JointState, data: JointData, layout: Layout) -> tuple[Array, Array]:
+def _reference(state: JointState, data: JointData, layout: StepLayout) -> tuple[Array, Array]:
     tag_b, n = state.camera_from_tag_b, len(data.reference)
     R = np.broadcast_to(tag_b.rotation, (n, 3, 3))
     r, D, E = _tag_residuals(R, np.broadcast_to(tag_b.translation, (n, 3)), data.reference)
@@ -179,7 +179,9 @@ def _reference(state: JointState, data: JointData, layout: Layout) -> tuple[Arra
     return _flat(r, J)
 
 
-def object_motions(camera_from_axis: Pose, table_motion: Array, layout: Layout) -> ObjectMotions:
+def object_motions(
+    camera_from_axis: Pose, table_motion: Array, layout: StepLayout
+) -> ObjectMotions:
     """How the object moved since it was touched; planar: (n, 3) x, y, angle."""
     G = camera_from_axis
     c, s = np.cos(table_motion[:, 2]), np.sin(table_motion[:, 2])
@@ -197,7 +199,7 @@ def object_motions(camera_from_axis: Pose, table_motion: Array, layout: Layout) 
 
 
 def moved_tag(
-    camera_from_tag_b: Pose, tags: Tags, moved: ObjectMotions, layout: Layout
+    camera_from_tag_b: Pose, tags: Tags, moved: ObjectMotions, layout: StepLayout
 ) -> tuple[Array, Array, Array]:
     """Residuals (n, 6) of tag B on the moved object, derivatives by the unknowns and the moves.
 
@@ -214,20 +216,20 @@ def moved_tag(
     return r, J, D @ moved.J_motion
 
 
-def _spins(state: JointState, data: JointData, layout: Layout) -> tuple[Array, Array]:
+def _spins(state: JointState, data: JointData, layout: StepLayout) -> tuple[Array, Array]:
     moved = object_motions(state.camera_from_axis, state.table_motion, layout)
     r, J, J_motion = moved_tag(state.camera_from_tag_b, data.spins, moved, layout)
     _put_moves(J, J_motion, np.arange(len(r)), layout)
     return _flat(r, J)
 
 
-def _put_moves(J: Array, blocks: Array, spins: Indices, layout: Layout) -> None:
+def _put_moves(J: Array, blocks: Array, spins: Indices, layout: StepLayout) -> None:
     columns = layout.spin_columns()[spins]
     for i, (block, own) in enumerate(zip(blocks, columns, strict=True)):
         J[i][:, own] = block
 
 
-def _holes(state: JointState, data: JointData, layout: Layout) -> tuple[Array, Array]:
+def _holes(state: JointState, data: JointData, layout: StepLayout) -> tuple[Array, Array]:
     holes = data.holes
     spun = holes.spin >= 0
     in_base = state.base_from_object @ holes.cad
@@ -257,7 +259,7 @@ def _holes(state: JointState, data: JointData, layout: Layout) -> tuple[Array, A
 
 
 def _center(
-    state: JointState, center: Array, sigma_mm: float, layout: Layout
+    state: JointState, center: Array, sigma_mm: float, layout: StepLayout
 ) -> tuple[Array, Array]:
     """The centre across the axis is where CAD says; along it nothing is said."""
     G, camera_from_base = state.camera_from_axis, state.base_from_camera.inverse()
@@ -273,7 +275,7 @@ def _center(
 
 
 def _axis(
-    state: JointState, axis_in_object: Array, sigma_rad: float, layout: Layout
+    state: JointState, axis_in_object: Array, sigma_rad: float, layout: StepLayout
 ) -> tuple[Array, Array]:
     """The axis of turning points where CAD says, either way."""
     G = state.camera_from_axis.rotation

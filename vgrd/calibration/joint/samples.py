@@ -7,10 +7,10 @@ import numpy as np
 from vgrd.calibration.joint.camera_corrections import CameraCorrections, PriorSigmas
 from vgrd.calibration.joint.problem import (
     EvidenceKind,
+    HolePixel,
     Holes,
     JointData,
     Looks,
-    Sighting,
     Tags,
     Turntable,
     target_of,
@@ -29,7 +29,7 @@ Named = tuple[str, Observation | None]
 
 def gather(
     recording: Recording,
-    sightings: Sequence[Sighting] = (),
+    sightings: Sequence[HolePixel] = (),
     arm: ArmModel | None = None,
     turntable: Turntable | None = None,
     refine: PriorSigmas | None = None,
@@ -117,7 +117,7 @@ def _picture_key(picture: Observation | None) -> tuple[float, ...]:
     return (*_numbers(picture.base_from_wrist), *of_tags)
 
 
-def _hole_key(hole: Sighting) -> tuple[str, tuple[float, ...]]:
+def _hole_key(hole: HolePixel) -> tuple[str, tuple[float, ...]]:
     return hole.target, (*map(float, hole.pixel), hole.sigma_px)
 
 
@@ -125,7 +125,7 @@ def _numbers(pose: Pose) -> tuple[float, ...]:
     return tuple(np.concatenate([pose.translation, pose.rotation.ravel()]).tolist())
 
 
-def _hole_names(sightings: Sequence[Sighting]) -> list[str]:
+def _hole_names(sightings: Sequence[HolePixel]) -> list[str]:
     return [
         f"hole {hole.target}" + ("" if hole.spin is None else f" in spin {hole.spin + 1}")
         for hole in sightings
@@ -175,7 +175,7 @@ def _touch_set(recording: Recording, touches: Sequence[Touch]) -> TouchSet:
     )
 
 
-def _holes(recording: Recording, sightings: Sequence[Sighting], turned: Sequence[str]) -> Holes:
+def _holes(recording: Recording, sightings: Sequence[HolePixel], turned: Sequence[str]) -> Holes:
     """Holes; turned: names of the spins, in the order of the evidence."""
     facts = recording.facts
     cad, spins = [], []

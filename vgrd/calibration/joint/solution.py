@@ -12,7 +12,7 @@ import numpy as np
 from vgrd.calibration.joint.fit import JointFit, unknown_in_words, whiten_arm
 from vgrd.calibration.joint.problem import Tags
 from vgrd.calibration.joint.rows import ObjectMotions, left_jacobian, moved_tag, object_motions
-from vgrd.calibration.joint.state import Columns, Layout, table_motion_of
+from vgrd.calibration.joint.state import Columns, StepLayout, table_motion_of
 from vgrd.errors import NotObservable
 from vgrd.geometry import Array, Pose, hat
 from vgrd.geometry.chi2 import chi2_quantile
@@ -80,21 +80,21 @@ class JointSolution:
     arm: ArmKnowledge
 
     @property
-    def layout(self) -> Layout:
+    def layout(self) -> StepLayout:
         """Where the unknowns stand in a step."""
-        return Layout(self.axis, self.object_motions, spins=0, has_point=self.has_point)
+        return StepLayout(self.axis, self.object_motions, spins=0, has_point=self.has_point)
 
     @property
     def reference_covariance(self) -> Array:
         """(6, 6) of camera_from_tag_b, what is undetermined included."""
-        return self._block(Layout.TAG_B)
+        return self._block(StepLayout.TAG_B)
 
     @property
     def tcp(self) -> TcpEstimate | None:
         """The touch tip, None where the session left it open."""
-        if float(np.abs(self.undetermined[Layout.TCP]).max(initial=0.0)) >= IRRELEVANT_MM:
+        if float(np.abs(self.undetermined[StepLayout.TCP]).max(initial=0.0)) >= IRRELEVANT_MM:
             return None
-        return TcpEstimate(self.tip_in_wrist, self._block(Layout.TCP))
+        return TcpEstimate(self.tip_in_wrist, self._block(StepLayout.TCP))
 
     def expected(
         self,
@@ -218,7 +218,7 @@ def solution_of(fit: JointFit) -> JointSolution:
     )
 
 
-def kept_columns(layout: Layout) -> Columns:
+def kept_columns(layout: StepLayout) -> Columns:
     """(n,): columns of a fit's unknowns that its solution keeps, in their order."""
     points = layout.point_columns
     return np.concatenate(

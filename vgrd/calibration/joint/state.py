@@ -27,7 +27,7 @@ Columns = NDArray[np.intp]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Layout:
+class StepLayout:
     """Where the unknowns stand in a step.
 
     axis: which of the 6 body-frame moves of G are free; refined: how many tag sizes and intrinsics.
@@ -84,15 +84,15 @@ class Layout:
         )
 
 
-def layout_of(data: JointData) -> Layout:
+def layout_of(data: JointData) -> StepLayout:
     """Unknowns that this evidence speaks of."""
     spins = len(data.spins)
     point, refined = len(data.points) > 0, data.corrections.count
     if not spins:
-        return Layout((), (), 0, point, refined)
+        return StepLayout((), (), 0, point, refined)
     if data.motion is Motion.TURNTABLE:
-        return Layout((3, 4, 0, 1), (5,), spins, point, refined)
-    return Layout((3, 4), (5, 0, 1), spins, point, refined)
+        return StepLayout((3, 4, 0, 1), (5,), spins, point, refined)
+    return StepLayout((3, 4), (5, 0, 1), spins, point, refined)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -118,7 +118,7 @@ class JointState:
         base_from_tag_b = self.base_from_camera @ self.camera_from_tag_b
         return self.base_from_object.inverse() @ base_from_tag_b
 
-    def retract(self, step: Array, layout: Layout) -> "JointState":
+    def retract(self, step: Array, layout: StepLayout) -> "JointState":
         """Left perturbations of poses, body-frame moves of the axis, planar moves of the spins."""
         at_axis = np.zeros(6)
         at_axis[list(layout.axis)] = step[layout.axis_columns]
@@ -138,7 +138,7 @@ class JointState:
         )
 
 
-def _moved(table_motion: Array, step: Array, layout: Layout) -> Array:
+def _moved(table_motion: Array, step: Array, layout: StepLayout) -> Array:
     if not layout.spins:
         return table_motion
     turn = step[:, 0]

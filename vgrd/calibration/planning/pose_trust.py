@@ -9,7 +9,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from vgrd.calibration.checks import rival_names
-from vgrd.calibration.joint import JointFit, Layout
+from vgrd.calibration.joint import JointFit, StepLayout
 from vgrd.calibration.planning.reach import Candidate, Reach, Touching, flange_of
 from vgrd.geometry import Array, Pose, hat, log_rotation
 from vgrd.geometry.covariance import radius95
@@ -45,8 +45,8 @@ def place_u95_mm(result: JointFit, candidate: Candidate) -> float:
     R = candidate.base_from_wrist
     point = flange.translation + R @ result.state.tcp_in_wrist
     by = np.zeros((3, result.layout.size))
-    by[:, Layout.OBJECT] = np.hstack([np.eye(3), -hat(point)])
-    by[:, Layout.TCP] = -R
+    by[:, StepLayout.OBJECT] = np.hstack([np.eye(3), -hat(point)])
+    by[:, StepLayout.TCP] = -R
     N = by @ result.undetermined
     return radius95(by @ result.covariance @ by.T + N @ N.T)
 

@@ -12,7 +12,7 @@ import numpy as np
 from vgrd.calibration.joint import (
     EvidenceKind,
     JointFit,
-    Layout,
+    StepLayout,
     information_inverse,
     predict,
     solution_of,
@@ -131,7 +131,7 @@ class PredictedError:
         out = []
         for part, matters in ((Vt[:minded], True), (Vt[minded:], False)):
             directions = N @ part.T
-            apart = np.linalg.svd(directions[Layout.TCP], full_matrices=True)[2]
+            apart = np.linalg.svd(directions[StepLayout.TCP], full_matrices=True)[2]
             out += [Undetermined(_in_words(result, d), matters) for d in (directions @ apart.T).T]
         return tuple(out)
 
@@ -158,7 +158,7 @@ def _targets(result: JointFit, job: Job) -> Sequence[str]:
 
 def _in_words(result: JointFit, direction: Array) -> str:
     """An undetermined direction (n,): the TCP's share of it, or the unknowns concerned."""
-    tcp = direction[Layout.TCP]
+    tcp = direction[StepLayout.TCP]
     size = float(np.linalg.norm(tcp))
     if size < 1.0:
         return replace(result, undetermined=direction[:, None]).unknown_in_words() or "an unknown"

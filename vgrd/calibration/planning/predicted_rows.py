@@ -11,8 +11,8 @@ from vgrd.calibration.joint import (
     EvidenceKind,
     JointData,
     JointFit,
-    Layout,
     Looks,
+    StepLayout,
     Tags,
     adjoints,
     arm_jacobian,
@@ -150,7 +150,7 @@ class ForeseenRows:
         Q = np.linalg.qr(J[:, own])[0]
         return self._embedded(J - Q @ (Q.T @ J), alone)
 
-    def _embedded(self, J: Array, layout: Layout) -> Array:
+    def _embedded(self, J: Array, layout: StepLayout) -> Array:
         """Rows of another layout in the columns of all unknowns; spins of their own left out."""
         whole = self._result.layout
         out = np.zeros((len(J), whole.size))

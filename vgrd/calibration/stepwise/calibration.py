@@ -11,13 +11,13 @@ from vgrd.calibration.hand_eye import (
     hand_eye_samples,
     null_space_findings,
 )
-from vgrd.calibration.joint import Sighting
+from vgrd.calibration.joint import HolePixel
 from vgrd.calibration.outcome import Outcome
 from vgrd.calibration.stepwise.chain import CameraChain, Pivot
 from vgrd.calibration.stepwise.hole_center import HoleCenter, combine, find_hole_center
 from vgrd.calibration.stepwise.solution import SpecialSolution, UniversalSolution
 from vgrd.calibration.stepwise.touch_fit import FittedTouches, fit_touches
-from vgrd.calibration.stepwise.verdict import Evidence, judge
+from vgrd.calibration.stepwise.verdict import StepwiseEvidence, judge
 from vgrd.calibration.touches import find_reference
 from vgrd.calibration.turntable import RotationCenter, find_rotation_center
 from vgrd.errors import DidNotConverge, NotObservable, TooFewObservations
@@ -30,7 +30,7 @@ _APART_SIGMA, _APART_MM = 5.0, 0.1
 
 
 def calibrate_in_steps(
-    recording: Recording, sightings: Sequence[Sighting]
+    recording: Recording, sightings: Sequence[HolePixel]
 ) -> Outcome[UniversalSolution | SpecialSolution]:
     """Universal where the wrists varied, else special.
 
@@ -51,7 +51,7 @@ def calibrate_in_steps(
     doubts += null_space_findings(recording.facts.mount, hand_eye.null_space)
     reference = find_reference(recording.touches)
     pivot = _pivot(taught, center, holes, hand_eye, doubts)
-    evidence = Evidence(recording, taught, hand_eye, reference, center, pivot is not None)
+    evidence = StepwiseEvidence(recording, taught, hand_eye, reference, center, pivot is not None)
     findings, residuals = judge(evidence)
     if holes is not None:
         residuals["holes_used"] = float(holes.used)
@@ -118,7 +118,7 @@ def _with_tag_b(observations: Sequence[Observation]) -> list[Observation]:
 
 def _hole_center(
     recording: Recording,
-    sightings: Sequence[Sighting],
+    sightings: Sequence[HolePixel],
     doubts: list[Finding],
 ) -> HoleCenter | None:
     """CAD's centre in tag B by the holes that were seen, or a doubt that says why not."""

@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from vgrd.calibration.joint import Sighting, Turntable, variance_inflation
+from vgrd.calibration.joint import HolePixel, Turntable, variance_inflation
 from vgrd.calibration.touches import Reference, equivalent_sigmas, kabsch
 from vgrd.calibration.turntable import RotationCenter
 from vgrd.errors import DidNotConverge, NotObservable, TooFewObservations
@@ -48,7 +48,7 @@ class CombinedCenter:
 
 
 def find_hole_center(
-    recording: Recording, sightings: Sequence[Sighting], reference: Reference
+    recording: Recording, sightings: Sequence[HolePixel], reference: Reference
 ) -> HoleCenter:
     """CAD's centre in tag B from holes in pictures of the tag, contradicting sightings left out.
 
@@ -140,7 +140,7 @@ class _Seen:
 
 
 def _seen(
-    recording: Recording, sightings: Sequence[Sighting], reference: Reference, center: Array
+    recording: Recording, sightings: Sequence[HolePixel], reference: Reference, center: Array
 ) -> _Seen:
     facts = recording.facts
     poses, covariances = [reference.camera_from_tag_b], [reference.covariance]

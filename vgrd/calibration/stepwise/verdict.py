@@ -19,7 +19,7 @@ _FEW_DEGREES = 25.0  # rms: an arc of 87 degrees
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Evidence:
+class StepwiseEvidence:
     """All that `judge` looks at."""
 
     recording: Recording
@@ -30,7 +30,7 @@ class Evidence:
     has_pivot: bool
 
 
-def judge(evidence: Evidence) -> tuple[list[Finding], dict[str, float]]:
+def judge(evidence: StepwiseEvidence) -> tuple[list[Finding], dict[str, float]]:
     """Findings and the residuals they rest on."""
     findings = [
         *bad_touches(evidence.recording),
@@ -41,7 +41,7 @@ def judge(evidence: Evidence) -> tuple[list[Finding], dict[str, float]]:
     return findings, _residuals(evidence)
 
 
-def _method(evidence: Evidence) -> list[Finding]:
+def _method(evidence: StepwiseEvidence) -> list[Finding]:
     plan, has_tcp = evidence.recording.plan, evidence.taught.tcp is not None
     if plan is Plan.UNIVERSAL and not has_tcp:
         return [
@@ -62,7 +62,7 @@ def _method(evidence: Evidence) -> list[Finding]:
     return []
 
 
-def _hand_eye(evidence: Evidence) -> list[Finding]:
+def _hand_eye(evidence: StepwiseEvidence) -> list[Finding]:
     findings = [
         finding("look_outlier", f"{sample.name} was left out of the hand-eye, {sample.reason}")
         for sample in evidence.hand_eye.samples
@@ -88,7 +88,7 @@ def _hand_eye(evidence: Evidence) -> list[Finding]:
     return findings
 
 
-def _spins(evidence: Evidence) -> list[Finding]:
+def _spins(evidence: StepwiseEvidence) -> list[Finding]:
     center = evidence.center
     findings = []
     if evidence.recording.facts.object.motion is Motion.TURNTABLE and not evidence.has_pivot:
@@ -122,7 +122,7 @@ def _spins(evidence: Evidence) -> list[Finding]:
     return [*findings, *_pivot_disagrees(evidence, center)]
 
 
-def _pivot_disagrees(evidence: Evidence, center: RotationCenter) -> list[Finding]:
+def _pivot_disagrees(evidence: StepwiseEvidence, center: RotationCenter) -> list[Finding]:
     """Universal: hand-eye and touches must see the axis at one place."""
     pivot = evidence.taught.pivot_in_base
     if pivot is None or evidence.taught.tcp is None:
@@ -142,7 +142,7 @@ def _pivot_disagrees(evidence: Evidence, center: RotationCenter) -> list[Finding
     ]
 
 
-def _residuals(evidence: Evidence) -> dict[str, float]:
+def _residuals(evidence: StepwiseEvidence) -> dict[str, float]:
     used = [sample for sample in evidence.hand_eye.samples if sample.used]
     out = {
         "touch_rms_mm": rms(np.linalg.norm(evidence.taught.residuals_mm, axis=1)),

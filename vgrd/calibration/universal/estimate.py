@@ -22,7 +22,7 @@ from vgrd.calibration.universal.start import (
 )
 from vgrd.geometry import Array, Pose
 from vgrd.geometry.covariance import covariance_from
-from vgrd.geometry.least_squares import Minimum, Report, check_convergence, minimize
+from vgrd.geometry.least_squares import Convergence, Minimum, check_convergence, minimize
 from vgrd.geometry.rotation_relaxation import Certificate, prove, relax
 
 __all__ = [
@@ -58,7 +58,7 @@ class UniversalResult:
     whitened: Array
     scores: Array
     degrees_of_freedom: int
-    report: Report
+    report: Convergence
     certificate: Certificate
 
 
@@ -136,4 +136,4 @@ def _gauss_newton(equations: Equations, state: State) -> Minimum[State]:
         r, J = equations.linearize(state)
         steps += 1
         converged = float(np.linalg.norm(step)) < _PAPERS_STEP
-    return Minimum(state, r, J, Report(converged, steps, 0.5 * float(r @ r)))
+    return Minimum(state, r, J, Convergence(converged, steps, 0.5 * float(r @ r)))

@@ -11,15 +11,24 @@ from vgrd.geometry import Array, Pose
 from vgrd.geometry.rotation_formats import RotationFormat as Format
 from vgrd.geometry.rotation_formats import rotation_from, rotation_to
 from vgrd.model import ExpectedCoordinate, Policy, Target
-from vgrd.registers import REQUEST, Answer, Command, Frame, Request, RotationFormat, Status, reply
-from vgrd.registers import Policy as PolicyCode
+from vgrd.registers import (
+    REQUEST,
+    Answer,
+    Command,
+    Frame,
+    PolicyCode,
+    Request,
+    RotationCode,
+    Status,
+    reply,
+)
 
 NO_HOLD = Hold()
 _FORMATS = {
-    RotationFormat.ROTVEC: Format.ROTVEC,
-    RotationFormat.RPY: Format.RPY_FIXED_XYZ_DEG,
-    RotationFormat.KUKA_ABC: Format.KUKA_ABC_DEG,
-    RotationFormat.ZYZ: Format.ZYZ_DEG,
+    RotationCode.ROTVEC: Format.ROTVEC,
+    RotationCode.RPY: Format.RPY_FIXED_XYZ_DEG,
+    RotationCode.KUKA_ABC: Format.KUKA_ABC_DEG,
+    RotationCode.ZYZ: Format.ZYZ_DEG,
 }
 _POLICIES = {
     PolicyCode.FIXED: Policy.FIXED,
@@ -134,8 +143,8 @@ def target_by_id(calibration: Calibration, number: int) -> Target | None:
     return None
 
 
-def _format(request: Request) -> RotationFormat:
-    return request.rotation_format or RotationFormat.ROTVEC
+def _format(request: Request) -> RotationCode:
+    return request.rotation_format or RotationCode.ROTVEC
 
 
 def _encode(

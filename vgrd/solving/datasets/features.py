@@ -5,13 +5,13 @@ from typing import Any
 
 import numpy as np
 
-from vgrd.calibration.hand_eye import Place
+from vgrd.calibration.hand_eye import FeaturePlace
 from vgrd.documents.tables import parse, tables_of
 from vgrd.documents.toml import hint
 from vgrd.solving.datasets.document import FeatureTable, SampleTable
 from vgrd.vision.print.boards import TargetSpec, has_direction
 
-Places = Mapping[str, Place | None]
+Places = Mapping[str, FeaturePlace | None]
 _SIGHTINGS = 2  # two rays fix a point
 
 
@@ -25,7 +25,7 @@ def read_features(
     tables = tables_of(data, "feature", faults)
     if tables is None:
         return {}
-    places: dict[str, Place | None] = {}
+    places: dict[str, FeaturePlace | None] = {}
     for index, table in enumerate(tables):
         parsed = parse(FeatureTable, table, f"feature[{index}]", faults)
         if parsed is None:
@@ -44,10 +44,10 @@ def read_features(
     return places
 
 
-def _place(table: FeatureTable) -> Place | None:
+def _place(table: FeatureTable) -> FeaturePlace | None:
     if table.point_mm is None:
         return None
-    return Place(np.array(table.point_mm, dtype=np.float64), table.sigma_mm)
+    return FeaturePlace(np.array(table.point_mm, dtype=np.float64), table.sigma_mm)
 
 
 def _sighting_faults(places: Places, rows: Sequence[tuple[str, SampleTable]]) -> list[str]:

@@ -7,9 +7,9 @@ from dataclasses import replace
 import numpy as np
 
 from vgrd.calibration.hand_eye import (
+    FeaturePlace,
     HandEyeProblem,
     HandEyeResult,
-    Place,
     PointHandEyeProblem,
     PointSample,
     PoseSample,
@@ -73,7 +73,7 @@ class PointFitter(Fitter):
         *,
         refine: bool,
         allow_unobservable: int,
-        places: Mapping[str, Place],
+        places: Mapping[str, FeaturePlace],
     ) -> None:
         guessed = [
             replace(

@@ -41,7 +41,7 @@ class Miss:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Evidence:
+class DatasetEvidence:
     """All that the verdict looks at; misses: None where the others did not determine a fit.
 
     unseen, partly_seen: reasons by sample. refined_px: reprojection error with refined intrinsics
@@ -59,7 +59,7 @@ class Evidence:
     refined_px: Callable[[], float]
 
 
-def judge(evidence: Evidence) -> Verdict:
+def judge(evidence: DatasetEvidence) -> Verdict:
     """All findings, worst first; camera and target are not judged by contradictory samples."""
     general = _contradiction(evidence) or [
         *null_space_findings(evidence.dataset.mount, evidence.result.null_space),
@@ -89,7 +89,7 @@ def judge(evidence: Evidence) -> Verdict:
     return Verdict(tuple(findings))
 
 
-def doubtful(evidence: Evidence) -> dict[str, str]:
+def doubtful(evidence: DatasetEvidence) -> dict[str, str]:
     """Samples that the fit of the others misses by far more than the rest, with the figures."""
     known = {n: m for n, m in zip(evidence.names, evidence.misses, strict=True) if m is not None}
     if not known:
@@ -104,7 +104,7 @@ def doubtful(evidence: Evidence) -> dict[str, str]:
     }
 
 
-def _contradiction(evidence: Evidence) -> list[Finding]:
+def _contradiction(evidence: DatasetEvidence) -> list[Finding]:
     """Fatal: the samples belong to no common hand-eye pose."""
     misses = [miss for miss in evidence.misses if miss is not None]
     if not misses:
@@ -168,7 +168,7 @@ def suspects(
     ]
 
 
-def _weakness(evidence: Evidence) -> list[Finding]:
+def _weakness(evidence: DatasetEvidence) -> list[Finding]:
     sigmas = np.sqrt(np.diag(evidence.result.covariance)[:6])
     mm, deg = float(sigmas[:3].max()), float(np.degrees(sigmas[3:].max()))
     if mm < WEAK_MM and deg < WEAK_DEG:
@@ -180,7 +180,7 @@ def _weakness(evidence: Evidence) -> list[Finding]:
     return [finding("weak_motion", message, fatal=True)]
 
 
-def _camera(evidence: Evidence) -> list[Finding]:
+def _camera(evidence: DatasetEvidence) -> list[Finding]:
     if evidence.dataset.refine or evidence.dataset.camera is None:
         return []
     given, refined = reprojection_px(evidence.result), evidence.refined_px()
@@ -193,7 +193,7 @@ def _camera(evidence: Evidence) -> list[Finding]:
     return [finding("intrinsics_doubtful", message)]
 
 
-def _size(evidence: Evidence) -> list[Finding]:
+def _size(evidence: DatasetEvidence) -> list[Finding]:
     off, sigma = evidence.scale.value - 1, evidence.scale.sigma
     if abs(off) < max(_SCALE_SIGMAS * sigma, _SCALE_MATTERS):
         return []

@@ -14,7 +14,7 @@ from vgrd.geometry import Pose
 from vgrd.geometry.resection import checked_points
 from vgrd.solving.datasets.fitting import Fitter, PointFitter, PoseFitter
 from vgrd.solving.datasets.half_turns import turn_alike
-from vgrd.solving.datasets.judging import Evidence, Miss, doubtful, judge, suspects
+from vgrd.solving.datasets.judging import DatasetEvidence, Miss, doubtful, judge, suspects
 from vgrd.solving.datasets.loading import MIN_SAMPLES, Dataset, DatasetSample, load_dataset
 from vgrd.solving.datasets.named_method import NamedMethodFitter, check_method
 from vgrd.solving.datasets.solution import DatasetSolution, LeaveOneOut, SampleReport
@@ -79,7 +79,7 @@ def solve_dataset(
         raise error.with_hints(suspects(dataset, found.names, own)) from error
     steps.advance()
     misses = _leave_one_out(fitter, found, result, steps)
-    evidence = Evidence(
+    evidence = DatasetEvidence(
         dataset=dataset,
         names=found.names,
         camera_from_target=own,
@@ -234,7 +234,7 @@ def _partly_seen(found: Found) -> dict[str, str]:
     }
 
 
-def _reports(evidence: Evidence) -> tuple[SampleReport, ...]:
+def _reports(evidence: DatasetEvidence) -> tuple[SampleReport, ...]:
     """One report per sample of the file, in its order."""
     odd = doubtful(evidence)
     reports = {

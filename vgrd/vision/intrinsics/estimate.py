@@ -13,7 +13,7 @@ from vgrd.errors import InputError, TooFewObservations
 from vgrd.geometry import Array, Pose
 from vgrd.geometry.camera import CameraModel
 from vgrd.geometry.covariance import rms
-from vgrd.vision.intrinsics.fit import Bundle, Noise, State, View, adjust
+from vgrd.vision.intrinsics.fit import BoardView, Bundle, IntrinsicsState, PictureNoise, adjust
 
 MIN_VIEWS, MIN_POINTS = 4, 8
 LENGTHS = (0, 4, 5, 8)
@@ -50,7 +50,7 @@ class IntrinsicsResult:
     covariance: Array
     points_in_board: Array
     bundle: Bundle
-    views: tuple[View, ...]
+    views: tuple[BoardView, ...]
     reports: tuple[ViewReport, ...]
 
     @property
@@ -77,7 +77,7 @@ class IntrinsicsResult:
 
 def calibrate_intrinsics(
     points_in_board: Array,
-    views: Sequence[View],
+    views: Sequence[BoardView],
     size_px: tuple[int, int],
     *,
     distortion: int = 4,
@@ -93,9 +93,11 @@ def calibrate_intrinsics(
         raise InputError(f"distortion of {distortion} numbers: one of {LENGTHS} is known")
     nominal = np.asarray(points_in_board, dtype=np.float64)
     screened = [_screened(nominal, view) for view in views]
-    kept = [view for view in screened if isinstance(view, View)]
+    kept = [view for view in screened if isinstance(view, BoardView)]
     reasons = {v.name: r for v, r in zip(views, screened, strict=True) if isinstance(r, str)}
-    noise = Noise() if print_mm is None else Noise(print_mm=print_mm, flat_mm=print_mm)
+    noise = (
+        PictureNoise() if print_mm is None else PictureNoise(print_mm=print_mm, flat_mm=print_mm)
+    )
     gross: dict[str, str] | None = None
     while gross != {}:
         _require(kept, reasons)
@@ -123,7 +125,7 @@ def calibrate_intrinsics(
     )
 
 
-def _screened(nominal: Array, view: View) -> View | str:
+def _screened(nominal: Array, view: BoardView) -> BoardView | str:
     """The view without points that no plane explains; or why it cannot be used."""
     if len(view.ids) < MIN_POINTS:
         return f"only {len(view.ids)} points of the board found, at least {MIN_POINTS} are needed"
@@ -135,14 +137,14 @@ def _screened(nominal: Array, view: View) -> View | str:
     good = np.ravel(inside).astype(bool)
     if good.mean() < 1 - _MOST_WRONG or good.sum() < MIN_POINTS:
         return f"{int((~good).sum())} of {len(good)} points lie on no common plane"
-    return View(view.name, view.ids[good], view.pixels[good])
+    return BoardView(view.name, view.ids[good], view.pixels[good])
 
 
-def _count(views: Sequence[View]) -> int:
+def _count(views: Sequence[BoardView]) -> int:
     return sum(len(view.ids) for view in views)
 
 
-def _require(kept: Sequence[View], reasons: dict[str, str]) -> None:
+def _require(kept: Sequence[BoardView], reasons: dict[str, str]) -> None:
     if len(kept) < MIN_VIEWS:
         named = "; ".join(f"{name}: {reason}" for name, reason in reasons.items())
         raise TooFewObservations(
@@ -152,8 +154,8 @@ def _require(kept: Sequence[View], reasons: dict[str, str]) -> None:
 
 
 def _start(
-    nominal: Array, views: Sequence[View], size_px: tuple[int, int], distortion: int
-) -> tuple[State, list[Array]]:
+    nominal: Array, views: Sequence[BoardView], size_px: tuple[int, int], distortion: int
+) -> tuple[IntrinsicsState, list[Array]]:
     """OpenCV's calibration with few distortion terms, and its residuals."""
     flags = cv2.CALIB_FIX_K3
     if distortion == 0:
@@ -175,12 +177,12 @@ def _start(
         for view, pose in zip(views, poses, strict=True)
     ]
     values = np.concatenate([K[[0, 1, 0, 1], [0, 1, 2, 2]], numbers])
-    return State(values, np.zeros(2), np.zeros_like(nominal), tuple(poses)), residuals
+    return IntrinsicsState(values, np.zeros(2), np.zeros_like(nominal), tuple(poses)), residuals
 
 
 def _without_bad(
-    views: Sequence[View], residuals: Sequence[Array]
-) -> tuple[list[View], dict[str, str]]:
+    views: Sequence[BoardView], residuals: Sequence[Array]
+) -> tuple[list[BoardView], dict[str, str]]:
     """Views without outliers, and the names of those that are bad altogether, the worst first."""
     lengths = [np.linalg.norm(r, axis=1) for r in residuals]
     level = float(np.median([np.median(length) for length in lengths])) / 1.18  # Rayleigh's median
@@ -200,12 +202,12 @@ def _without_bad(
                 f"{int((~good).sum())} of {len(good)} points are off: blurred or bent?"
             )
         else:
-            kept.append(View(view.name, view.ids[good], view.pixels[good]))
+            kept.append(BoardView(view.name, view.ids[good], view.pixels[good]))
     return kept, bad
 
 
 def _reports(
-    views: Sequence[View], kept: Sequence[View], reasons: dict[str, str], bundle: Bundle
+    views: Sequence[BoardView], kept: Sequence[BoardView], reasons: dict[str, str], bundle: Bundle
 ) -> tuple[ViewReport, ...]:
     place = {view.name: i for i, view in enumerate(kept)}
     out = []

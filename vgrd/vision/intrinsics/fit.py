@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from vgrd.errors import DidNotConverge
 from vgrd.geometry import Array, Pose
 from vgrd.geometry.camera import CameraModel
-from vgrd.vision.intrinsics.rows import Rows, inverse, solved
+from vgrd.vision.intrinsics.rows import PictureRows, inverse, solved
 
 _STRETCH_SIGMA = 1e-3
 _RATIONAL_SIGMA = 1.0  # of k4, k5, k6, which the pictures alone hardly tell from k1, k2, k3
@@ -30,7 +30,7 @@ _ORDER = [3, 4, 5, 0, 1, 2]  # OpenCV's columns of rotation and translation as (
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class View:
+class BoardView:
     """What one picture shows: ids (n,) of the board's points and their pixels (n, 2)."""
 
     name: str
@@ -39,7 +39,7 @@ class View:
 
 
 @dataclass(frozen=True, slots=True)
-class Noise:
+class PictureNoise:
     """1 sigma of a pixel coordinate, of the printed x and y, and of the height of a printed point."""
 
     pixel_px: float = 0.1
@@ -48,7 +48,7 @@ class Noise:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class State:
+class IntrinsicsState:
     """All unknowns: intrinsics (4 + k,) fx fy cx cy and distortion, stretch (2,), offsets (m, 3) mm, poses."""
 
     intrinsics: Array
@@ -69,15 +69,20 @@ class Bundle:
     measured; held_out: the same as a fit without that picture predicts them, its own pose fitted.
     """
 
-    state: State
-    noise: Noise
+    state: IntrinsicsState
+    noise: PictureNoise
     covariance: Array
     residuals: tuple[Array, ...]
     held_out: tuple[Array, ...]
 
 
 def adjust(
-    nominal: Array, views: Sequence[View], start: State, noise: Noise, *, fixed_print: bool
+    nominal: Array,
+    views: Sequence[BoardView],
+    start: IntrinsicsState,
+    noise: PictureNoise,
+    *,
+    fixed_print: bool,
 ) -> Bundle:
     """Fit everything, pixel noise matched to the residuals; print noise too unless it is fixed.
 
@@ -99,10 +104,10 @@ def adjust(
 @dataclass(frozen=True, slots=True, eq=False)
 class _Problem:
     nominal: Array
-    views: tuple[View, ...]
-    noise: Noise
+    views: tuple[BoardView, ...]
+    noise: PictureNoise
 
-    def minimum(self, state: State) -> State:
+    def minimum(self, state: IntrinsicsState) -> IntrinsicsState:
         """Levenberg-Marquardt on the reduced normal equations."""
         damping, cost, pictures = 1e-6, self._cost(state), self._all_linearized(state)
         for _ in range(_MAX_STEPS):
@@ -125,7 +130,7 @@ class _Problem:
             "through the same camera and focus?"
         )
 
-    def matched_noise(self, state: State, *, fixed_print: bool) -> Noise:
+    def matched_noise(self, state: IntrinsicsState, *, fixed_print: bool) -> PictureNoise:
         """Noise levels as the residuals show them."""
         C = np.diag(inverse(self._reduced(state, self._all_linearized(state))[0]))
         first = len(state.intrinsics) + 2
@@ -140,9 +145,9 @@ class _Problem:
         spread = C[first:].reshape(-1, 3)
         across = _component(state.offsets[:, :2], spread[:, :2], self.noise.print_mm)
         along = _component(state.offsets[:, 2:], spread[:, 2:], self.noise.flat_mm)
-        return Noise(float(pixel), across, along)
+        return PictureNoise(float(pixel), across, along)
 
-    def bundle(self, state: State) -> Bundle:
+    def bundle(self, state: IntrinsicsState) -> Bundle:
         """The result at the minimum."""
         pictures = self._all_linearized(state)
         S, _ = self._reduced(state, pictures)
@@ -163,7 +168,7 @@ class _Problem:
             tuple(held_out),
         )
 
-    def _prior(self, state: State) -> Array:
+    def _prior(self, state: IntrinsicsState) -> Array:
         """Information of the shared unknowns before any picture."""
         offsets = np.tile(
             [self.noise.print_mm**-2, self.noise.print_mm**-2, self.noise.flat_mm**-2],
@@ -173,16 +178,16 @@ class _Problem:
         lens[4 + 5 :] = _RATIONAL_SIGMA**-2
         return np.concatenate([lens, np.full(2, _STRETCH_SIGMA**-2), offsets])
 
-    def _shared(self, state: State) -> Array:
+    def _shared(self, state: IntrinsicsState) -> Array:
         return np.concatenate([state.intrinsics, state.stretch, state.offsets.ravel()])
 
-    def _cost(self, state: State) -> float:
+    def _cost(self, state: IntrinsicsState) -> float:
         squares = sum(float(np.sum(r * r)) for r in self._residuals(state))
         prior = self._prior(state) @ self._shared(state) ** 2
         total = squares / self.noise.pixel_px**2 + float(prior)
         return total / 2 if np.isfinite(total) else np.inf
 
-    def _residuals(self, state: State) -> list[Array]:
+    def _residuals(self, state: IntrinsicsState) -> list[Array]:
         points = self._points(state)
         K, d = _matrix(state.intrinsics), state.intrinsics[4:]
         out = []
@@ -193,12 +198,12 @@ class _Problem:
             out.append(np.where(behind[:, None], np.inf, pixels - view.pixels))
         return out
 
-    def _points(self, state: State) -> Array:
+    def _points(self, state: IntrinsicsState) -> Array:
         a, s = state.stretch
         stretched = np.array([[a, s, 0], [s, -a, 0], [0, 0, 0]]) / 2
         return np.asarray(self.nominal + self.nominal @ stretched + state.offsets)
 
-    def _linearized(self, state: State, view: View, pose: Pose) -> Rows:
+    def _linearized(self, state: IntrinsicsState, view: BoardView, pose: Pose) -> PictureRows:
         points = self._points(state)[view.ids]
         K, d = _matrix(state.intrinsics), state.intrinsics[4:]
         zero = np.zeros(3)
@@ -210,7 +215,7 @@ class _Problem:
         by_lens[:, :, :k] = D[:, 6 : 6 + k].reshape(n, 2, k)
         by_lens[:, :, k] = by_point[:, :, 0] * x[:, None] - by_point[:, :, 1] * y[:, None]
         by_lens[:, :, k + 1] = by_point[:, :, 0] * y[:, None] + by_point[:, :, 1] * x[:, None]
-        return Rows(
+        return PictureRows(
             (pixels[:, 0] - view.pixels).ravel() / sigma,
             by_lens.reshape(2 * n, -1) / sigma,
             by_point / sigma,
@@ -218,14 +223,14 @@ class _Problem:
             (k + 2 + 3 * view.ids[:, None] + np.arange(3)).ravel(),
         )
 
-    def _all_linearized(self, state: State) -> list[Rows]:
+    def _all_linearized(self, state: IntrinsicsState) -> list[PictureRows]:
         return [
             self._linearized(state, view, pose)
             for view, pose in zip(self.views, state.poses, strict=True)
         ]
 
     def _reduced(
-        self, state: State, pictures: Sequence[Rows], damping: float = 0.0
+        self, state: IntrinsicsState, pictures: Sequence[PictureRows], damping: float = 0.0
     ) -> tuple[Array, Array]:
         """Normal equations of the shared unknowns, poses eliminated: matrix and gradient."""
         prior = self._prior(state)
@@ -234,14 +239,16 @@ class _Problem:
             rows.reduce_into(S, g, damping)
         return S, g
 
-    def _step(self, state: State, pictures: Sequence[Rows], damping: float) -> State:
+    def _step(
+        self, state: IntrinsicsState, pictures: Sequence[PictureRows], damping: float
+    ) -> IntrinsicsState:
         step = -solved(*self._reduced(state, pictures, damping))
         k = len(state.intrinsics)
         poses = [
             Pose.exp(rows.pose_step(step, damping)) @ pose
             for rows, pose in zip(pictures, state.poses, strict=True)
         ]
-        return State(
+        return IntrinsicsState(
             state.intrinsics + step[:k],
             state.stretch + step[k : k + 2],
             state.offsets + step[k + 2 :].reshape(-1, 3),
@@ -262,5 +269,5 @@ def _component(offsets: Array, variances: Array, sigma: float) -> float:
     return float(np.clip(np.sqrt(np.sum(offsets**2) / degrees_of_freedom), *_SIGMAS_MM))
 
 
-def _sigmas(noise: Noise) -> Array:
+def _sigmas(noise: PictureNoise) -> Array:
     return np.array([noise.pixel_px, noise.print_mm, noise.flat_mm])

@@ -16,7 +16,7 @@ from vgrd.vision.images.drawing import BLUE, GOOD, RED, Colour, circle_at
 from vgrd.vision.images.pictures import SUFFIXES, as_8_bit, read_picture
 from vgrd.vision.images.warp import lens_vector
 from vgrd.vision.intrinsics.estimate import IntrinsicsResult
-from vgrd.vision.intrinsics.fit import View
+from vgrd.vision.intrinsics.fit import BoardView
 from vgrd.vision.print.boards import Charuco, Chessboard, CircleGrid, detect_board
 from vgrd.vision.print.raster import tag_raster
 from vgrd.vision.print.targets import TagGrid
@@ -33,7 +33,7 @@ class BoardPictures:
     """points_in_board: (m, 3) mm; views of pictures that show the board; unusable: why, by name."""
 
     points_in_board: Array
-    views: tuple[View, ...]
+    views: tuple[BoardView, ...]
     size_px: tuple[int, int]
     unusable: dict[str, str]
 
@@ -48,7 +48,7 @@ def read_board_pictures(
     if not files:
         raise InputError(f"{folder}: holds no pictures ({', '.join(SUFFIXES)})")
     points = board_points(board)
-    views: dict[str, tuple[View, tuple[int, int]]] = {}
+    views: dict[str, tuple[BoardView, tuple[int, int]]] = {}
     unusable = {}
     for done, path in enumerate(files):
         report(done, len(files))
@@ -94,15 +94,15 @@ def _grid(columns: int, rows: int) -> Array:
     return np.stack([x, y, np.zeros_like(x)], axis=1).astype(np.float64)
 
 
-def _view(name: str, grey: Grey, board: Board, points: Array) -> View:
+def _view(name: str, grey: Grey, board: Board, points: Array) -> BoardView:
     if isinstance(board, TagGrid):
         return _tags_view(name, grey, board)
     found = detect_board(grey, board)
     off = np.linalg.norm(found.points_in_target[:, None] - points, axis=2)
-    return View(name, off.argmin(axis=1), found.pixels)
+    return BoardView(name, off.argmin(axis=1), found.pixels)
 
 
-def _tags_view(name: str, grey: Grey, board: TagGrid) -> View:
+def _tags_view(name: str, grey: Grey, board: TagGrid) -> BoardView:
     known = board.corners()
     tags = [tag for tag in find_tags(grey, [board.dictionary]) if tag.id in known]
     counts = Counter(tag.id for tag in tags)
@@ -112,7 +112,7 @@ def _tags_view(name: str, grey: Grey, board: TagGrid) -> View:
         raise TagNotSeen(f"none of the board's {len(known)} tags can be measured in the picture")
     first = np.array([4 * (tag_id - board.first_id) for tag_id in measured])
     ids = (first[:, None] + np.arange(4)).ravel()
-    return View(name, ids, np.concatenate(list(measured.values())))
+    return BoardView(name, ids, np.concatenate(list(measured.values())))
 
 
 def _exact_corners(grey: Grey, tag: FoundTag, board: TagGrid) -> Array | None:
@@ -123,7 +123,7 @@ def _exact_corners(grey: Grey, tag: FoundTag, board: TagGrid) -> Array | None:
     return None if refined is None else refined.corners_px
 
 
-def coverage(views: tuple[View, ...], size_px: tuple[int, int]) -> Array:
+def coverage(views: tuple[BoardView, ...], size_px: tuple[int, int]) -> Array:
     """How many points lie in each cell of the picture, (rows, columns)."""
     pixels = np.concatenate([view.pixels for view in views])
     columns, rows = COVERAGE_CELLS

@@ -11,7 +11,7 @@ from vgrd.geometry import Array
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Rows:
+class PictureRows:
     """One picture linearized, in sigmas: residuals (2n,) and their derivatives.
 
     by_lens: (2n, k + 2) intrinsics and stretch; by_point: (n, 2, 3), of each pixel's own point,

@@ -28,7 +28,7 @@ Cells = NDArray[np.bool_]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Raster:
+class SheetRaster:
     """Cells (rows, columns), True is black, that fill a rectangle."""
 
     x_mm: float
@@ -54,7 +54,7 @@ class Sheet:
 
     width_mm: float
     height_mm: float
-    rasters: tuple[Raster, ...]
+    rasters: tuple[SheetRaster, ...]
     texts: tuple[Text, ...]
 
 
@@ -178,7 +178,7 @@ def _letter(paper: NDArray[np.uint8], text: Text, per_mm: float) -> None:
     )
 
 
-def _outlines(raster: Raster) -> Iterator[list[tuple[float, float]]]:
+def _outlines(raster: SheetRaster) -> Iterator[list[tuple[float, float]]]:
     """Closed outlines of the black cells, mm; holes run the other way round."""
     rows, columns = raster.cells.shape
     edges = _boundary(raster.cells)

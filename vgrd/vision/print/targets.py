@@ -20,7 +20,7 @@ from vgrd.vision.print.codes import (
     marker_cells,
     square_corners,
 )
-from vgrd.vision.print.sheet import Raster, Sheet, Text
+from vgrd.vision.print.sheet import Sheet, SheetRaster, Text
 
 PAGES_MM = {"a5": (148.0, 210.0), "a4": (210.0, 297.0), "a3": (297.0, 420.0)} | {
     "letter": (215.9, 279.4),
@@ -86,7 +86,7 @@ Printable = SingleTag | TagGrid | Charuco
 class _Drawn:
     """A target at the origin: its rasters, extent, the white rim it needs, mm."""
 
-    rasters: tuple[Raster, ...]
+    rasters: tuple[SheetRaster, ...]
     width_mm: float
     height_mm: float
     rim_mm: float
@@ -177,17 +177,17 @@ def _charuco(board: Charuco) -> _Drawn:
         _marker(board.dictionary, int(tag_id), np.min(corners, axis=0), board.marker_mm)
         for tag_id, corners in zip(np.ravel(layout.getIds()), layout.getObjPoints(), strict=True)
     )
-    chess = Raster(0, 0, width, height, squares)
+    chess = SheetRaster(0, 0, width, height, squares)
     return _Drawn((chess, *markers), width, height, board.square_mm / 4)
 
 
-def _marker(family: str, tag_id: int, corner_mm: Array, size_mm: float) -> Raster:
+def _marker(family: str, tag_id: int, corner_mm: Array, size_mm: float) -> SheetRaster:
     black = np.asarray(marker_cells(family, tag_id) < 0.5)
-    return Raster(float(corner_mm[0]), float(corner_mm[1]), size_mm, size_mm, black)
+    return SheetRaster(float(corner_mm[0]), float(corner_mm[1]), size_mm, size_mm, black)
 
 
-def _moved(raster: Raster, x_mm: float, y_mm: float) -> Raster:
-    return Raster(
+def _moved(raster: SheetRaster, x_mm: float, y_mm: float) -> SheetRaster:
+    return SheetRaster(
         raster.x_mm + x_mm, raster.y_mm + y_mm, raster.width_mm, raster.height_mm, raster.cells
     )
 
@@ -237,7 +237,7 @@ def _label(target: Printable) -> tuple[str, str, str]:
     return what, measured, where
 
 
-def _scale_bar(y_mm: float, page_width_mm: float) -> tuple[list[Raster], list[Text]]:
+def _scale_bar(y_mm: float, page_width_mm: float) -> tuple[list[SheetRaster], list[Text]]:
     """A bar with a tick every 10 mm and what to do with it."""
     room = page_width_mm - 2 * _MARGIN_MM
     length = next((bar for bar in _BAR_MM if bar <= room), None)
@@ -245,10 +245,10 @@ def _scale_bar(y_mm: float, page_width_mm: float) -> tuple[list[Raster], list[Te
         return [], []
     ticks = int(length // 10) + 1
     black = np.ones((1, 1), dtype=np.bool_)
-    line = Raster(_MARGIN_MM, y_mm, length, 0.3, black)
+    line = SheetRaster(_MARGIN_MM, y_mm, length, 0.3, black)
     # The outer faces of the end ticks are what is measured.
     centres = [_MARGIN_MM + 0.1, *(_MARGIN_MM + 10.0 * i for i in range(1, ticks - 1))]
     centres.append(_MARGIN_MM + length - 0.1)
-    ruler = [Raster(x - 0.1, y_mm + 0.3, 0.2, 3.0, black) for x in centres]
+    ruler = [SheetRaster(x - 0.1, y_mm + 0.3, 0.2, 3.0, black) for x in centres]
     text = f"Print at 100 % (actual size). This bar is {length:g} mm over its ends; measured: ________"
     return [line, *ruler], [Text(_MARGIN_MM, y_mm + 8.0, _LETTER_MM, text)]

@@ -37,7 +37,7 @@ class HandEyePoses:
     mount_from_target: Pose
 
 
-class Method(ABC):
+class PublishedMethod(ABC):
     """A published method; all pairs count alike, the order of the pairs does not matter."""
 
     equation: str
@@ -56,7 +56,7 @@ class Method(ABC):
     def _solve(self, flange_motions: Sequence[Pose], cameras: Sequence[Pose]) -> HandEyePoses: ...
 
 
-class _FromMotions(Method):
+class _FromMotions(PublishedMethod):
     equation = "AX = XB"
 
     def __init__(self, core: Callable[[Motions], Pose]) -> None:
@@ -68,7 +68,7 @@ class _FromMotions(Method):
         return HandEyePoses(X, Y)
 
 
-class _FromPoses(Method):
+class _FromPoses(PublishedMethod):
     equation = "AX = ZB"
 
     def __init__(self, core: Callable[[Motions], tuple[Pose, Pose]]) -> None:
@@ -79,7 +79,7 @@ class _FromPoses(Method):
         return HandEyePoses(X, Y)
 
 
-METHODS: Mapping[str, Method] = MappingProxyType(
+METHODS: Mapping[str, PublishedMethod] = MappingProxyType(
     {
         "tsai-lenz": _FromMotions(tsai_lenz),
         "park-martin": _FromMotions(park_martin),
