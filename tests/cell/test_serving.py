@@ -19,7 +19,8 @@ from vgrd.calibration.joint.state import Layout as Unknowns
 from vgrd.calibration.solve import calibrate_system
 from vgrd.cell.measuring import Sight
 from vgrd.cell.serving.answering import Limits, answer_request, check_request
-from vgrd.cell.serving.service import Serving, tcp_difference
+from vgrd.cell.serving.faults import tcp_difference
+from vgrd.cell.serving.service import Serving
 from vgrd.cell.serving.vouching import MARGIN_S, Hold
 from vgrd.devices import CameraImage, FlangeReading
 from vgrd.errors import (
@@ -305,7 +306,7 @@ class Bench:
         return image
 
     def read(self) -> RegisterImage:
-        self.serving._guard_tcp()
+        self.serving.faults.check_tcp()
         self.serving.publish()
         message = self.reader.newest()
         assert message is not None
@@ -432,7 +433,7 @@ class TestHold:
         image = bench.read()
         assert image.answer.status is Status.OK
         assert image.state & State.HELD
-        seen_s = bench.serving._basis.seen_s
+        seen_s = bench.serving.standing.basis.latest_stamp_s
         while (
             bench.clock.monotonic() < seen_s + 0.9
         ):  # pictures without the tag do not lengthen it
@@ -450,7 +451,7 @@ class TestHold:
         bench.measuring.show(hidden(taught.sight, 1000.25))
         assert bench.read().answer.status is Status.OK
         until_s = bench.serving.vouch.until_s
-        assert until_s < bench.serving._basis.seen_s + 1.0
+        assert until_s < bench.serving.standing.basis.latest_stamp_s + 1.0
         bench.clock.now_s = until_s + 0.001
         assert bench.read().answer.status is Status.GRAB_TIMEOUT
 
@@ -693,7 +694,7 @@ def test_a_latched_fault_is_not_confirmed_while_the_robot_tells_nothing(bench: B
 
 def test_a_latch_and_its_end_are_handed_on_to_be_kept(bench: Bench) -> None:
     kept: list[object] = []
-    bench.serving.on_latch.append(kept.append)
+    bench.serving.faults.on_latch.append(kept.append)
     right, bench.measuring.tcp = bench.measuring.tcp, Pose.from_rotvec((0, 0, 0.01))
     bench.read()
     bench.read()

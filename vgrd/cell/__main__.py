@@ -86,8 +86,8 @@ class Cell:
             simulation=config.cell.simulation,
         )
         self.latches = LatchBook(runtime, state)
-        self.serving.latched = self.latches.latched
-        self.serving.on_latch.append(self.latches.note)
+        self.serving.faults.latched = self.latches.latched
+        self.serving.faults.on_latch.append(self.latches.note)
         self.advisor = Advisor(Policy(serving.policy))
         teaching = Teaching(self.measuring, self.recorder, facts, config.touch, self.advisor)
         self.activation = Activation(self.serving, CalibrationStore(state, clock), facts)

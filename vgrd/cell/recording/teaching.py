@@ -12,7 +12,7 @@ import structlog
 
 from vgrd.cell.measuring import ROBOT_LOST_S, Measuring
 from vgrd.cell.recording.recorder import Recorder
-from vgrd.cell.serving.service import tcp_difference
+from vgrd.cell.serving.faults import tcp_difference
 from vgrd.devices import FlangeReading
 from vgrd.errors import ControlError, DeviceUnavailable, InputError, NotSteady, TagNotSeen, TooOld
 from vgrd.model import CellFacts, Observation, Plan, TagObservation, Touch

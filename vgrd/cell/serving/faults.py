@@ -1,0 +1,145 @@
+"""Why the cell cannot serve at all: its devices, its calibration, a drift, a changed TCP.
+
+The STATE bits tell the same to a robot program, one by one.
+"""
+
+from collections.abc import Callable
+
+import structlog
+
+from vgrd.calibration.calibration import Calibration
+from vgrd.cell.measuring import Measuring, Sight
+from vgrd.errors import ControlError
+from vgrd.geometry import Pose
+from vgrd.registers import State, Status
+
+TCP_CHANGED_MM = 0.05  # chosen: a tenth of the u95 (0.5 mm) at which answers are OK_DEGRADED
+TCP_CHANGED_RAD = 2e-4  # the same at the end of a tool of 250 mm
+DRIFT_PICTURES = 3  # in a row: one picture may err about tag A, as many do not
+
+Fault = tuple[Status, str]
+
+log = structlog.get_logger()
+
+
+class Faults:
+    """The calibration that serves, and the faults that forbid to serve.
+
+    absence: why there is no calibration. on_latch: called with each new latched fault, and with
+    None when it is confirmed.
+    """
+
+    def __init__(self, measuring: Measuring, drift_mm: float) -> None:
+        self.calibration: Calibration | None = None
+        self.absence: Fault = (Status.STARTING, "the calibration is being loaded")
+        self.on_latch: list[Callable[[Fault | None], None]] = []
+        self._measuring = measuring
+        self._drift_mm = drift_mm
+        self._drift_pictures = 0  # in a row that show tag A elsewhere
+        self._latched: Fault | None = None
+
+    @property
+    def latched(self) -> Fault | None:
+        """A fault that stands until a person confirms that its cause is gone."""
+        return self._latched
+
+    @latched.setter
+    def latched(self, fault: Fault | None) -> None:
+        if fault != self._latched:
+            self._latched = fault
+            for listener in self.on_latch:
+                listener(fault)
+
+    @property
+    def is_drift_suspected(self) -> bool:
+        """Whether the newest picture of tag A shows it elsewhere than the robot says."""
+        return self._drift_pictures > 0
+
+    def current(self) -> Fault | None:
+        """The fault that forbids to serve now, None while there is none."""
+        if self.latched is not None:
+            return self.latched
+        if trouble := self._measuring.robot_trouble():
+            return Status.ROBOT_OFFLINE, trouble
+        reading = self._measuring.reading()
+        if reading is not None and not reading.running:
+            return Status.ROBOT_SAFETY_STOP, "the controller is not in normal mode"
+        if self.calibration is None:
+            return self.absence
+        if self._drift_pictures >= DRIFT_PICTURES:
+            return Status.CALIBRATION_DRIFT, "tag A is not where the calibration puts it"
+        if trouble := self._measuring.camera_trouble():
+            return Status.CAMERA_OFFLINE, trouble
+        return None
+
+    def use(self, calibration: Calibration | None) -> None:
+        """Judge by `calibration` from now on; earlier pictures count no longer as a drift."""
+        self.calibration = calibration
+        self._drift_pictures = 0
+
+    def confirm(self) -> None:
+        """Forget a latched fault; ControlError while its cause is there or cannot be looked for."""
+        if self.latched and self.calibration is not None and self._measuring.reading() is None:
+            trouble = self._measuring.robot_trouble()
+            raise ControlError(f"nobody can tell whether the cause is gone: robot: {trouble}")
+        trouble = self._tcp_trouble()
+        if trouble:
+            raise ControlError(f"the cause is still there: {trouble}")
+        self.latched, self._drift_pictures = None, 0
+
+    def check_tcp(self) -> None:
+        """Latch a fault when the active TCP is not the calibrated one."""
+        trouble = self._tcp_trouble()
+        if trouble and self.latched is None:
+            log.error("tcp_changed", reason=trouble)
+            self.latched = (Status.TCP_OFFSET_CHANGED, trouble)
+
+    def check_drift(self, sight: Sight) -> None:
+        """Compare where the camera shows tag A with where the robot carries it."""
+        calibration = self.calibration
+        if calibration is None or calibration.wrist_from_tag_a is None:
+            return
+        if sight.base_from_wrist is None or sight.tag_a is None:
+            return
+        observed_base_from_tag_a = calibration.base_from_camera @ sight.tag_a.camera_from_tag
+        expected_base_from_tag_a = sight.base_from_wrist @ calibration.wrist_from_tag_a
+        drift_mm, _ = observed_base_from_tag_a.distance(expected_base_from_tag_a)
+        self._drift_pictures = self._drift_pictures + 1 if drift_mm > self._drift_mm else 0
+
+    def _tcp_trouble(self) -> str:
+        reading = self._measuring.reading()
+        if self.calibration is None or reading is None:
+            return ""
+        return tcp_difference(self.calibration.facts.wrist_from_tcp, reading.wrist_from_tcp)
+
+    def state(self, *, is_ready: bool, is_held: bool, is_simulation: bool) -> State:
+        """The STATE register. is_held: an answer stands although tag B is hidden."""
+        reading = self._measuring.reading()
+        sight = self._measuring.sight
+        state = State(0)
+        for flag, holds in (
+            (State.READY, is_ready),
+            (State.CAMERA_OK, not self._measuring.camera_blind()),
+            (State.ROBOT_OK, reading is not None),
+            (State.CALIBRATED, self.calibration is not None),
+            (State.AT_REST, sight is not None and sight.base_from_wrist is not None),
+            (State.TAG_A_SEEN, sight is not None and sight.tag_a is not None),
+            (State.TAG_B_SEEN, sight is not None and sight.tag_b is not None and not is_held),
+            (State.HELD, is_held),
+            (State.SIMULATION, is_simulation),
+        ):
+            state |= flag if holds else State(0)
+        return state
+
+
+def tcp_difference(calibrated: Pose | None, active: Pose | None) -> str:
+    """In words, how the active TCP differs from the calibrated one; empty when it does not."""
+    if calibrated is None or active is None:
+        return ""
+    mm, rad = calibrated.distance(active)
+    if mm <= TCP_CHANGED_MM and rad <= TCP_CHANGED_RAD:
+        return ""
+    return (
+        f"the active TCP on the pendant is {mm:.2f} mm, {1e3 * rad:.1f} mrad off the one that was "
+        "active when the cell was calibrated: restore it there, then: vgrd confirm"
+    )
