@@ -96,7 +96,7 @@ def test_a_full_notify_queue_ends_neither_the_start_nor_the_watchdog(
     asyncio.run(run())
 
 
-@pytest.mark.parametrize("chore", ["_desk.refresh", "_server.sweep", "_report", "_log_abuse"])
+@pytest.mark.parametrize("chore", ["_bank.refresh", "_server.sweep", "_report", "_log_abuse"])
 def test_a_chore_that_fails_ends_the_gate(tmp_path, monkeypatch, chore):
     class ChoreError(Exception):
         pass

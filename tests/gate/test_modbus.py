@@ -17,11 +17,11 @@ from fakes.controllers.raw_modbus import RawModbus
 from vgrd.clock import SystemClock
 from vgrd.errors import ServingError
 from vgrd.gate.image_feed import ImageFeed
-from vgrd.gate.modbus import ACCEPTS_PER_TURN, Limits, ModbusServer
+from vgrd.gate.modbus import ACCEPTS_PER_TURN, ConnectionLimits, ModbusServer
 from vgrd.gate.register_bank import RegisterBank
 from vgrd.registers import Status
 
-LIMITS = Limits(
+LIMITS = ConnectionLimits(
     allow=("127.0.0.0/30",), connections_per_peer=4, idle_s=0.6, partial_s=0.2, silent_s=0.2
 )
 

@@ -104,13 +104,13 @@ def test_the_gate_takes_a_wanted_table_over_and_says_so(tmp_path: Path) -> None:
         async with asyncio.TaskGroup() as tasks:
             tasks.create_task(gate.run())
             await until(lambda: all(pids(gate._supervisor).values()))
-            old, bank = pids(gate._supervisor), gate._desk
+            old, bank = pids(gate._supervisor), gate._bank
             save_table(tmp_path, table(0, spec("one", "x"), loaded_unix_s=2.0), WANTED_TABLE)
             await until(lambda: gate._wanted.asked_unix_s == 2.0)
             assert gate._wanted.refused == ""
             await until(lambda: all(pids(gate._supervisor).values()))
             assert pids(gate._supervisor) != old
-            assert gate._desk is not bank
+            assert gate._bank is not bank
             assert json.loads((tmp_path / PROCESS_TABLE).read_bytes())["loaded_unix_s"] == 2.0
             gate._stop.set()
 

@@ -18,7 +18,7 @@ from vgrd.errors import AlreadyRunning
 from vgrd.gate import systemd
 from vgrd.gate.image_feed import ImageFeed
 from vgrd.gate.link import CellLink
-from vgrd.gate.modbus import Limits, ModbusServer
+from vgrd.gate.modbus import ConnectionLimits, ModbusServer
 from vgrd.gate.register_bank import RegisterBank
 from vgrd.gate.settings import GateSettings
 from vgrd.gate.supervisor import CONFIG_EXIT, Supervisor
@@ -28,10 +28,11 @@ from vgrd.ipc.ring import RingWriter
 from vgrd.registers import Request, Status, request_message
 
 LOCK_FILE: Final = "gate.lock"
-TICK_S: Final = 0.02
-REPORT_S: Final = 0.25
-SWEEP_S: Final = 0.25
-ABUSE_LOG_S: Final = 1.0
+TICK_S: Final = 0.02  # as the cell publishes: the registers follow the cell within 40 ms
+REPORT_S: Final = 0.25  # chosen: `vgrd status` and `vgrd reload` wait no longer for the gate
+SWEEP_S: Final = 0.25  # a quarter of the second after which cut frames end
+ABUSE_LOG_S: Final = 1.0  # at most one line a second, however hard somebody knocks
+_PID_BYTES: Final = 32  # more digits than any process number has
 _ABUSE: Final = ("refused", "garbage", "timeouts", "evicted")
 
 log = structlog.get_logger()
@@ -43,7 +44,7 @@ def lock(runtime_dir: Path) -> int:
     try:
         fcntl.flock(fd, fcntl.LOCK_EX | fcntl.LOCK_NB)
     except OSError as error:
-        holder = os.read(fd, 32).decode(errors="replace") or "?"
+        holder = os.read(fd, _PID_BYTES).decode(errors="replace") or "?"
         os.close(fd)
         raise AlreadyRunning(
             f"{runtime_dir}: another daemon (process {holder}) uses this runtime folder; stop it"
@@ -64,15 +65,15 @@ class Gate:
         self._manager = systemd.ServiceManager()
         self._failure: BaseException | None = None
         self._runtime_dir = runtime_dir
-        self._desk = self._new_desk()
+        self._bank = self._new_bank()
         self._wanted = WantedTable(runtime_dir)
-        self._server = ModbusServer(self._desk, clock, Limits(allow=settings.allow))
+        self._server = ModbusServer(self._bank, clock, ConnectionLimits(allow=settings.allow))
         self._supervisor = Supervisor(
             settings.processes, runtime_dir, clock, self._cell_started, self._cell_ended
         )
         self._ring = RingWriter.create(runtime_dir / GATE_RING, GATE_SLOTS, GATE_BYTES, GATE_KIND)
         self._port = settings.port
-        self._said = ""
+        self._status_words = ""
         self._abuse: Counter[str] = Counter()
 
     async def run(self) -> None:
@@ -82,8 +83,8 @@ class Gate:
             loop.add_signal_handler(number, self._stop.set)
         loop.set_exception_handler(self._fail)
         settings = self._settings
-        given = systemd.inherited_socket()
-        self._port = await self._server.listen(settings.host, settings.port, given)
+        inherited = systemd.inherited_socket()
+        self._port = await self._server.listen(settings.host, settings.port, inherited)
         log.info("serving", cell=settings.cell, host=settings.host, port=self._port)
         self._manager.tell(READY="1", STATUS=f"serving on {settings.host}:{self._port}")
         try:
@@ -120,7 +121,7 @@ class Gate:
         self._failure = self._failure or error or RuntimeError(context["message"])
         self._stop.set()
 
-    def _new_desk(self) -> RegisterBank:
+    def _new_bank(self) -> RegisterBank:
         return RegisterBank(
             ImageFeed(self._runtime_dir, self._clock),
             self._clock,
@@ -141,25 +142,25 @@ class Gate:
     async def _change(self, wanted: GateSettings) -> None:
         log.info("reloading", loaded_unix_s=wanted.loaded_unix_s)
         await self._supervisor.change(wanted.processes)
-        self._settings, counters = wanted, self._desk.counters
-        self._desk = self._new_desk()
-        self._desk.counters.update(counters)
-        self._desk.cell_lost()  # its last words were of the table before
-        self._server.serve_from_now_on(self._desk, wanted.allow)
+        self._settings, counters = wanted, self._bank.counters
+        self._bank = self._new_bank()
+        self._bank.counters.update(counters)
+        self._bank.cell_lost()  # its last words were of the table before
+        self._server.serve_from_now_on(self._bank, wanted.allow)
         self._supervisor.start()
         self._wanted.is_in_force(wanted)
 
     async def _shut_down(self) -> None:
         log.info("stopping")
         self._manager.tell(STOPPING="1", STATUS="stopping")
-        self._desk.close(Status.SHUTTING_DOWN)
+        self._bank.close(Status.SHUTTING_DOWN)
         await self._supervisor.stop()
         self._report()
         log.info("stopped")
 
-    async def _each(self, period_s: float, do: Callable[[], None]) -> None:
+    async def _each(self, period_s: float, chore: Callable[[], None]) -> None:
         while True:
-            do()
+            chore()
             await asyncio.sleep(period_s)
 
     def _forward(self, request: Request) -> bool:
@@ -169,28 +170,28 @@ class Gate:
         if self._link:
             self._link.send(op="abort")
 
-    def _cell_started(self, ours: socket.socket) -> None:
-        self._link = CellLink(ours, self._hear)
+    def _cell_started(self, gate_end: socket.socket) -> None:
+        self._link = CellLink(gate_end, self._log_message)
 
     def _cell_ended(self, exit_code: int) -> None:
         if self._link:
             self._link.close()
         self._link = None
-        self._desk.cell_lost()
+        self._bank.cell_lost()
         if exit_code == CONFIG_EXIT:
-            self._desk.close(Status.CONFIG_ERROR)
+            self._bank.close(Status.CONFIG_ERROR)
 
-    def _hear(self, message: dict[str, object]) -> None:
+    def _log_message(self, message: dict[str, object]) -> None:
         log.info("cell_says", **{"what": message.pop("op", "?"), **message})
 
     def _refresh(self) -> None:
-        self._desk.refresh()
+        self._bank.refresh()
 
     def _kick(self) -> None:
         self._manager.tell(WATCHDOG="1")
 
     def _report(self) -> None:
-        counters = {**self._server.counters, **self._desk.counters}
+        counters = {**self._server.counters, **self._bank.counters}
         counters["connections"] = self._server.connections
         rows = self._supervisor.reports()
         report = GateReport(
@@ -203,10 +204,10 @@ class Gate:
             self._wanted.refused,
         )
         self._ring.publish(report.pack(), stamp_s=self._clock.monotonic())
-        said = ", ".join(f"{row.name} {row.health}" for row in rows)
-        if said != self._said:
-            self._said = said
-            self._manager.tell(STATUS=said)
+        words = ", ".join(f"{row.name} {row.health}" for row in rows)
+        if words != self._status_words:
+            self._status_words = words
+            self._manager.tell(STATUS=words)
         self._manager.catch_up()
 
     def _log_abuse(self) -> None:

@@ -1,8 +1,8 @@
 """The gate's end of the socket pair to the cell: JSON lines out, JSON lines in, never waiting.
 
-Only the newest message counts: a request takes the place of what was asked before, and `abort` that
-of a request. So the link keeps one unsent message and the rest of the line that is half out, however
-long the cell does not read and however often the robot asks.
+Only the newest message counts: a request replaces an older request, `abort` replaces a request. So the
+link keeps one unsent message, and the rest of a line that was sent in part. It never keeps more,
+however long the cell does not read and however often the robot asks.
 """
 
 import asyncio
@@ -17,6 +17,7 @@ from vgrd.ipc.messages import MAX_LINE_BYTES, decode_line, encode_line
 
 # The smallest that Linux grants: a handful of lines, so that the cell finds few stale ones in it.
 _SEND_BUFFER_BYTES: Final = 4608
+_READ_BYTES: Final = 65536  # at once; a longer line comes in parts
 
 log = structlog.get_logger()
 
@@ -25,17 +26,17 @@ class CellLink:
     """One life of the cell; `on_message` gets what it says."""
 
     def __init__(
-        self, ours: socket.socket, on_message: Callable[[dict[str, object]], None]
+        self, gate_end: socket.socket, on_message: Callable[[dict[str, object]], None]
     ) -> None:
-        ours.setblocking(False)
-        ours.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, _SEND_BUFFER_BYTES)
-        self._socket = ours
+        gate_end.setblocking(False)
+        gate_end.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, _SEND_BUFFER_BYTES)
+        self._socket = gate_end
         self._on_message = on_message
         self._unread = b""
         self._sending = memoryview(b"")  # rest of the line that is half out
         self._newest = b""  # the line after it
         self._loop = asyncio.get_running_loop()
-        self._loop.add_reader(ours, self._read)
+        self._loop.add_reader(gate_end, self._read)
 
     def send(self, **message: object) -> bool:
         """Send a message, in place of one that the cell has not taken yet; False when it is gone."""
@@ -71,7 +72,7 @@ class CellLink:
 
     def _read(self) -> None:
         try:
-            received = self._socket.recv(65536)
+            received = self._socket.recv(_READ_BYTES)
         except BlockingIOError:
             return
         except OSError:

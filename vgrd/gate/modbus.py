@@ -25,7 +25,7 @@ from vgrd.gate.pdu import Data
 
 ACCEPTS_PER_TURN: Final = 64  # under 1 ms of refusals, then the connections have their turn
 _BACKLOG: Final = 4096  # Linux's own limit (net.core.somaxconn) since 5.4
-_PEERS: Final = 1024  # whose admission is remembered
+_PEERS: Final = 1024  # whose admission is remembered; chosen: more than a cell network has
 _RESET = struct.pack("ii", 1, 0)  # SO_LINGER: close by reset, leaves no TIME_WAIT behind
 _SHORTAGE: Final = (errno.EMFILE, errno.ENFILE, errno.ENOBUFS, errno.ENOMEM)
 
@@ -33,26 +33,26 @@ log = structlog.get_logger()
 
 
 @dataclass(frozen=True, slots=True)
-class Limits:
+class ConnectionLimits:
     """What peers may do.
 
-    allow: addresses or networks. silent_s: so long silent, a connection that polled gives way to a
-    new one of the same peer when the peer has too many. partial_s: for the rest of a frame, and
-    for taking answers.
+    allow: addresses or networks. partial_s: for the rest of a frame, and for taking answers.
+    silent_s: a connection that polled, and was silent for so long, may be closed for a new one of
+    the same peer when the peer has too many.
     """
 
     allow: tuple[str, ...] = ("127.0.0.1",)
-    connections: int = 64
-    connections_per_peer: int = 8
-    idle_s: float = 60.0
-    partial_s: float = 1.0
-    silent_s: float = 1.0
+    connections: int = 64  # chosen: far below the 1,024 descriptors that a flood took elsewhere
+    connections_per_peer: int = 8  # chosen: eight such peers fill `connections`
+    idle_s: float = 60.0  # chosen: who asks nothing for so long has forgotten its connection
+    partial_s: float = 1.0  # garbage, slow bytes and cut frames end within a second
+    silent_s: float = 1.0  # as the second in which a robot program must see HB move
 
 
 class ModbusServer:
     """Serves `data` at one address. `sweep` is to be called a few times a second."""
 
-    def __init__(self, data: Data, clock: Clock, limits: Limits) -> None:
+    def __init__(self, data: Data, clock: Clock, limits: ConnectionLimits) -> None:
         self.data, self.clock, self.limits = data, clock, limits
         self.counters: Counter[str] = Counter()
         self._allow = [ipaddress.ip_network(entry) for entry in limits.allow]
@@ -148,11 +148,11 @@ class ModbusServer:
         self.counters["accepted"] += 1
         forget = self._links.discard
         try:
-            made = Connection(link, peer, self.data, self.clock, self.counters, forget)
+            connection = Connection(link, peer, self.data, self.clock, self.counters, forget)
         except OSError:
             link.close()  # it went while it was let in
         else:
-            self._links.add(made)
+            self._links.add(connection)
 
     def _is_listed(self, peer: str) -> bool:
         address = ipaddress.ip_address(peer)
@@ -163,13 +163,14 @@ class ModbusServer:
 
         It is one of the same peer when that has too many, else one of the peer that has most.
         """
-        crowd = peer
-        held = Counter(link.peer for link in self._links)
-        if held[peer] < self.limits.connections_per_peer:
+        crowded_peer = peer
+        counts = Counter(link.peer for link in self._links)
+        if counts[peer] < self.limits.connections_per_peer:
             if len(self._links) < self.limits.connections:
                 return True
-            crowd = held.most_common(1)[0][0]
-        least = min((link for link in self._links if link.peer == crowd), key=lambda k: k.worth)
+            crowded_peer = counts.most_common(1)[0][0]
+        candidates = (link for link in self._links if link.peer == crowded_peer)
+        least = min(candidates, key=lambda link: link.worth)
         if least.is_polling(self.clock.monotonic(), self.limits):
             return False
         least.drop("evicted")
@@ -178,21 +179,21 @@ class ModbusServer:
 
 def _listeners(host: str, port: int) -> list[socket.socket]:
     """One bound socket per address of `host`. Raises OSError."""
-    found = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM, flags=socket.AI_PASSIVE)
-    made: list[socket.socket] = []
+    addresses = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM, flags=socket.AI_PASSIVE)
+    listeners: list[socket.socket] = []
     try:
-        for family, kind, protocol, _, address in dict.fromkeys(found):
+        for family, kind, protocol, _, address in dict.fromkeys(addresses):
             listener = socket.socket(family, kind, protocol)
-            made.append(listener)
+            listeners.append(listener)
             listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
             if family == socket.AF_INET6:
                 listener.setsockopt(socket.IPPROTO_IPV6, socket.IPV6_V6ONLY, 1)
             listener.bind(address)
     except OSError:
-        for listener in made:
+        for listener in listeners:
             listener.close()
         raise
-    return made
+    return listeners
 
 
 def _check_address(given: socket.socket, host: str, port: int) -> None:

@@ -4,9 +4,18 @@ import struct
 from collections.abc import Callable, Sequence
 from typing import Final, Protocol
 
+# All numbers of this file: Modbus Application Protocol Specification V1.1b3, chapters 6 and 7.
 ILLEGAL_FUNCTION: Final = 1
 ILLEGAL_ADDRESS: Final = 2
 ILLEGAL_VALUE: Final = 3
+EXCEPTION_BIT: Final = 0x80  # of the function code in an answer that refuses
+_MOST_READ_BITS: Final = 2000  # functions 1 and 2
+_MOST_READ_REGISTERS: Final = 125  # functions 3, 4 and 23
+_MOST_WRITTEN_COILS: Final = 1968  # function 15
+_MOST_WRITTEN_REGISTERS: Final = 123  # function 16
+_MOST_EXCHANGED_REGISTERS: Final = 121  # written by function 23
+_COIL_OFF: Final = 0x0000  # the two values that function 5 may write
+_COIL_ON: Final = 0xFF00
 
 
 class Data(Protocol):
@@ -49,7 +58,7 @@ def respond(data: Data, pdu: bytes) -> bytes:
     try:
         return pdu[:1] + _HANDLERS.get(pdu[0], _unknown)(data, pdu[1:])
     except _RefusedError as refused:
-        return bytes((pdu[0] | 0x80, refused.code))
+        return bytes((pdu[0] | EXCEPTION_BIT, refused.code))
 
 
 def _fixed(body: bytes, form: str) -> tuple[int, ...]:
@@ -66,13 +75,13 @@ def _counted(body: bytes, form: str) -> tuple[tuple[int, ...], bytes]:
     return struct.unpack_from(form, body), body[head:]
 
 
-def _within(count: int, limit: int) -> None:
+def _check_count(count: int, limit: int) -> None:
     if not 1 <= count <= limit:
         raise _RefusedError(ILLEGAL_VALUE)
 
 
-def _there(done: bool) -> None:
-    if not done:
+def _check_address(exists: bool) -> None:
+    if not exists:
         raise _RefusedError(ILLEGAL_ADDRESS)
 
 
@@ -96,75 +105,77 @@ def _unknown(data: Data, body: bytes) -> bytes:  # noqa: ARG001
 
 def _read_coils(data: Data, body: bytes) -> bytes:
     address, count = _fixed(body, ">HH")
-    _within(count, 2000)
+    _check_count(count, _MOST_READ_BITS)
     return _bits(data.read_coils(address, count))
 
 
 def _read_inputs(data: Data, body: bytes) -> bytes:
     address, count = _fixed(body, ">HH")
-    _within(count, 2000)
+    _check_count(count, _MOST_READ_BITS)
     return _bits(data.read_inputs(address, count))
 
 
 def _read_registers(data: Data, body: bytes) -> bytes:
     address, count = _fixed(body, ">HH")
-    _within(count, 125)
+    _check_count(count, _MOST_READ_REGISTERS)
     return _words(data.read_registers(address, count))
 
 
 def _write_coil(data: Data, body: bytes) -> bytes:
     address, value = _fixed(body, ">HH")
-    if value not in (0x0000, 0xFF00):
+    if value not in (_COIL_OFF, _COIL_ON):
         raise _RefusedError(ILLEGAL_VALUE)
-    _there(data.write_coils(address, [bool(value)]))
+    _check_address(data.write_coils(address, [value == _COIL_ON]))
     return body
 
 
 def _write_register(data: Data, body: bytes) -> bytes:
     address, _ = _fixed(body, ">HH")
-    _there(data.write_registers(address, body[2:]))
+    _check_address(data.write_registers(address, body[2:]))
     return body
 
 
 def _write_coils(data: Data, body: bytes) -> bytes:
     (address, count, size), packed = _counted(body, ">HHB")
-    _within(count, 1968)
+    _check_count(count, _MOST_WRITTEN_COILS)
     if size != (count + 7) // 8:
         raise _RefusedError(ILLEGAL_VALUE)
     number = int.from_bytes(packed, "little")
-    _there(data.write_coils(address, [bool(number >> i & 1) for i in range(count)]))
+    _check_address(data.write_coils(address, [bool(number >> i & 1) for i in range(count)]))
     return body[:4]
 
 
 def _write_registers(data: Data, body: bytes) -> bytes:
     (address, count, size), registers = _counted(body, ">HHB")
-    _within(count, 123)
+    _check_count(count, _MOST_WRITTEN_REGISTERS)
     if size != 2 * count:
         raise _RefusedError(ILLEGAL_VALUE)
-    _there(data.write_registers(address, registers))
+    _check_address(data.write_registers(address, registers))
     return body[:4]
 
 
 def _mask_register(data: Data, body: bytes) -> bytes:
-    address, keep, put = _fixed(body, ">HHH")
+    address, and_mask, or_mask = _fixed(body, ">HHH")
     old = data.read_registers(address, 1)
     if old is None:
         raise _RefusedError(ILLEGAL_ADDRESS)
     (word,) = struct.unpack(">H", old)
-    _there(data.write_registers(address, struct.pack(">H", word & keep | put & ~keep)))
+    _check_address(
+        data.write_registers(address, struct.pack(">H", word & and_mask | or_mask & ~and_mask))
+    )
     return body
 
 
 def _read_write_registers(data: Data, body: bytes) -> bytes:
-    (read_at, read_count, address, count, size), registers = _counted(body, ">HHHHB")
-    _within(read_count, 125)
-    _within(count, 121)
+    (read_address, read_count, address, count, size), registers = _counted(body, ">HHHHB")
+    _check_count(read_count, _MOST_READ_REGISTERS)
+    _check_count(count, _MOST_EXCHANGED_REGISTERS)
     if size != 2 * count:
         raise _RefusedError(ILLEGAL_VALUE)
-    if data.read_registers(read_at, read_count) is None:
+    if data.read_registers(read_address, read_count) is None:
         raise _RefusedError(ILLEGAL_ADDRESS)
-    _there(data.write_registers(address, registers))
-    return _words(data.read_registers(read_at, read_count))
+    _check_address(data.write_registers(address, registers))
+    return _words(data.read_registers(read_address, read_count))
 
 
 _HANDLERS: Final[dict[int, Callable[[Data, bytes], bytes]]] = {

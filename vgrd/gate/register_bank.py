@@ -10,6 +10,7 @@ from typing import Final
 
 from vgrd.clock import Clock
 from vgrd.gate.image_feed import ImageFeed
+from vgrd.ipc.time_limits import REQUEST_TIMEOUT_S
 from vgrd.registers import (
     REQUEST,
     RESPONSE,
@@ -26,14 +27,17 @@ from vgrd.registers import (
 
 Forward = Callable[[Request], bool]
 
-DEFAULT_TIMEOUT_S: Final = 5.0
-
-_ALIVE_INPUT = 16
+_ALIVE_INPUT: Final = 16  # the discrete input behind the 16 bits of STATE
+_TRIG_COIL: Final = 0
+_CLEAR_COIL: Final = 1
+_NONCE_BITS: Final = 63  # half of what the u64 of a register image holds: never wraps
+_LAST_TRIG: Final = 0xFFFF  # of a 16-bit register; after it comes 1, since 0 clears
 _TRIG, _CMD, _OPT, _TIMEOUT = (
     REQUEST.registers(name)[0] for name in ("TRIG", "CMD", "OPT", "TMO")
 )
 _ORIENTATION = REQUEST.registers("ORI_")
-_BEATS_PER_TOGGLE = 5
+_TRIG_BYTES: Final = slice(2 * _TRIG, 2 * _TRIG + 2)
+_BEATS_PER_TOGGLE: Final = 5  # of HB, one each 100 ms: a PLC sees a toggle of 1 Hz
 _BLOCKS = (
     (REQUEST.start, REQUEST.end),
     (RESPONSE.start, RESPONSE.end),
@@ -57,7 +61,7 @@ class RegisterBank:
         deadline_s: float,
         forward: Forward,
         abort: Callable[[], None],
-        timeout_s: float = DEFAULT_TIMEOUT_S,
+        timeout_s: float = REQUEST_TIMEOUT_S,
         scale: Scale16 = Scale16.MRAD,
     ) -> None:
         self.counters: Counter[str] = Counter()
@@ -67,15 +71,15 @@ class RegisterBank:
         self._scale = scale
         self._request = bytes(2 * REQUEST.end)
         self._coils = [False, False]
-        self._nonce = secrets.randbits(63)
-        self._written: set[int] = set()  # request registers, since TRIG changed
-        self._asked = b""  # parameters, when TRIG changed
+        self._nonce = secrets.randbits(_NONCE_BITS)
+        self._written_registers: set[int] = set()  # addresses, since TRIG changed
+        self._trig_parameters = b""  # parameters, when TRIG changed
         self._pending: Request | None = None
-        self._answered: Request | None = None
+        self._answered_request: Request | None = None
         self._overdue_s = math.inf
         self._refusal: Answer | None = None
         self._seq: int | None = None  # of the answer that stood there when the request came
-        self._closed: Status | None = None
+        self._final_status: Status | None = None
         self._refresh(clock.monotonic())
 
     @property
@@ -95,19 +99,25 @@ class RegisterBank:
         end = address + len(data) // 2
         if end > REQUEST.end:
             return False
-        before = self._request[:2]
+        old_trig = self._request[_TRIG_BYTES]
         self._request = self._request[: 2 * address] + data + self._request[2 * end :]
-        self._written.update(range(address, end))
-        if self._request[:2] != before:
+        self._written_registers.update(range(address, end))
+        if self._request[_TRIG_BYTES] != old_trig:
             self._triggered()
-        elif address == 0 and before != bytes(2) and self._parameters() != self._asked:
+        elif (
+            address == _TRIG
+            and old_trig != bytes(2)
+            and self._parameters() != self._trig_parameters
+        ):
             self._refuse_reuse()
         self._refresh(self._clock.monotonic())
         return True
 
     def read_coils(self, address: int, count: int) -> Sequence[bool] | None:
         """TRIG and CLEAR as they were written."""
-        return self._coils[address : address + count] if address + count <= 2 else None
+        return (
+            self._coils[address : address + count] if address + count <= len(self._coils) else None
+        )
 
     def write_coils(self, address: int, values: Sequence[bool]) -> bool:
         """Rising edges: of coil 0 a request with TRIG + 1, of coil 1 clears.
@@ -117,14 +127,15 @@ class RegisterBank:
         """
         if address + len(values) > len(self._coils):
             return False
-        before = list(self._coils)
+        old_coils = list(self._coils)
         self._coils[address : address + len(values)] = values
-        if self._coils[1] and not before[1]:
+        if self._coils[_CLEAR_COIL] and not old_coils[_CLEAR_COIL]:
             self._clear(echo=0)
-        if self._coils[0] and not before[0]:
-            (trig,) = struct.unpack_from(">H", self._request)
-            self._request = struct.pack(">H", trig % 0xFFFF + 1) + self._request[2:]
-            self._triggered(by_coil=True)
+        if self._coils[_TRIG_COIL] and not old_coils[_TRIG_COIL]:
+            request = bytearray(self._request)
+            request[_TRIG_BYTES] = struct.pack(">H", self._trig() % _LAST_TRIG + 1)
+            self._request = bytes(request)
+            self._triggered(from_coil=True)
         self._refresh(self._clock.monotonic())
         return True
 
@@ -144,7 +155,7 @@ class RegisterBank:
 
     def close(self, status: Status) -> None:
         """Answer everything with `status` from now on."""
-        self._closed = status
+        self._final_status = status
         self._pending, self._overdue_s = None, math.inf
         self._refresh(self._clock.monotonic())
 
@@ -157,7 +168,7 @@ class RegisterBank:
     def _refresh(self, now_s: float) -> None:
         image = self._feed.image
         if self._pending and image is not None and self._is_answer(image.answer):
-            self._answered, self._pending, self._overdue_s = self._pending, None, math.inf
+            self._answered_request, self._pending, self._overdue_s = self._pending, None, math.inf
         elif self._pending and not self._is_alive(now_s):
             self._refuse(Status.INTERNAL_ERROR if image else Status.STARTING)
         elif self._pending and now_s >= self._overdue_s:
@@ -166,14 +177,14 @@ class RegisterBank:
         if self._refusal and image is not None and self._is_continuous(image.answer):
             self._refusal = None
         refusal = self._refusal
-        if self._closed is not None:
-            refusal = Answer(self._closed, echo=int.from_bytes(self._request[:2], "big"))
+        if self._final_status is not None:
+            refusal = Answer(self._final_status, echo=self._trig())
         self._view = view(
             image,
             now_s,
             self._pending,
             deadline_s=self._deadline_s,
-            answered=self._answered,
+            answered=self._answered_request,
             refusal=refusal,
             scale=self._scale,
         )
@@ -198,24 +209,28 @@ class RegisterBank:
             return False
         return answer.status.is_ok or (self._refusal is not None and self._refusal.echo == 0)
 
+    def _trig(self) -> int:
+        """The TRIG that was written last."""
+        return int.from_bytes(self._request[_TRIG_BYTES], "big")
+
     def _parameters(self) -> bytes:
         """What a request consists of besides TRIG."""
         return self._request[2 * _CMD : 2 * _TIMEOUT + 2] + self._request[2 * _ORIENTATION[0] :]
 
     def _refuse_reuse(self) -> None:
-        """A TRIG that was used, written once more with other parameters, would show the old answer as theirs."""
-        if self._closed is None:
+        """A used TRIG, written again with other parameters, would show the old answer as theirs."""
+        if self._final_status is None:
             self._nonce += 1
             self._abort()
-            self._asked = self._parameters()
-            self._pending, self._answered = Request.parse(self._request, self._nonce), None
+            self._trig_parameters = self._parameters()
+            self._pending, self._answered_request = Request.parse(self._request, self._nonce), None
             self._remember_answer()
             self._refuse(Status.BAD_PARAMETER, _TRIG)
 
-    def _triggered(self, *, by_coil: bool = False) -> None:
-        written, self._written = self._written, set()
-        self._asked = self._parameters()
-        if self._closed is not None:
+    def _triggered(self, *, from_coil: bool = False) -> None:
+        written, self._written_registers = self._written_registers, set()
+        self._trig_parameters = self._parameters()
+        if self._final_status is not None:
             return
         self._nonce += 1
         request = Request.parse(
@@ -228,10 +243,10 @@ class RegisterBank:
         now = self._clock.monotonic()
         self.counters["triggers"] += 1
         self.counters["superseded"] += self._pending is not None
-        self._pending, self._answered, self._refusal = request, None, None
+        self._pending, self._answered_request, self._refusal = request, None, None
         self._remember_answer()
         self._overdue_s = now + (request.timeout_s or self._timeout_s)
-        if by_coil and request.policy is PolicyCode.REQUESTED:
+        if from_coil and request.policy is Policy.REQUESTED:
             self._abort()
             self._refuse(Status.BAD_PARAMETER, _OPT)
             return
@@ -241,8 +256,8 @@ class RegisterBank:
 
     def _clear(self, *, echo: int) -> None:
         self._feed.poll()
-        self._pending, self._answered, self._overdue_s = None, None, math.inf
-        self._written = set()
+        self._pending, self._answered_request, self._overdue_s = None, None, math.inf
+        self._written_registers = set()
         self._remember_answer()
         self._refusal = Answer(Status.IDLE, echo=echo, seq=self._seq or 0)
         self._abort()

@@ -9,12 +9,14 @@ from pathlib import Path
 from typing import Final, TypeVar, cast
 
 from vgrd.errors import ConfigError
+from vgrd.ipc.time_limits import DEADLINE_S, REQUEST_TIMEOUT_S
 from vgrd.permissions import opener
 from vgrd.registers import Scale16
 
 PROCESS_TABLE: Final = "processes.json"
 WANTED_TABLE: Final = "processes.wanted.json"
 CELL_KIND: Final = "cell"
+START_S: Final = 60.0  # the first start compiles the hot loops: 30 s of a core
 
 T = TypeVar("T")
 
@@ -31,7 +33,7 @@ class ProcessSpec:
     kind: str = "device"
     env: Mapping[str, str] = field(default_factory=dict)
     hang_s: float | None = None
-    start_s: float = 60.0
+    start_s: float = START_S
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,8 +49,8 @@ class GateSettings:
     port: int
     allow: tuple[str, ...]
     processes: tuple[ProcessSpec, ...]
-    deadline_s: float = 0.25
-    timeout_s: float = 5.0
+    deadline_s: float = DEADLINE_S
+    timeout_s: float = REQUEST_TIMEOUT_S
     int16_scale: Scale16 = Scale16.MRAD
     loaded_unix_s: float = 0.0
 
@@ -79,8 +81,8 @@ def load_settings(path: Path) -> GateSettings:
         processes=tuple(
             _process(row, faults) for row in _take(table, "processes", list, faults, [])
         ),
-        deadline_s=_take(table, "deadline_s", float, faults, 0.25, optional=True),
-        timeout_s=_take(table, "timeout_s", float, faults, 5.0, optional=True),
+        deadline_s=_take(table, "deadline_s", float, faults, DEADLINE_S, optional=True),
+        timeout_s=_take(table, "timeout_s", float, faults, REQUEST_TIMEOUT_S, optional=True),
         int16_scale=_scale(table, faults),
         loaded_unix_s=_take(table, "loaded_unix_s", float, faults, 0.0, optional=True),
     )
@@ -108,7 +110,7 @@ def _process(row: object, faults: list[str]) -> ProcessSpec:
         kind=_take(table, "kind", str, faults, "device", optional=True),
         env=_take(table, "env", dict, faults, {}, optional=True),
         hang_s=None if hang_s is None else _take(table, "hang_s", float, faults, 0.0),
-        start_s=_take(table, "start_s", float, faults, 60.0, optional=True),
+        start_s=_take(table, "start_s", float, faults, START_S, optional=True),
     )
 
 
@@ -127,22 +129,22 @@ def _take(
     key: str,
     kind: type[T],
     faults: list[str],
-    instead: T,
+    default: T,
     *,
     optional: bool = False,
 ) -> T:
-    """Value of `key`, or `instead` with a fault noted when it is missing or of another type."""
-    held = table if isinstance(table, dict) else {}
-    if key not in held:
+    """Value of `key`, or `default` with a fault noted when it is missing or of another type."""
+    entries = table if isinstance(table, dict) else {}
+    if key not in entries:
         if not optional:
             faults.append(f"{key}: missing")
-        return instead
-    value = held[key]
+        return default
+    value = entries[key]
     if kind is float and isinstance(value, int) and not isinstance(value, bool):
         return cast(T, float(value))
     if not isinstance(value, kind) or isinstance(value, bool):
         faults.append(f"{key}: {value!r} is not a {kind.__name__}")
-        return instead
+        return default
     return value
 
 

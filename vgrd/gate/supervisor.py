@@ -10,21 +10,21 @@ from typing import Final, Literal
 import structlog
 
 from vgrd.clock import Clock
-from vgrd.errors import IpcError
+from vgrd.errors import ConfigError, DeviceRefused, IpcError
 from vgrd.gate.child import Child
 from vgrd.gate.settings import CELL_KIND, ProcessSpec
 from vgrd.ipc.health import health_path
 from vgrd.ipc.messages import HEALTH_KIND, Health, ProcessReport
 from vgrd.ipc.ring import RingReader
 
-FIRST_DELAY_S: Final = 0.25
+FIRST_DELAY_S: Final = 0.25  # chosen: little beside the 1.6 s of a start; doubled each time
 LAST_DELAY_S: Final = 2.0  # with 1.6 s for its start, a device that is back serves within 5 s
 REFUSED_DELAY_S: Final = 5.0  # what somebody has to mend first
-GOOD_AFTER_S: Final = 30.0
-STOP_S: Final = 1.0
-LOOK_S: Final = 0.1
-REFUSED_EXIT: Final = 69
-CONFIG_EXIT: Final = 78
+GOOD_AFTER_S: Final = 30.0  # a process that lived so long begins with the first delay again
+STOP_S: Final = 1.0  # from SIGTERM to SIGKILL; the service manager waits 5 s for the gate
+LOOK_S: Final = 0.1  # a look costs one ring read; hangs are told after 5 s (`hang_s`)
+REFUSED_EXIT: Final = DeviceRefused.exit_code
+CONFIG_EXIT: Final = ConfigError.exit_code
 
 GATE_FD: Final = "VGRD_GATE_FD"
 
@@ -96,9 +96,9 @@ class Managed:
         """Start it again whenever it ends, later each time; never after a configuration error."""
         delay_s = FIRST_DELAY_S
         while not self._stopping.is_set():
-            began = self._clock.monotonic()
+            start_s = self._clock.monotonic()
             self._exit_code = await self._live()
-            lived_s = self._clock.monotonic() - began
+            lived_s = self._clock.monotonic() - start_s
             if self._exit_code == CONFIG_EXIT or self._stopping.is_set():
                 break
             if lived_s > GOOD_AFTER_S:
@@ -181,15 +181,15 @@ class Managed:
     def _start(self) -> Child:
         if self.spec.kind != CELL_KIND:
             return Child(self.spec.argv, self.spec.env)
-        ours, theirs = socket.socketpair()
-        with theirs:
+        gate_end, cell_end = socket.socketpair()
+        with cell_end:
             try:
-                env = {**self.spec.env, GATE_FD: str(theirs.fileno())}
-                child = Child(self.spec.argv, env, [theirs.fileno()])
+                env = {**self.spec.env, GATE_FD: str(cell_end.fileno())}
+                child = Child(self.spec.argv, env, [cell_end.fileno()])
             except OSError:
-                ours.close()
+                gate_end.close()
                 raise
-        self._on_start(ours)
+        self._on_start(gate_end)
         return child
 
     async def _kill_when_hung(self, child: Child, watch: HealthWatch) -> None:

@@ -21,23 +21,23 @@ class ServiceManager:
     """
 
     def __init__(self) -> None:
-        self._untold: dict[str, str] = {}
+        self._unsent: dict[str, str] = {}
 
     def tell(self, **variables: str) -> bool:
         """Say READY="1", STATUS="...", WATCHDOG="1" or STOPPING="1"; False: not taken yet."""
-        self._untold |= variables
+        self._unsent |= variables
         return self.catch_up()
 
     def catch_up(self) -> bool:
         """Say what was not taken before."""
-        if not self._untold:
+        if not self._unsent:
             return True
         try:
-            notify(*(f"{name}={value}" for name, value in self._untold.items()))
+            notify(*(f"{name}={value}" for name, value in self._unsent.items()))
         except OSError as error:
             log.warning("service_manager_unreachable", reason=error.strerror)
             return False
-        self._untold = {}
+        self._unsent = {}
         return True
 
 
@@ -63,7 +63,7 @@ def watchdog_period_s() -> float | None:
     watched = os.environ.get("WATCHDOG_PID", str(os.getpid()))
     if not allowed_us.isdigit() or watched != str(os.getpid()):
         return None
-    return int(allowed_us) / 2e6
+    return int(allowed_us) / 2e6  # s, half of it: as sd_watchdog_enabled(3) recommends
 
 
 def inherited_socket() -> socket.socket | None:
