@@ -34,12 +34,12 @@
 Retrying is decided by type. Messages name what, where and the remedy.
 """
 
-from collections.abc import Sequence
-from typing import Self
+import os
+from collections.abc import Iterator, Sequence
 
 
 class VgrdError(Exception):
-    """Root of the tree; `exit_code` is what the command line returns (sysexits)."""
+    """Root of the tree; `exit_code` is what the command line returns (sysexits.h)."""
 
     exit_code = 1
 
@@ -47,7 +47,7 @@ class VgrdError(Exception):
 class ConfigError(VgrdError):
     """A configuration file has faults; `faults` holds them all, one line each."""
 
-    exit_code = 78
+    exit_code = os.EX_CONFIG
 
     def __init__(self, source: str, faults: Sequence[str]) -> None:
         self.source = source
@@ -58,7 +58,7 @@ class ConfigError(VgrdError):
 class InputError(VgrdError):
     """A file or an argument given by the user cannot be used."""
 
-    exit_code = 65
+    exit_code = os.EX_DATAERR
 
 
 class CalibrationMismatch(InputError):
@@ -68,19 +68,19 @@ class CalibrationMismatch(InputError):
 class DeviceError(VgrdError):
     """A device failed; the object is of no further use."""
 
-    exit_code = 69
+    exit_code = os.EX_UNAVAILABLE
 
 
 class DeviceUnavailable(DeviceError):
     """The link is down or timed out: try again with back-off."""
 
-    exit_code = 75
+    exit_code = os.EX_TEMPFAIL
 
 
 class DeviceRefused(DeviceError):
     """The device is there and says no: wrong model, licence, version, parameter."""
 
-    exit_code = 69
+    exit_code = os.EX_UNAVAILABLE
 
 
 class BadReading(DeviceError):
@@ -110,7 +110,7 @@ class TooOld(ObservationError):
 class CalibrationError(VgrdError):
     """The data cannot give what was asked for."""
 
-    exit_code = 65
+    exit_code = os.EX_DATAERR
 
     def with_hints(self, hints: Sequence[str]) -> Self:
         """The same error, its message followed by what may have caused it, a line each."""
@@ -139,7 +139,7 @@ class DidNotConverge(CalibrationError):
 class StoreError(VgrdError):
     """A stored file cannot be used."""
 
-    exit_code = 74
+    exit_code = os.EX_IOERR
 
 
 class SchemaTooNew(StoreError):
@@ -157,19 +157,19 @@ class NoCurrentCalibration(StoreError):
 class IpcError(VgrdError):
     """Shared memory or a message between processes cannot be used."""
 
-    exit_code = 70
+    exit_code = os.EX_SOFTWARE
 
 
 class RingUnavailable(IpcError):
     """The ring's file is not there (yet) or holds another kind of ring: try again later."""
 
-    exit_code = 75
+    exit_code = os.EX_TEMPFAIL
 
 
 class ServingError(VgrdError):
     """The registers cannot be served at the address that the cell file names."""
 
-    exit_code = 69
+    exit_code = os.EX_UNAVAILABLE
 
 
 class AlreadyRunning(ServingError):
@@ -179,7 +179,7 @@ class AlreadyRunning(ServingError):
 class InternalError(VgrdError):
     """A fault of vgrd itself: neither the input nor the machine is to blame."""
 
-    exit_code = 70
+    exit_code = os.EX_SOFTWARE
 
     @classmethod
     def of(cls, where: str, fault: BaseException) -> "InternalError":
@@ -195,14 +195,24 @@ class ControlError(VgrdError):
 
     def __init__(self, message: str, *, error: str = "ControlError") -> None:
         self.error = error
-        self.exit_code = getattr(globals().get(error), "exit_code", type(self).exit_code)
+        self.exit_code = _EXIT_CODES.get(error, type(self).exit_code)
         super().__init__(message)
 
 
 class DaemonUnreachable(ControlError):
     """No daemon answers on the control socket."""
 
-    exit_code = 69
+    exit_code = os.EX_UNAVAILABLE
 
     def __init__(self, message: str) -> None:
         super().__init__(message, error=type(self).__name__)
+
+
+def _family(root: type[VgrdError]) -> Iterator[type[VgrdError]]:
+    """A class of errors and all that derive from it."""
+    yield root
+    for kind in root.__subclasses__():
+        yield from _family(kind)
+
+
+_EXIT_CODES = {kind.__name__: kind.exit_code for kind in _family(VgrdError)}
