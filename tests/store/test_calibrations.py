@@ -14,7 +14,7 @@ from fakes.testing import ManualClock
 from fakes.world.samples import Samples
 from vgrd.errors import Corrupt, InputError, NoCurrentCalibration, SchemaTooNew, StoreError
 from vgrd.orphans import dying_with_us
-from vgrd.store.calibrations import SCHEMA, Activation, CalibrationStore
+from vgrd.store.calibrations import SCHEMA, ActivationRecord, CalibrationStore
 from vgrd.store.encoding import encode
 from vgrd.store.files import read_document, write_document
 
@@ -70,9 +70,9 @@ def test_activations_are_logged_and_can_be_taken_back(store):
     store.activate("cal-000001", by="bert")
     assert store.current_id() == "cal-000001"
     assert store.activations() == (
-        Activation("cal-000001", "", "anna", 1.7e9),
-        Activation("cal-000002", "cal-000001", "bert", 1.7e9),
-        Activation("cal-000001", "cal-000002", "bert", 1.7e9),
+        ActivationRecord("cal-000001", "", "anna", 1.7e9),
+        ActivationRecord("cal-000002", "cal-000001", "bert", 1.7e9),
+        ActivationRecord("cal-000001", "cal-000002", "bert", 1.7e9),
     )
 
 

@@ -40,8 +40,8 @@ _ID = re.compile(r"cal-(\d{6})")
 
 
 @dataclass(frozen=True, slots=True)
-class Activation:
-    """One change of the calibration in use; previous: id, empty at the first."""
+class ActivationRecord:
+    """One line of activations.jsonl; previous: id, empty at the first."""
 
     calibration: str
     previous: str
@@ -69,7 +69,7 @@ class StoredCalibration(NamedTuple):
     @property
     def register_id(self) -> int:
         """Number by which robots know it: 32 bits of its file's checksum, never 0."""
-        return int(self.sha256[:8], 16) or 1
+        return int(self.sha256[:8], 16) or 1  # 8 hex digits: the u32 register CALID
 
 
 class CalibrationStore:
@@ -151,21 +151,21 @@ class CalibrationStore:
             except (NoCurrentCalibration, Corrupt):
                 previous = self._last_activated()
             author = by or f"uid {os.getuid()}"
-            activation = Activation(name, previous, author, self._clock.wall())
+            record = ActivationRecord(name, previous, author, self._clock.wall())
             journal = Journal(self.path / "activations.jsonl")
             try:
-                journal.append(encode(activation, "activation"))
+                journal.append(encode(record, "activation"))
             finally:
                 journal.close()
             current = _Current(name, stored.sha256)
             write_document(self.path / "CURRENT", encode(current, "CURRENT"), SCHEMA)
         return stored
 
-    def activations(self) -> tuple[Activation, ...]:
+    def activations(self) -> tuple[ActivationRecord, ...]:
         """Every activation ever asked for, in order."""
         path = self.path / "activations.jsonl"
         return tuple(
-            decode(Activation, record, str(path)) for record in read_journal(path).records
+            decode(ActivationRecord, record, str(path)) for record in read_journal(path).records
         )
 
     @contextmanager

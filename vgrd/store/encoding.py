@@ -22,6 +22,7 @@ T = TypeVar("T")
 Json = Any  # what the json module takes and gives
 Hint = Any  # a class or a form of the typing module
 
+_SHOWN_CHARACTERS = 40  # of a wrong value in a message: enough to find it in the file
 _KIND = "METHOD"  # class attribute that tells the members of a union apart, stored under "method"
 _NESTED = (dict, list, tuple)
 _INFINITIES = {"inf": math.inf, "-inf": -math.inf}
@@ -224,5 +225,5 @@ def _require(data: object, kind: type, where: str) -> None:
 
 def _wrong(data: object, expected: str, where: str) -> Corrupt:
     found = repr(data)
-    shown = found if len(found) <= 40 else f"{found[:40]}..."
+    shown = found if len(found) <= _SHOWN_CHARACTERS else f"{found[:_SHOWN_CHARACTERS]}..."
     return Corrupt(f"{where}: expected {expected}, found {shown}; restore the file from a backup")

@@ -62,8 +62,9 @@ def decode_image(data: bytes) -> CameraImage:
     except imagecodecs.JpegxlError as error:
         raise Corrupt(f"picture {frame} cannot be decoded: {error}") from error
     if pixels.dtype == np.uint16:
-        is_told = data[:4] == _DEEP_MAGIC
-        pixels = full_scale(pixels, 16 - data[start - 1] if is_told else guessed_bits(pixels))
+        has_depth = data[:4] == _DEEP_MAGIC
+        bits = 16 - data[start - 1] if has_depth else guessed_bits(pixels)
+        pixels = full_scale(pixels, bits)
     return CameraImage(cast(Pixels, pixels), stamp_s, frame)
 
 

@@ -8,8 +8,8 @@ from typing import Any
 
 Json = Any
 
-SESSION_SCHEMA = 2
-CALIBRATION_SCHEMA = 2
+SESSION_SCHEMA = 2  # since 2: steps of the robot's interface, holes, chi2 of a tag
+CALIBRATION_SCHEMA = 2  # since 2: the solution is a table of its own
 _ZERO = 0.0
 
 

@@ -21,7 +21,7 @@ _CHUNK = struct.Struct("<BQQQQIIQ")
 _CHUNK_START = re.compile(rb"\x06.{4}\x00{4}.{28}\x00{4}", re.DOTALL)
 _RECORD = struct.Struct("<BQ")
 _MESSAGE = struct.Struct("<HIQQ")
-_MESSAGE_OPCODE = 0x05
+_MESSAGE_OPCODE = 0x05  # MCAP specification, opcodes
 _TOPICS = frozenset(Topic)
 
 

@@ -19,9 +19,10 @@ from vgrd.permissions import opener
 from vgrd.store.files import failure, sync_directory
 from vgrd.store.topics import Topic, open_writer
 
-FLUSH_S = 0.08
-SYNC_S = 1.0
-MIB = 1 << 20
+FLUSH_S = 0.08  # with the 20 ms of a tick, a kill costs at most 100 ms of poses
+SYNC_S = 1.0  # a power cut costs at most so much; a kill costs nothing that was flushed
+MIB = 1 << 20  # bytes
+BACKLOG_PER_SYNC = 4  # an fsync begins at a quarter of the backlog: before pictures are dropped
 
 
 class _Segment:
@@ -58,7 +59,7 @@ class _Segment:
 
 class _SyncJob(NamedTuple):
     future: "Future[None]"
-    upto: int
+    written_bytes: int  # on the disk once the job is done
 
 
 class SegmentWriter:
@@ -74,9 +75,9 @@ class SegmentWriter:
         self,
         directory: Path,
         clock: Clock,
-        seconds: float = 60.0,
-        max_bytes: int = 256 * MIB,
-        backlog_bytes: int = 64 * MIB,
+        seconds: float = 60.0,  # chosen: a damaged segment is a minute, and quick to recover
+        max_bytes: int = 256 * MIB,  # chosen: some 50 pictures of 12 megapixels (5 MB each)
+        backlog_bytes: int = 64 * MIB,  # chosen: a dozen such pictures
         sync: Callable[[int], None] = os.fsync,
     ) -> None:
         self.dropped_images = 0
@@ -91,7 +92,7 @@ class SegmentWriter:
         self._synced_at_s = clock.monotonic()
         self._jobs: deque[_SyncJob] = deque()
         self._executor = ThreadPoolExecutor(1, "vgrd-fsync")
-        self._failed = ""
+        self._failure = ""
 
     def write(self, topic: Topic, time_ns: int, data: bytes) -> bool:
         """Add a message of Unix time `time_ns`; False when left out since the disk is far behind.
@@ -99,7 +100,7 @@ class SegmentWriter:
         A picture gets a chunk of its own and is left out before anything else.
         """
         self.tick()
-        with self._failing_once():
+        with self._keeping_failure():
             if self._is_behind(topic):
                 return False
             if topic is Topic.IMAGE:
@@ -113,12 +114,12 @@ class SegmentWriter:
 
     def tick(self) -> None:
         """Flush, sync and begin a new segment when it is time; `write` does it too."""
-        with self._failing_once():
+        with self._keeping_failure():
             self._settle()
             now_s = self._clock.monotonic()
             if self._pending_since_s is not None and now_s - self._pending_since_s >= FLUSH_S:
                 self._flush()
-            early = self._unsynced_bytes() > self._backlog_bytes // 4
+            early = self._unsynced_bytes() > self._backlog_bytes // BACKLOG_PER_SYNC
             if early or now_s - self._synced_at_s >= SYNC_S:
                 self._start_sync()
             segment = self._segment
@@ -129,32 +130,32 @@ class SegmentWriter:
 
     def sync(self) -> None:
         """Flush now and start an fsync in the background."""
-        with self._failing_once():
+        with self._keeping_failure():
             self._flush()
             self._start_sync()
 
     def close(self) -> None:
         """Finish the last segment and wait for the disk; raises StoreError if that fails."""
         try:
-            if not self._failed:
-                with self._failing_once():
+            if not self._failure:
+                with self._keeping_failure():
                     if self._segment is not None:
                         self._finish(self._segment)
                     self._executor.shutdown(wait=True)
                     self._settle()
         finally:
             self._executor.shutdown(wait=True)
-            self._failed = self._failed or f"cannot record into {self._directory}: it is closed"
+            self._failure = self._failure or f"cannot record into {self._directory}: it is closed"
 
     @contextmanager
-    def _failing_once(self) -> Iterator[None]:
-        if self._failed:
-            raise StoreError(self._failed)
+    def _keeping_failure(self) -> Iterator[None]:
+        if self._failure:
+            raise StoreError(self._failure)
         try:
             yield
         except OSError as error:
             refusal = failure("record into", self._directory, error)
-            self._failed = str(refusal)
+            self._failure = str(refusal)
             self._executor.shutdown(wait=True)
             if self._segment is not None:
                 self._segment.abandon()
@@ -206,4 +207,4 @@ class SegmentWriter:
         while self._jobs and self._jobs[0].future.done():
             job = self._jobs.popleft()
             job.future.result()
-            self._synced_bytes = job.upto
+            self._synced_bytes = job.written_bytes

@@ -10,7 +10,7 @@ from vgrd.devices import FlangeReading
 from vgrd.geometry import Pose
 from vgrd.store.encoding import canonical, encode
 
-_NS = 1_000_000_000
+_NS = 1_000_000_000  # in a second
 
 
 class Topic(IntEnum):
