@@ -9,6 +9,9 @@ from vgrd.errors import ControlError, DaemonUnreachable
 from vgrd.ipc.messages import MAX_LINE_BYTES, decode_line, encode_line
 
 _QUEUE_FULL_S = 0.02  # the cell's loop turns at least so often
+_REPLY_S = 10.0  # chosen: twice the 5 s that a sample waits for its picture
+_SHORTEST_WAIT_S = 1e-3  # a socket takes 0 for not to wait at all
+_READ_BYTES = 65536  # at once; a longer reply comes in parts
 
 
 class ControlClient:
@@ -17,7 +20,7 @@ class ControlClient:
     def __init__(self, path: Path | str) -> None:
         self.path = Path(path)
 
-    def call(self, op: str, *, timeout_s: float = 10.0, **args: object) -> dict[str, object]:
+    def call(self, op: str, *, timeout_s: float = _REPLY_S, **args: object) -> dict[str, object]:
         """Return the result of `op`.
 
         Raises ControlError when the daemon refuses or answers nonsense, DaemonUnreachable when
@@ -65,8 +68,8 @@ class ControlClient:
 def _read_line(link: socket.socket, end_s: float) -> bytes:
     received = bytearray()
     while not received.endswith(b"\n"):
-        link.settimeout(max(1e-3, end_s - time.monotonic()))
-        chunk = link.recv(65536)
+        link.settimeout(max(_SHORTEST_WAIT_S, end_s - time.monotonic()))
+        chunk = link.recv(_READ_BYTES)
         if not chunk:
             raise ConnectionResetError("closed before the reply was whole")
         received += chunk

@@ -1,8 +1,8 @@
-"""How a process says that it lives: a health ring with a count of real work, and a beat between.
+"""How a process reports its health: a ring with a count of work done, and a beat in between.
 
-The count tells the gate that the process gets on (`progress`); a beat every 50 ms, from a thread of
-its own, tells the cell that the process is there at all while a driver waits for its device. A
-process that was killed or stopped, or that hangs in a library which holds the GIL, does not beat.
+The count tells the gate that the process makes progress. The beat, every 50 ms from a thread of its
+own, tells the cell that the process runs while a driver waits for its device. A process that was
+killed or stopped, or that hangs in a library which holds the GIL, does not beat.
 """
 
 import os
@@ -15,7 +15,7 @@ from vgrd.ipc.ring import RingWriter
 from vgrd.permissions import make_folder
 
 HEALTH_FOLDER = "health"
-PERIOD_S = 0.1  # of reports while work goes on
+PERIOD_S = 0.1  # of reports while work goes on; chosen: as the gate looks
 BEAT_S = 0.05  # four of them in the 0.2 s after which a device counts as lost
 
 
@@ -31,7 +31,7 @@ class HealthReporter:
         self.process = process
         self.clock = clock
         self.count = 0
-        self.said: tuple[float, HealthState, str] = (0.0, "starting", "")
+        self.last_report: tuple[float, HealthState, str] = (0.0, "starting", "")
         self._writing = threading.Lock()
         path = health_path(runtime_dir, process)
         make_folder(path.parent)
@@ -41,19 +41,19 @@ class HealthReporter:
         """One more loop of real work; written at most each 100 ms unless the state changed."""
         self.count += 1
         now = self.clock.monotonic()
-        last, *words = self.said
-        if now - last >= PERIOD_S or words != [state, detail]:
+        reported_s, *words = self.last_report
+        if now - reported_s >= PERIOD_S or words != [state, detail]:
             self.report(state, detail)
 
     def report(self, state: HealthState, detail: str = "") -> None:
-        """Say it now."""
+        """Report now."""
         now = self.clock.monotonic()
         with self._writing:
-            self.said = (now, state, detail)
+            self.last_report = (now, state, detail)
             self._write(now)
 
     def beat(self) -> None:
-        """Say again what was said last, with the time of now: the process is there."""
+        """Repeat the last report with the present time: the process is there."""
         with self._writing:
             self._write(self.clock.monotonic())
 
@@ -67,6 +67,6 @@ class HealthReporter:
             self.clock.sleep(BEAT_S)
 
     def _write(self, now_s: float) -> None:
-        _, state, detail = self.said
+        _, state, detail = self.last_report
         health = Health(self.process, state, self.count, detail, os.getpid())
         self.ring.publish(health.pack(), stamp_s=now_s)

@@ -10,15 +10,15 @@ from vgrd.errors import ControlError, IpcError
 HealthState = Literal["starting", "ok", "unavailable", "refused", "failed"]
 
 HEALTH_KIND: Final = "health"
-HEALTH_SLOTS: Final = 4
-HEALTH_BYTES: Final = 1024
+HEALTH_SLOTS: Final = 4  # only the newest counts; a ring needs two
+HEALTH_BYTES: Final = 1024  # twice the longest detail
 GATE_RING: Final = "gate.ring"
 GATE_KIND: Final = "gate"
 GATE_SLOTS: Final = 4
-GATE_BYTES: Final = 16384
-MAX_LINE_BYTES: Final = 1 << 20
+GATE_BYTES: Final = 16384  # chosen: the longest details of some twenty processes
+MAX_LINE_BYTES: Final = 1 << 20  # chosen: what a client may make the daemon keep
 
-_DETAIL_BYTES = 512
+_DETAIL_BYTES = 512  # chosen: a message with its remedy fits
 
 
 @dataclass(frozen=True, slots=True)

@@ -26,7 +26,6 @@ The files are private to the user (0600): whoever truncates one kills the proces
 
 import os
 import secrets
-import struct
 import zlib
 from dataclasses import dataclass
 from pathlib import Path
@@ -36,21 +35,24 @@ from typing import Self
 from vgrd.clock import Clock
 from vgrd.errors import IpcError, RingUnavailable
 from vgrd.ipc.ring_file import (
+    CRC_OFFSET,
     FILE,
     LAST,
     MAGIC,
     RETIRED,
+    SLOT,
     SLOT_HEADER_BYTES,
+    Buffer,
     RingFile,
     allocate,
+    is_whole,
+    open_kind,
+    whole_header,
 )
 
-Buffer = bytes | bytearray | memoryview
-
-_SLOT = struct.Struct("=QdQ")  # index, stamp_s, length; follows the sequence
-_CRC_AT = 8 + _SLOT.size
-_ATTEMPTS = 100
-_POLL_S = 0.001
+_ATTEMPTS = 100  # chosen: a reader meets a slot half written once in a while, not a hundred times
+_POLL_S = 0.001  # chosen: far below the shortest period of a writer (2 ms)
+_KIND_BYTES = 16  # of the kind in the header, see `ring_file.FILE`
 _LOOK_S = 0.05  # far below every deadline; a look costs 2 us
 
 
@@ -79,8 +81,10 @@ class RingWriter:
         `kind` (at most 16 ASCII characters) must be asked for by readers. `crc=False` for pixels.
         Raises IpcError when the file cannot be made.
         """
-        if slots < 2 or slot_bytes < 1 or len(kind.encode("ascii")) > 16:
-            raise IpcError(f"{path}: a ring needs 2 slots of 1 byte and a kind of 16 characters")
+        if slots < 2 or slot_bytes < 1 or len(kind.encode("ascii")) > _KIND_BYTES:
+            raise IpcError(
+                f"{path}: a ring needs 2 slots of 1 byte and a kind of {_KIND_BYTES} characters"
+            )
         path = Path(path)
         fresh = path.with_name(f".{path.name}.{os.getpid()}.{secrets.token_hex(4)}")
         old = _open_or_none(path)
@@ -121,15 +125,15 @@ class RingWriter:
         index = self._index + 1
         start = ring.slot_at(index)
         ring.words[start // 8] = 2 * index - 1
-        head = _SLOT.pack(index, stamp_s, length)
+        head = SLOT.pack(index, stamp_s, length)
         crc = zlib.crc32(head)
-        at = start + SLOT_HEADER_BYTES
+        offset = start + SLOT_HEADER_BYTES
         for view in views:
-            ring.bytes[at : at + view.nbytes] = view
-            at += view.nbytes
+            ring.bytes[offset : offset + view.nbytes] = view
+            offset += view.nbytes
             crc = zlib.crc32(view, crc) if ring.crc else crc
-        ring.bytes[start + 8 : start + _CRC_AT] = head
-        ring.words[(start + _CRC_AT) // 8] = crc
+        ring.bytes[start + 8 : start + CRC_OFFSET] = head
+        ring.words[(start + CRC_OFFSET) // 8] = crc
         ring.words[start // 8] = 2 * index
         ring.words[LAST] = index
         self._index = index
@@ -164,7 +168,7 @@ class RingReader:
     @classmethod
     def open(cls, path: Path | str, kind: str) -> Self:
         """Open the ring at `path`. Raises RingUnavailable if it is absent or of another kind."""
-        return cls(_open_kind(Path(path), kind))
+        return cls(open_kind(Path(path), kind))
 
     @property
     def index(self) -> int:
@@ -184,6 +188,29 @@ class RingReader:
             message = self._copy(ring, index)
             if message:
                 return message
+        raise IpcError(f"{self._map.path}: no whole message in {_ATTEMPTS} attempts")
+
+    def newest_into(self, buffer: bytearray | memoryview) -> Receipt | None:
+        """Copy the last payload into `buffer` (one memcpy). Raises IpcError if it does not fit."""
+        target = memoryview(buffer).cast("B")
+        for _ in range(_ATTEMPTS):
+            ring = self._current()
+            index = ring.words[LAST]
+            start = ring.slot_at(index)
+            if ring.words[start // 8] == 0:
+                return None
+            head = whole_header(ring, start, index)
+            if head is None:
+                continue
+            stamp_s, length, crc = head
+            if length > target.nbytes:
+                raise IpcError(
+                    f"{ring.path}: message of {length} bytes, buffer of {target.nbytes}"
+                )
+            offset = start + SLOT_HEADER_BYTES
+            target[:length] = ring.bytes[offset : offset + length]
+            if is_whole(ring, start, index, crc, target[:length]):
+                return Receipt(index, stamp_s, length)
         raise IpcError(f"{self._map.path}: no whole message in {_ATTEMPTS} attempts")
 
     def since(self, index: int) -> list[Message]:
@@ -236,7 +263,7 @@ class RingReader:
     def _follow(self) -> None:
         """Go over to the file that has the path now; the old one stays while there is none."""
         try:
-            fresh = _open_kind(self._map.path, self._map.kind)
+            fresh = open_kind(self._map.path, self._map.kind)
         except RingUnavailable:
             return
         self._map.close()
@@ -245,40 +272,12 @@ class RingReader:
 
     def _copy(self, ring: RingFile, index: int) -> Message | None:
         start = ring.slot_at(index)
-        head = _whole_header(ring, start, index)
+        head = whole_header(ring, start, index)
         if head is None:
             return None
         stamp_s, length, crc = head
-        at = start + SLOT_HEADER_BYTES
-        payload = bytes(ring.bytes[at : at + length])
-        if not _is_whole(ring, start, index, crc, payload):
+        offset = start + SLOT_HEADER_BYTES
+        payload = bytes(ring.bytes[offset : offset + length])
+        if not is_whole(ring, start, index, crc, payload):
             return None
         return Message(index, stamp_s, payload)
-
-
-def _open_kind(path: Path, kind: str) -> RingFile:
-    mapping = RingFile(path, write=False)
-    if mapping.kind != kind:
-        mapping.close()
-        raise RingUnavailable(f"{path}: holds '{mapping.kind}', not '{kind}'")
-    return mapping
-
-
-def _whole_header(ring: RingFile, start: int, index: int) -> tuple[float, int, int] | None:
-    """(stamp_s, length, CRC of the header) of message `index`, None if its slot is not whole."""
-    if ring.words[start // 8] != 2 * index:
-        return None
-    head = bytes(ring.bytes[start + 8 : start + _CRC_AT])
-    stored = ring.words[(start + _CRC_AT) // 8]
-    found, stamp_s, length = _SLOT.unpack(head)
-    crc = zlib.crc32(head)
-    if found != index or length > ring.slot_bytes or (not ring.crc and crc != stored):
-        return None
-    return stamp_s, length, crc
-
-
-def _is_whole(ring: RingFile, start: int, index: int, crc: int, payload: Buffer) -> bool:
-    stored = ring.words[(start + _CRC_AT) // 8]
-    if ring.crc and zlib.crc32(payload, crc) != stored:
-        return False
-    return bool(ring.words[start // 8] == 2 * index)

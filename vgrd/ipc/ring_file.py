@@ -1,8 +1,9 @@
-"""The memory-mapped file of a ring: its geometry, and the words that order its messages."""
+"""The memory-mapped file of a ring: its geometry, the words that order its messages, its slots."""
 
 import mmap
 import os
 import struct
+import zlib
 from pathlib import Path
 
 from vgrd.errors import RingUnavailable
@@ -10,9 +11,15 @@ from vgrd.permissions import opener
 
 MAGIC = b"VGRDRNG1"
 FILE = struct.Struct("=8sQQQ16s")
-HEADER_BYTES = 4096
-LAST, RETIRED = 192 // 8, 256 // 8  # words, a cache line each
-SLOT_HEADER_BYTES = 64
+HEADER_BYTES = 4096  # a page
+CACHE_LINE_BYTES = 64  # of x86 and most ARM: words in lines of their own do not slow each other
+_LINE_WORDS = CACHE_LINE_BYTES // 8
+GENERATION, LAST, RETIRED = 2 * _LINE_WORDS, 3 * _LINE_WORDS, 4 * _LINE_WORDS
+SLOT_HEADER_BYTES = CACHE_LINE_BYTES
+SLOT = struct.Struct("=QdQ")  # index, stamp_s, length; follows the sequence
+CRC_OFFSET = 8 + SLOT.size
+
+Buffer = bytes | bytearray | memoryview
 
 
 class RingFile:
@@ -62,9 +69,18 @@ class RingFile:
         self._mmap.close()
 
 
+def open_kind(path: Path, kind: str) -> RingFile:
+    """Open a ring to read it. Raises RingUnavailable if it is absent or of another kind."""
+    mapping = RingFile(path, write=False)
+    if mapping.kind != kind:
+        mapping.close()
+        raise RingUnavailable(f"{path}: holds '{mapping.kind}', not '{kind}'")
+    return mapping
+
+
 def stride_of(slot_bytes: int) -> int:
     """Bytes from slot to slot."""
-    return -(-(SLOT_HEADER_BYTES + slot_bytes) // 64) * 64
+    return -(-(SLOT_HEADER_BYTES + slot_bytes) // CACHE_LINE_BYTES) * CACHE_LINE_BYTES
 
 
 def allocate(path: Path, slots: int, slot_bytes: int) -> None:
@@ -74,3 +90,24 @@ def allocate(path: Path, slots: int, slot_bytes: int) -> None:
         os.posix_fallocate(fd, 0, HEADER_BYTES + slots * stride_of(slot_bytes))
     finally:
         os.close(fd)
+
+
+def whole_header(ring: RingFile, start: int, index: int) -> tuple[float, int, int] | None:
+    """(stamp_s, length, CRC of the header) of message `index`, None if its slot is not whole."""
+    if ring.words[start // 8] != 2 * index:
+        return None
+    head = bytes(ring.bytes[start + 8 : start + CRC_OFFSET])
+    stored = ring.words[(start + CRC_OFFSET) // 8]
+    stored_index, stamp_s, length = SLOT.unpack(head)
+    crc = zlib.crc32(head)
+    if stored_index != index or length > ring.slot_bytes or (not ring.crc and crc != stored):
+        return None
+    return stamp_s, length, crc
+
+
+def is_whole(ring: RingFile, start: int, index: int, crc: int, payload: Buffer) -> bool:
+    """Whether `payload`, copied from a slot, is that of message `index`; crc: of its header."""
+    stored = ring.words[(start + CRC_OFFSET) // 8]
+    if ring.crc and zlib.crc32(payload, crc) != stored:
+        return False
+    return bool(ring.words[start // 8] == 2 * index)
