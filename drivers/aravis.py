@@ -17,9 +17,10 @@ from vgrd.clock import Clock
 from vgrd.devices import Camera, CameraImage, Pixels, Region, Settings
 from vgrd.errors import BadReading, DeviceRefused, DeviceUnavailable
 
-_BUFFERS = 3
-_PACKET_SIZE_AS_SET = 0
-_SOCKET_BUFFER_OF_ONE_PICTURE = 1
+_BUFFERS = 3  # chosen: one is filled, one is read, one is spare
+_LAST_FRAME_ID = 0xFFFF  # GigE Vision 1.x counts frames in 16 bits
+_PACKET_SIZE_AS_SET = 0  # ARV_GV_PACKET_SIZE_ADJUSTMENT_NEVER
+_SOCKET_BUFFER_OF_ONE_PICTURE = 1  # ARV_GV_STREAM_SOCKET_BUFFER_AUTO
 _UNCHANGED = -1  # width or height of a region, as Aravis takes it
 
 
@@ -66,10 +67,10 @@ def open(settings: Settings, clock: Clock) -> Camera:  # noqa: A001 - the name o
 def _configure(library: Library, camera: object, options: AravisSettings) -> float:
     """Apply the settings, return the exposure time in s (0 where the camera does not tell)."""
     if options.serial is not None:
-        found = (library.call("arv_camera_get_device_serial_number", camera) or b"").decode()
-        if found != options.serial:
+        serial = (library.call("arv_camera_get_device_serial_number", camera) or b"").decode()
+        if serial != options.serial:
             raise AravisError(
-                f"it is the camera with serial {found}, the settings say {options.serial}: "
+                f"it is the camera with serial {serial}, the settings say {options.serial}: "
                 "put the right one there, or teach anew with this one"
             )
     library.call("arv_camera_set_pixel_format_from_string", camera, options.pixel_format.encode())
@@ -104,7 +105,7 @@ class AravisCamera:
         self._clock = clock
         self._lost = False
         self._half_exposure_s = 0.5 * exposure_s
-        self._frames = FrameCounter(wrap_at=0xFFFF)
+        self._frames = FrameCounter(wrap_at=_LAST_FRAME_ID)
         self._grid = _whole_region(library, camera)
         self._region: Region | None = None
         payload = library.call("arv_camera_get_payload", camera)

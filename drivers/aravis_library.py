@@ -24,7 +24,7 @@ from typing import Any
 
 from vgrd.errors import DeviceRefused
 
-PAYLOAD_COMPLETE = 0
+PAYLOAD_COMPLETE = 0  # ARV_BUFFER_STATUS_SUCCESS
 _BOOL = c_int
 
 

@@ -2,15 +2,17 @@
 
 from collections import deque
 
+WINDOW_S = 10.0  # clocks of 50 ppm drift by 0.5 ms in this time
+
 
 class ClockMapping:
     """Minimum-delay mapping: the shortest (receive - device) time of the last `window_s` seconds.
 
-    Queueing and scheduling only ever add delay, so the minimum is the transport time plus the
-    offset of the clocks; the window lets it follow their drift (50 ppm of 10 s is 0.5 ms).
+    Queueing and scheduling only ever add delay. So the minimum is the transport time plus the
+    offset of the clocks. The window lets it follow their drift (50 ppm of 10 s is 0.5 ms).
     """
 
-    def __init__(self, window_s: float = 10.0) -> None:
+    def __init__(self, window_s: float = WINDOW_S) -> None:
         self._window_s = window_s
         self._candidates: deque[tuple[float, float]] = deque()
 

@@ -13,14 +13,16 @@ from pymodbus.exceptions import ModbusException
 
 from drivers import robot_profile
 from drivers import settings as driver_settings
-from drivers.robot_profile import Block, RobotProfile
+from drivers.robot_profile import RegisterRange, RobotProfile
 from vgrd.clock import Clock
 from vgrd.devices import FlangeReading, Robot, Settings
 from vgrd.errors import BadReading, ConfigError, DeviceError, DeviceRefused, DeviceUnavailable
 from vgrd.geometry import Pose
 
-_SHORTEST_PERIOD_S = 0.01
-_SHORTEST_WAIT_S = 0.001
+_SHORTEST_PERIOD_S = 0.01  # chosen: 100 readings a second, where a profile names no refresh
+_SHORTEST_WAIT_S = 0.001  # chosen: pymodbus takes no time limit of 0 or less
+_READ_HOLDING_REGISTERS = 3  # Modbus function code; the other one is 4, input registers
+_OFFSET_NUMBERS = 6  # x y z and a rotation vector
 
 
 @dataclass(frozen=True, slots=True)
@@ -36,7 +38,7 @@ class ModbusSettings:
     port: int | None = None
     unit: int | None = None
     tcp_offset: tuple[float, ...] | None = None
-    timeout_s: float = 2.0
+    timeout_s: float = driver_settings.OPEN_TIMEOUT_S
 
 
 def open(settings: Settings, clock: Clock) -> Robot:  # noqa: A001 - the name of every driver's entry
@@ -71,8 +73,8 @@ def _given_offset(options: ModbusSettings) -> Pose | None:
     values = options.tcp_offset
     if values is None:
         return None
-    if len(values) != 6:
-        fault = f"tcp_offset: expected 6 numbers, got {len(values)}"
+    if len(values) != _OFFSET_NUMBERS:
+        fault = f"tcp_offset: expected {_OFFSET_NUMBERS} numbers, got {len(values)}"
         raise ConfigError("settings of driver modbus_robot", [fault])
     return Pose.from_rotvec(values[3:], values[:3])
 
@@ -106,19 +108,24 @@ class ModbusRobot:
         self._clock.sleep(max(0.0, min(self._next_s, deadline_s) - self._clock.monotonic()))
         sent_s = self._clock.monotonic()
         self._next_s = sent_s + self._period_s
-        pose, told = self._profile.decode(self._registers(deadline_s))
+        pose, shown_tcp = self._profile.decode(self._registers(deadline_s))
         stamp_s = 0.5 * (sent_s + self._clock.monotonic() - self._profile.update_period_s)
-        wrist_from_tcp = told if told is not None else self._offset
-        at_tcp = self._profile.frame == "tcp" and wrist_from_tcp is not None
+        wrist_from_tcp = shown_tcp if shown_tcp is not None else self._offset
         step_mm, step_rad = self._profile.flange_steps(wrist_from_tcp)
         return FlangeReading(
-            base_from_wrist=pose @ wrist_from_tcp.inverse() if at_tcp and wrist_from_tcp else pose,
+            base_from_wrist=self._flange(pose, wrist_from_tcp),
             wrist_from_tcp=wrist_from_tcp,
             stamp_s=stamp_s,
             controller_s=stamp_s,
             step_mm=step_mm,
             step_rad=step_rad,
         )
+
+    def _flange(self, pose: Pose, wrist_from_tcp: Pose | None) -> Pose:
+        """The flange of a pose in the profile's frame."""
+        if self._profile.frame == "tcp" and wrist_from_tcp is not None:
+            return pose @ wrist_from_tcp.inverse()
+        return pose
 
     def _registers(self, deadline_s: float) -> dict[int, int]:
         """Values by address, of one moment."""
@@ -131,7 +138,7 @@ class ModbusRobot:
             raise BadReading(f"{self._where} moved while it was read")
         return registers
 
-    def _read(self, block: Block, deadline_s: float) -> dict[int, int]:
+    def _read(self, block: RegisterRange, deadline_s: float) -> dict[int, int]:
         client = self._client
         if client is None:
             raise DeviceUnavailable("the driver was closed")
@@ -140,7 +147,7 @@ class ModbusRobot:
         )
         read = (
             client.read_holding_registers
-            if self._profile.function == 3
+            if self._profile.function == _READ_HOLDING_REGISTERS
             else client.read_input_registers
         )
         try:

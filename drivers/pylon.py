@@ -15,7 +15,7 @@ from vgrd.clock import Clock
 from vgrd.devices import Camera, CameraImage, Pixels, Region, Settings
 from vgrd.errors import BadReading, DeviceRefused, DeviceUnavailable
 
-_GIGE_WRAP = 0xFFFF
+_LAST_FRAME_ID = 0xFFFF  # GigE Vision 1.x counts frames in 16 bits
 
 
 @dataclass(frozen=True, slots=True)
@@ -137,7 +137,7 @@ class PylonCamera:
     def __init__(self, camera: Any, grid: RegionGrid | None, clock: Clock) -> None:  # noqa: ANN401 - as `connect`
         self._camera = camera
         self._clock = clock
-        self._frames = FrameCounter(_GIGE_WRAP)
+        self._frames = FrameCounter(_LAST_FRAME_ID)
         self._grid = grid
         self._region: Region | None = None
 

@@ -19,13 +19,15 @@ from vgrd.geometry.rotation_formats import RotationFormat, rotation_from, rotati
 FOLDER = Path(__file__).resolve().parent.parent / "config" / "robots"
 _DATA = ModbusClientMixin.DATATYPE
 _LAYOUTS = {"int16": _DATA.INT16, "int32": _DATA.INT32, "float32": _DATA.FLOAT32}
-_FARTHEST_MM = 20_000.0
-_MOST_REGISTERS = 125
+_FARTHEST_MM = 20_000.0  # no arm reaches farther, on a rail neither
+_MOST_REGISTERS = 125  # of one request: Modbus Application Protocol V1.1b3, 6.3
+_STEP_PER_SIGMA = math.sqrt(12.0)  # rounding: uniform over one step
+_POSE_NUMBERS = 6  # x y z and three numbers of the rotation
 
 
 @dataclass(frozen=True, slots=True)
-class Block:
-    """A run of registers: `address` .. `address + count - 1`."""
+class RegisterRange:
+    """Registers that follow each other: `address` .. `address + count - 1`."""
 
     address: int
     count: int
@@ -67,20 +69,20 @@ class RobotProfile:
     update_period_s: float = 0.0
 
     def flange_steps(self, wrist_from_tcp: Pose | None) -> tuple[float, float]:
-        """In which steps the flange is told (mm per axis, rad per angle); 0 for float32.
+        """Steps in which the robot tells the flange (mm per axis, rad per angle); 0 for float32.
 
         Where the TCP is shown, a step of a rotation moves the flange by the length of the tool.
         """
         sigma_mm, sigma_rad = self.position_sigma_mm, self.rotation_sigma_rad
         tool = wrist_from_tcp if self.frame == "tcp" else None
         lever_mm = 0.0 if tool is None else float(np.linalg.norm(tool.translation))
-        step_mm, step_rad = math.sqrt(12.0) * sigma_mm, math.sqrt(12.0) * sigma_rad
+        step_mm, step_rad = _STEP_PER_SIGMA * sigma_mm, _STEP_PER_SIGMA * sigma_rad
         return step_mm + lever_mm * step_rad, step_rad
 
     @property
     def position_sigma_mm(self) -> float:
         """Standard deviation per axis of the rounding to counts, mm; 0 for float32."""
-        return 0.0 if self.layout == "float32" else self.mm_per_count / math.sqrt(12.0)
+        return 0.0 if self.layout == "float32" else self.mm_per_count / _STEP_PER_SIGMA
 
     @property
     def rotation_sigma_rad(self) -> float:
@@ -89,25 +91,25 @@ class RobotProfile:
             return 0.0
         degrees = self.rotation.endswith("-deg")
         step = math.radians(self.rotation_per_count) if degrees else self.rotation_per_count
-        return step / math.sqrt(12.0)
+        return step / _STEP_PER_SIGMA
 
     @property
-    def pose_block(self) -> Block:
+    def pose_block(self) -> RegisterRange:
         """Registers of position and rotation."""
         position, rotation = self._pose_parts()
         first = min(position.address, rotation.address)
-        return Block(first, max(position.end, rotation.end) - first)
+        return RegisterRange(first, max(position.end, rotation.end) - first)
 
     @property
-    def tcp_block(self) -> Block | None:
+    def tcp_block(self) -> RegisterRange | None:
         """Registers that tell the TCP, None where the robot does not tell."""
         for address in (self.tcp_offset_address, self.tcp_pose_address):
             if address is not None:
-                return Block(address, self._words(6))
+                return RegisterRange(address, self._words(_POSE_NUMBERS))
         return None
 
     @property
-    def blocks(self) -> tuple[Block, ...]:
+    def blocks(self) -> tuple[RegisterRange, ...]:
         """What has to be read, as few requests as the map allows."""
         pose, tcp = self.pose_block, self.tcp_block
         if tcp is None:
@@ -115,7 +117,7 @@ class RobotProfile:
         first, end = min(pose.address, tcp.address), max(pose.end, tcp.end)
         touching = end - first == pose.count + tcp.count
         if (touching or self.one_read) and end - first <= _MOST_REGISTERS:
-            return (Block(first, end - first),)
+            return (RegisterRange(first, end - first),)
         return (pose, tcp)
 
     def decode(self, registers: dict[int, int]) -> tuple[Pose, Pose | None]:
@@ -128,9 +130,13 @@ class RobotProfile:
         tcp = self.tcp_block
         if tcp is None:
             return pose, None
-        parts = Block(tcp.address, self._words(3)), Block(tcp.end - self._words(3), self._words(3))
-        told = self._pose(registers, *parts, self._tcp_format())
-        return pose, told if self.tcp_offset_address is not None else pose.inverse() @ told
+        parts = (
+            RegisterRange(tcp.address, self._words(3)),
+            RegisterRange(tcp.end - self._words(3), self._words(3)),
+        )
+        tcp_pose = self._pose(registers, *parts, self._tcp_format())
+        is_offset = self.tcp_offset_address is not None
+        return pose, tcp_pose if is_offset else pose.inverse() @ tcp_pose
 
     def encode(self, base_from_wrist: Pose, wrist_from_tcp: Pose) -> dict[int, int]:
         """Registers that a robot shows in this state; the inverse of `decode` up to rounding."""
@@ -140,10 +146,10 @@ class RobotProfile:
         registers = self._numbers(shown, position, rotation, RotationFormat(self.rotation))
         tcp = self.tcp_block
         if tcp is not None:
-            told = wrist_from_tcp if self.tcp_offset_address is not None else base_from_tcp
+            tcp_pose = wrist_from_tcp if self.tcp_offset_address is not None else base_from_tcp
             half = self._words(3)
-            parts = Block(tcp.address, half), Block(tcp.address + half, half)
-            registers |= self._numbers(told, *parts, self._tcp_format())
+            parts = RegisterRange(tcp.address, half), RegisterRange(tcp.address + half, half)
+            registers |= self._numbers(tcp_pose, *parts, self._tcp_format())
         return registers
 
     def _words(self, values: int) -> int:
@@ -152,13 +158,17 @@ class RobotProfile:
     def _tcp_format(self) -> RotationFormat:
         return RotationFormat(self.tcp_offset_rotation or self.rotation)
 
-    def _pose_parts(self) -> tuple[Block, Block]:
-        position = Block(self.pose_address, self._words(3))
+    def _pose_parts(self) -> tuple[RegisterRange, RegisterRange]:
+        position = RegisterRange(self.pose_address, self._words(3))
         address = self.rotation_address if self.rotation_address is not None else position.end
-        return position, Block(address, self._words(3))
+        return position, RegisterRange(address, self._words(3))
 
     def _pose(
-        self, registers: dict[int, int], position: Block, rotation: Block, fmt: RotationFormat
+        self,
+        registers: dict[int, int],
+        position: RegisterRange,
+        rotation: RegisterRange,
+        fmt: RotationFormat,
     ) -> Pose:
         mm = self.mm_per_count * self._values(registers, position)
         angles = self.rotation_per_count * self._values(registers, rotation)
@@ -171,21 +181,21 @@ class RobotProfile:
         except InputError as error:
             raise BadReading(f"{self.name}: {error}") from error
 
-    def _values(self, registers: dict[int, int], block: Block) -> Array:
+    def _values(self, registers: dict[int, int], block: RegisterRange) -> Array:
         words = [registers[address] for address in range(block.address, block.end)]
         order = cast("Literal['big', 'little']", self.word_order)
         values = ModbusClientMixin.convert_from_registers(words, _LAYOUTS[self.layout], order)
         return np.asarray(values, dtype=np.float64)
 
     def _numbers(
-        self, pose: Pose, position: Block, rotation: Block, fmt: RotationFormat
+        self, pose: Pose, position: RegisterRange, rotation: RegisterRange, fmt: RotationFormat
     ) -> dict[int, int]:
         angles = rotation_to(pose.rotation, fmt) / self.rotation_per_count
         return self._registers(position, pose.translation / self.mm_per_count) | self._registers(
             rotation, angles
         )
 
-    def _registers(self, block: Block, values: Sequence[float] | Array) -> dict[int, int]:
+    def _registers(self, block: RegisterRange, values: Sequence[float] | Array) -> dict[int, int]:
         order = cast("Literal['big', 'little']", self.word_order)
         words: list[int] = []
         for value in values:

@@ -16,20 +16,27 @@ from drivers.clock_mapping import ClockMapping
 from vgrd.clock import Clock
 from vgrd.errors import BadReading, DeviceError, DeviceRefused, DeviceUnavailable
 
-PORT = 30004
-_VERSION, _CONTROLLER, _DATA, _OUTPUTS, _START = b"VvUOS"
+PORT = 30004  # UR's RTDE guide
+_PROTOCOL = 2  # with a frequency of its own for each client
+_VERSION = ord("V")  # types of packet: request the protocol version
+_CONTROLLER = ord("v")  # get the version of the controller
+_DATA = ord("U")  # data package
+_OUTPUTS = ord("O")  # set up the outputs
+_START = ord("S")  # start the stream
+_ACCEPTED = b"\1"
 _FORMATS = {"DOUBLE": "d", "VECTOR6D": "6d", "INT32": "i", "UINT32": "I", "UINT64": "Q"}
-_HEADER = struct.Struct(">HB")
-_KEEP = 256
-_PATIENCE = 10
-_WAKE_S = 0.2
-_JUMP_S = 0.1
+_HEADER = struct.Struct(">HB")  # size of the packet, its type
+_READ_BYTES = 65536  # at once: a u16 holds the size of a packet
+_SAMPLES = 256  # remembered; chosen: half a second at 500 Hz, for a thread that is held up
+_PATIENCE = 10  # samples; chosen: so many without the wanted time mean that it never comes
+_WAKE_S = 0.2  # chosen: after so long without data the thread looks whether it is to end
+_JUMP_S = 0.1  # of the controller's clock; chosen: more than a busy machine delays a packet
 
 Values = tuple[float, ...]
 
 
 @dataclass(frozen=True, slots=True)
-class Sample:
+class RtdeSample:
     """One control cycle: TCP pose and TCP offset in wire units (m, rotation vector in rad)."""
 
     controller_s: float
@@ -39,7 +46,7 @@ class Sample:
 
 
 class RtdeConnection:
-    """A connection that has been asked for `timestamp`, `actual_TCP_pose`, `tcp_offset`, `also`.
+    """A stream of `timestamp`, `actual_TCP_pose`, `tcp_offset`, and the `other_names`.
 
     Raises DeviceUnavailable when nobody answers within `timeout_s`, DeviceRefused when the
     controller lacks a name or speaks another protocol.
@@ -53,7 +60,7 @@ class RtdeConnection:
         frequency_hz: float,
         timeout_s: float,
         clock: Clock,
-        also: Sequence[str] = (),
+        other_names: Sequence[str] = (),
     ) -> None:
         self._where = f"the UR controller at {host}:{PORT}"
         self._clock = clock
@@ -65,7 +72,9 @@ class RtdeConnection:
                 f"cannot connect to {self._where}: {error}; is it on and reachable?"
             ) from error
         try:
-            self._handshake([*self._NAMES, *also], frequency_hz, clock.monotonic() + timeout_s)
+            self._handshake(
+                [*self._NAMES, *other_names], frequency_hz, clock.monotonic() + timeout_s
+            )
         except DeviceError:
             self._socket.close()
             raise
@@ -74,8 +83,10 @@ class RtdeConnection:
             raise DeviceRefused(f"{self._where} does not speak RTDE: {error}") from error
 
     def _handshake(self, names: list[str], frequency_hz: float, deadline_s: float) -> None:
-        if self._ask(_VERSION, struct.pack(">H", 2), deadline_s)[:1] != b"\1":
-            raise DeviceRefused(f"{self._where} refuses RTDE protocol 2; update PolyScope")
+        if self._ask(_VERSION, struct.pack(">H", _PROTOCOL), deadline_s)[:1] != _ACCEPTED:
+            raise DeviceRefused(
+                f"{self._where} refuses RTDE protocol {_PROTOCOL}; update PolyScope"
+            )
         version = ".".join(map(str, struct.unpack(">4I", self._ask(_CONTROLLER, b"", deadline_s))))
         recipe = struct.pack(">d", frequency_hz) + ",".join(names).encode()
         reply = self._ask(_OUTPUTS, recipe, deadline_s)
@@ -87,7 +98,7 @@ class RtdeConnection:
                 f"{', '.join(missing) or 'such outputs'}; PolyScope 3.12.3 or 5.5.1 is needed"
             )
         self._layout = struct.Struct(">" + "".join(_FORMATS[kind] for kind in types))
-        if self._ask(_START, b"", deadline_s)[:1] != b"\1":
+        if self._ask(_START, b"", deadline_s)[:1] != _ACCEPTED:
             raise DeviceRefused(f"{self._where} does not start its RTDE stream")
 
     def _ask(self, kind: int, payload: bytes, deadline_s: float) -> bytes:
@@ -95,8 +106,8 @@ class RtdeConnection:
         try:
             self._socket.sendall(_HEADER.pack(_HEADER.size + len(payload), kind) + payload)
             while True:
-                answered, reply = self._packet(deadline_s)
-                if answered == kind:
+                reply_kind, reply = self._packet(deadline_s)
+                if reply_kind == kind:
                     return reply
         except TimeoutError as error:
             raise DeviceUnavailable(
@@ -120,12 +131,12 @@ class RtdeConnection:
             if wait_s <= 0.0:
                 raise TimeoutError
             self._socket.settimeout(wait_s)
-            data = self._socket.recv(65536)
+            data = self._socket.recv(_READ_BYTES)
             if not data:
                 raise ConnectionResetError("end of stream")
             self._buffer += data
 
-    def sample(self, timeout_s: float) -> Sample | None:
+    def sample(self, timeout_s: float) -> RtdeSample | None:
         """Next sample, None when none came; DeviceUnavailable when the connection has ended."""
         deadline_s = self._clock.monotonic() + timeout_s
         try:
@@ -138,7 +149,7 @@ class RtdeConnection:
         except OSError as error:
             raise DeviceUnavailable(f"{self._where} closed the connection: {error}") from error
         values = self._layout.unpack(payload[1:])
-        return Sample(values[0], self._clock.monotonic(), values[1:7], values[7:13])
+        return RtdeSample(values[0], self._clock.monotonic(), values[1:7], values[7:13])
 
     def close(self) -> None:
         """End the connection, also under a reader."""
@@ -150,13 +161,13 @@ class RtdeConnection:
 class OffsetTrack:
     """Recent samples of a connection, received by a thread that ends with `close`.
 
-    A jump of the controller's clock (back, or ahead of the time that passed here) starts anew: no
-    sample from before it is paired or stamped with one from behind it.
+    When the controller's clock jumps (back, or ahead of the time that passed here), all samples are
+    forgotten: a sample before the jump is never paired with one after it.
     """
 
     def __init__(self, connection: RtdeConnection) -> None:
         self._connection = connection
-        self._samples: deque[Sample] = deque(maxlen=_KEEP)
+        self._samples: deque[RtdeSample] = deque(maxlen=_SAMPLES)
         self._mapping = ClockMapping()
         self._count = 0
         self._failure: DeviceError | None = None
@@ -175,7 +186,7 @@ class OffsetTrack:
                 self._failure = DeviceUnavailable(str(error))
                 self._changed.notify_all()
 
-    def _take(self, sample: Sample) -> None:
+    def _take(self, sample: RtdeSample) -> None:
         with self._changed:
             if self._samples:
                 last = self._samples[-1]
@@ -203,8 +214,8 @@ class OffsetTrack:
             self._check()
             return advanced
 
-    def around(self, controller_s: float, timeout_s: float) -> tuple[Sample, ...]:
-        """Last sample before, the one at (if there is one), and the first after `controller_s`.
+    def around(self, controller_s: float, timeout_s: float) -> tuple[RtdeSample, ...]:
+        """Last sample before `controller_s`, the sample of that time (if any), and the first after it.
 
         BadReading when this stream has no such samples, DeviceUnavailable when it has stopped.
         """
@@ -223,11 +234,11 @@ class OffsetTrack:
                 raise DeviceUnavailable(f"no data from the controller for {timeout_s:.2f} s")
             samples = list(self._samples)
         before = [s for s in samples if s.controller_s < controller_s][-1:]
-        at = [s for s in samples if s.controller_s == controller_s]
+        equal = [s for s in samples if s.controller_s == controller_s]
         after = [s for s in samples if s.controller_s > controller_s][:1]
         if not (before and after):
             raise BadReading(f"no TCP offset is known for controller time {controller_s:.3f} s")
-        return (*before, *at, *after)
+        return (*before, *equal, *after)
 
     def cell_s(self, controller_s: float) -> float:
         """Cell clock at a time of the controller's clock (minimum-delay mapping)."""

@@ -8,6 +8,8 @@ from typing import TypeVar
 from vgrd.devices import Settings
 from vgrd.errors import ConfigError
 
+OPEN_TIMEOUT_S = 2.0  # of robots; chosen: as long as a request takes at most
+
 T = TypeVar("T")
 
 

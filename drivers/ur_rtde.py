@@ -22,8 +22,11 @@ from vgrd.errors import BadReading, ConfigError, DeviceUnavailable
 from vgrd.geometry import Pose
 
 _STATUS = ("robot_mode", "safety_status_bits", "actual_digital_input_bits")
-_RUNNING = 7
-_NORMAL_OR_REDUCED = 0b11
+_RUNNING = 7  # robot_mode, UR's RTDE guide: RUNNING
+_NORMAL_OR_REDUCED = 0b11  # safety_status_bits: normal mode, reduced mode; nothing else may be set
+_FASTEST_HZ = 500.0  # e-Series; CB3 sends 125
+_POSE_NUMBERS = 6
+_ROUNDING_RAD = 1e-9  # of a full turn in doubles
 
 
 @dataclass(frozen=True, slots=True)
@@ -31,8 +34,8 @@ class UrSettings:
     """Address of the controller, rate of both sessions, time limit of `open`."""
 
     host: str
-    frequency_hz: float = 125.0
-    timeout_s: float = 2.0
+    frequency_hz: float = 125.0  # what CB3 and e-Series both send
+    timeout_s: float = driver_settings.OPEN_TIMEOUT_S
 
 
 def open(settings: Settings, clock: Clock) -> Robot:  # noqa: A001 - the name of every driver's entry
@@ -42,8 +45,8 @@ def open(settings: Settings, clock: Clock) -> Robot:  # noqa: A001 - the name of
     PolyScope).
     """
     options = driver_settings.parse(UrSettings, settings, "settings of driver ur_rtde")
-    if not SLOWEST_ROBOT_HZ <= options.frequency_hz <= 500.0:
-        fault = f"frequency_hz must be in {SLOWEST_ROBOT_HZ:g} .. 500"
+    if not SLOWEST_ROBOT_HZ <= options.frequency_hz <= _FASTEST_HZ:
+        fault = f"frequency_hz must be in {SLOWEST_ROBOT_HZ:g} .. {_FASTEST_HZ:g}"
         raise ConfigError("settings of driver ur_rtde", [fault])
     connection = RtdeConnection(
         options.host, options.frequency_hz, options.timeout_s, clock, _STATUS
@@ -104,8 +107,8 @@ class UrRobot:
         while self._receiver is not None:
             controller_s = self._receiver.getTimestamp()
             tcp = self._receiver.getActualTCPPose()
-            unbroken = self._receiver.getTimestamp() == controller_s
-            if unbroken and controller_s != self._last_s and len(tcp) == 6:
+            is_unbroken = self._receiver.getTimestamp() == controller_s
+            if is_unbroken and controller_s != self._last_s and len(tcp) == _POSE_NUMBERS:
                 return controller_s, tcp
             wait_s = deadline_s - self._clock.monotonic()
             if wait_s <= 0.0:
@@ -141,6 +144,6 @@ def pose_from_wire(values: Sequence[float]) -> Pose:
     """Pose (mm) of x y z in m and a rotation vector in rad; BadReading when it cannot be one."""
     if not all(map(math.isfinite, values)):
         raise BadReading(f"not a finite pose from the controller: {list(values)}")
-    if math.hypot(*values[3:]) > 2.0 * math.pi + 1e-9:
+    if math.hypot(*values[3:]) > 2.0 * math.pi + _ROUNDING_RAD:
         raise BadReading(f"rotation vector longer than a full turn: {list(values[3:])}")
     return Pose.from_rotvec(values[3:], [1000.0 * value for value in values[:3]])
