@@ -26,8 +26,8 @@ class FlangeCheck:
 
     def __init__(self, clock: Clock) -> None:
         self._clock = clock
-        self._good: FlangeReading | None = None
-        self._told_s = -math.inf
+        self._last_good: FlangeReading | None = None
+        self._last_stamp_s = -math.inf
 
     def accept(self, reading: FlangeReading) -> FlangeReading:
         """The reading itself.
@@ -35,26 +35,28 @@ class FlangeCheck:
         Raises BadReading: its time does not advance or lies ahead, the flange is out of reach or
         jumped. Raises DeviceRefused when the first reading is in a wrong unit.
         """
-        before_s, self._told_s = self._told_s, reading.stamp_s
-        self._in_time(before_s, reading.stamp_s)
-        if self._good is None:
-            _in_millimetres(reading.base_from_wrist)
+        previous_s, self._last_stamp_s = self._last_stamp_s, reading.stamp_s
+        self._check_time(previous_s, reading.stamp_s)
+        if self._last_good is None:
+            _check_unit(reading.base_from_wrist)
         elif not np.abs(reading.base_from_wrist.translation).max() < FARTHEST_MM:
             raise BadReading(f"the flange is said to be at {_words(reading.base_from_wrist)}")
         else:
-            self._no_jump(self._good.base_from_wrist, reading, reading.stamp_s - before_s)
-        self._good = reading
+            self._check_jump(
+                self._last_good.base_from_wrist, reading, reading.stamp_s - previous_s
+            )
+        self._last_good = reading
         return reading
 
-    def _in_time(self, before_s: float, stamp_s: float) -> None:
-        if not stamp_s > before_s:
-            raise BadReading(f"the robot's time does not advance: {stamp_s - before_s:.3f} s")
+    def _check_time(self, previous_s: float, stamp_s: float) -> None:
+        if not stamp_s > previous_s:
+            raise BadReading(f"the robot's time does not advance: {stamp_s - previous_s:.3f} s")
         ahead_s = stamp_s - self._clock.monotonic()
         if not ahead_s < AHEAD_S:
             raise BadReading(f"a flange reading is stamped {ahead_s:.3f} s ahead of now")
 
-    def _no_jump(self, old: Pose, reading: FlangeReading, step_s: float) -> None:
-        """A turn is that of the matrices: a rotation vector that wraps at pi is none."""
+    def _check_jump(self, old: Pose, reading: FlangeReading, step_s: float) -> None:
+        """The angle is that between the matrices: a rotation vector that wraps at pi is no jump."""
         mm, rad = old.distance(reading.base_from_wrist)
         time_s = step_s + STAMP_S
         if mm > FASTEST_MM_S * time_s + reading.step_mm or rad > FASTEST_RAD_S * time_s:
@@ -74,11 +76,11 @@ class FrameCheck:
         self.frame = -1
         self.stamp_s = -math.inf
         self._picture_bytes = picture_bytes
-        self._seen: tuple[tuple[int, ...], int] = ((), 0)
+        self._last_pixels: tuple[tuple[int, ...], int] = ((), 0)
 
     def accept(self, image: CameraImage) -> CameraImage:
         """The image itself; BadReading when it is not newer than the last one, or no picture."""
-        self._is_picture(image.pixels)
+        self._check_picture(image.pixels)
         if not (image.frame > self.frame and image.stamp_s > self.stamp_s):
             raise BadReading(
                 f"the camera repeats itself: frame {image.frame} after {self.frame}, "
@@ -86,15 +88,18 @@ class FrameCheck:
             )
         self.frame, self.stamp_s = image.frame, image.stamp_s
         rows = np.ascontiguousarray(image.pixels[::SAMPLED_ROWS])
-        before, self._seen = self._seen, (image.pixels.shape, zlib.crc32(rows.data))
-        if self._seen == before and _carries_noise(image.pixels[::SAMPLED_ROWS]):
+        previous, self._last_pixels = (
+            self._last_pixels,
+            (image.pixels.shape, zlib.crc32(rows.data)),
+        )
+        if self._last_pixels == previous and _carries_noise(image.pixels[::SAMPLED_ROWS]):
             raise BadReading(
                 f"the camera repeats itself: frame {image.frame} has the pixels of the one before; "
                 "power it off and on (a simulated camera needs noise)"
             )
         return image
 
-    def _is_picture(self, pixels: Pixels) -> None:
+    def _check_picture(self, pixels: Pixels) -> None:
         if pixels.ndim != 2 or not pixels.size or pixels.dtype not in (np.uint8, np.uint16):
             raise BadReading(f"not a grey picture: {pixels.dtype} {pixels.shape}")
         if self._picture_bytes is not None and pixels.nbytes > self._picture_bytes:
@@ -104,7 +109,7 @@ class FrameCheck:
             )
 
 
-def _in_millimetres(base_from_wrist: Pose) -> None:
+def _check_unit(base_from_wrist: Pose) -> None:
     """DeviceRefused when a pose is out of reach, or as near to the origin as one in metres."""
     far_mm = float(np.linalg.norm(base_from_wrist.translation))
     if NEAREST_MM[0] < far_mm < NEAREST_MM[1] or not far_mm < FARTHEST_MM:
@@ -116,7 +121,7 @@ def _in_millimetres(base_from_wrist: Pose) -> None:
 
 def _carries_noise(pixels: Pixels) -> bool:
     """Whether enough pixels are neither black nor white: those of two pictures always differ."""
-    full = 255 if pixels.dtype == np.uint8 else 65535
+    full = np.iinfo(pixels.dtype).max
     grey = (pixels > GREY[0] * full) & (pixels < GREY[1] * full)
     return int(np.count_nonzero(grey)) >= FEW_PIXELS
 

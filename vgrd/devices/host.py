@@ -7,6 +7,7 @@ One connection per life of the process: the gate starts it again, by type of err
 
 import importlib
 import json
+import logging
 import sys
 from pathlib import Path
 from types import ModuleType
@@ -29,19 +30,20 @@ from vgrd.errors import (
 from vgrd.ipc.health import HealthReporter
 from vgrd.ipc.ring import Message, RingReader, RingWriter
 
-READ_TIMEOUT_S = 0.5
+READ_TIMEOUT_S = 0.5  # chosen: two periods of the slowest robot (5 Hz), the second one late
 GRAB_TIMEOUT_S = 2.0  # no request waits longer for its picture
-TRIGGER_POLL_S = 0.001
-BAD_READINGS_IN_A_ROW = 50
+TRIGGER_POLL_S = 0.001  # chosen: delays a picture of 30 ms and more by less than a thirtieth
+BAD_READINGS_IN_A_ROW = 50  # chosen: 0.4 s of a robot at 125 Hz, then its connection is made anew
+BAD_PICTURES_IN_A_ROW = 5  # chosen: fewer than readings, since a slow picture takes a second
 
 log = structlog.get_logger()
 
 
 def driver_module(name: str) -> ModuleType:
     """The module of a driver: `ur_rtde` is `drivers.ur_rtde`, a dotted name is taken as it stands."""
-    dotted = name if "." in name else f"drivers.{name}"
+    module = name if "." in name else f"drivers.{name}"
     try:
-        return importlib.import_module(dotted)
+        return importlib.import_module(module)
     except ModuleNotFoundError as err:
         raise ConfigError(
             "driver",
@@ -63,7 +65,8 @@ class BadReadings:
     def bad(self, error: BadReading) -> None:
         """A reading was not; raises DeviceUnavailable at the limit."""
         self.in_a_row += 1
-        log.log(30 if self.in_a_row == 1 else 10, "bad_reading", reason=str(error))
+        level = logging.WARNING if self.in_a_row == 1 else logging.DEBUG
+        log.log(level, "bad_reading", reason=str(error))
         if self.in_a_row >= self.limit:
             raise DeviceUnavailable(
                 f"{self.limit} bad readings in a row, the last: {error}"
@@ -109,7 +112,7 @@ def host_camera(
     )
     triggers = _Triggers(runtime_dir / wire.TRIGGER_RING)
     triggers.newest()  # from here on wishes count, before anybody hears that the camera is well
-    check, bad = FrameCheck(picture_bytes), BadReadings(limit=5)
+    check, bad = FrameCheck(picture_bytes), BadReadings(limit=BAD_PICTURES_IN_A_ROW)
     while True:
         health.progress("ok")
         wish = triggers.newest()
@@ -132,7 +135,7 @@ class _Triggers:
     def __init__(self, path: Path) -> None:
         self.path = path
         self.ring: RingReader | None = None
-        self.seen = 0
+        self.last_index = 0
 
     def newest(self) -> Message | None:
         """The newest wish since the last call; those from before this process's start do not count."""
@@ -141,11 +144,11 @@ class _Triggers:
                 self.ring = RingReader.open(self.path, wire.TRIGGER_KIND)
             except RingUnavailable:
                 return None
-            self.seen = self.ring.index
-        if self.ring.index == self.seen:
+            self.last_index = self.ring.index
+        if self.ring.index == self.last_index:
             return None
         wish = self.ring.newest()
-        self.seen = wish.index if wish else self.seen
+        self.last_index = wish.index if wish else self.last_index
         return wish
 
 

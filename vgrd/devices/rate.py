@@ -9,7 +9,7 @@ from itertools import islice, pairwise
 from vgrd.devices import SLOWEST_ROBOT_HZ, FlangeReading
 
 SAME_TIME_S = 0.001  # half of the shortest period (500 Hz): closer ones are repeated
-LONGEST_PERIOD_S = 1.75 / SLOWEST_ROBOT_HZ  # a quarter of its readings lost, all unsteady
+LONGEST_PERIOD_S = 1.75 / SLOWEST_ROBOT_HZ  # a quarter of its readings lost, the others irregular
 COUNTED = 33  # newest readings that tell the rate: 32 steps, of which a quarter may be disturbed
 SILENCE_S = 0.2  # of a fast robot: with 60 ms for loops and rings "lost" is told within 260 ms
 SILENT_PERIODS = 2.0  # one reading may be lost ...
@@ -19,11 +19,11 @@ CATCH_UP_PERIODS = 4.0  # two readings lost, the third late and unsure by half a
 
 def distinct(stamps: Iterable[float]) -> list[float]:
     """Stamps in ascending order, of which those that repeat an earlier one are left out."""
-    kept: list[float] = []
+    result: list[float] = []
     for stamp in sorted(stamps):
-        if not kept or stamp - kept[-1] >= SAME_TIME_S:
-            kept.append(stamp)
-    return kept
+        if not result or stamp - result[-1] >= SAME_TIME_S:
+            result.append(stamp)
+    return result
 
 
 def reading_period_s(readings: Sequence[FlangeReading]) -> float:
@@ -59,5 +59,5 @@ def _measured_period_s(readings: Sequence[FlangeReading]) -> float | None:
     """Mean of the shorter three quarters of the newest steps; None while there are fewer than two."""
     newest = islice(reversed(readings), COUNTED)
     steps = sorted(b - a for a, b in pairwise(distinct(r.stamp_s for r in newest)))
-    usual = steps[: len(steps) * 3 // 4]
-    return sum(usual) / len(usual) if usual else None
+    usual_steps = steps[: len(steps) * 3 // 4]  # lost and late readings lengthen the others
+    return sum(usual_steps) / len(usual_steps) if usual_steps else None

@@ -17,8 +17,9 @@ from vgrd.devices.rate import LONGEST_PERIOD_S, distinct, reading_period_s
 from vgrd.errors import NotSteady, TooOld
 from vgrd.geometry import Pose, log_rotation, nearest_rotation
 
-GAP_PERIODS = 4.0  # two readings lost, their neighbours unsteady; the rate known to 1/8
+GAP_PERIODS = 4.0  # two readings lost, their neighbours late; the rate is known to 1/8
 LEAST_GAP_S = 0.1  # of a fast robot on a busy machine; one of 10 Hz never sends more
+MEAN_TOLERANCE = 1e-2  # chosen: a mean of rotations 0.2 mrad apart is a rotation to 1e-7
 ROTATIONS_PER_STEP = 2.0  # one rotation from three rounded angles, each off by a step at most
 
 
@@ -31,11 +32,11 @@ class RestLimits:
     the longest exposure that is covered. minimum_readings: of different times, one of them after.
     """
 
-    spread_mm: float = 0.05
-    spread_rad: float = 2e-4
-    before_s: float = 0.05
-    half_exposure_s: float = 0.02
-    minimum_readings: int = 3
+    spread_mm: float = 0.05  # chosen: a tenth of the u95 (0.5 mm) at which answers are degraded
+    spread_rad: float = 2e-4  # the same at the end of a tool of 250 mm
+    before_s: float = 0.05  # chosen: six readings of a robot of 125 Hz
+    half_exposure_s: float = 0.02  # exposures up to 40 ms, see docs/recording.md
+    minimum_readings: int = 3  # two before and one after the exposure (decision 13)
 
 
 def rest_pose(
@@ -91,7 +92,9 @@ def is_covered(
 
 def mean_pose(poses: Sequence[Pose]) -> Pose:
     """Arithmetic mean of translations and projected mean of rotations, for poses close together."""
-    rotation = nearest_rotation(np.mean([pose.rotation for pose in poses], axis=0), tolerance=1e-2)
+    rotation = nearest_rotation(
+        np.mean([pose.rotation for pose in poses], axis=0), tolerance=MEAN_TOLERANCE
+    )
     return Pose(rotation, np.mean([pose.translation for pose in poses], axis=0))
 
 

@@ -14,8 +14,8 @@ TRIGGER_RING = "camera.trigger.ring"
 FLANGE_KIND = "flange"
 IMAGE_KIND = "image"
 TRIGGER_KIND = "trigger"
-FLANGE_SLOTS = 256
-IMAGE_SLOTS = 4
+FLANGE_SLOTS = 256  # chosen: the cell may be held up for half a second of a robot of 500 Hz
+IMAGE_SLOTS = 4  # the writer overwrites a picture three pictures later, see `vgrd.ipc.ring`
 
 _FLANGE = struct.Struct("<dd12d?12dQ?dd")
 _IMAGE = struct.Struct("<dQIIB?II")  # stamp, frame, height, width, depth, is it a region, x, y
