@@ -11,6 +11,7 @@ from vgrd.ipc.health import health_path
 from vgrd.ipc.messages import GATE_KIND, GATE_RING, HEALTH_KIND, GateReport, Health
 from vgrd.ipc.ring import Message, RingReader, RingWriter
 
+TRIGGER_SLOTS = 4  # only the newest wish counts; a ring needs two
 HISTORY_S = 3.0  # two readings of the slowest robot before a picture, and its evaluation after
 
 
@@ -89,7 +90,7 @@ class CameraFeed:
         self.feed = RingFeed(runtime_dir / wire.IMAGE_RING, wire.IMAGE_KIND)
         self.triggers = RingWriter.create(
             runtime_dir / wire.TRIGGER_RING,
-            slots=4,
+            slots=TRIGGER_SLOTS,
             slot_bytes=wire.TRIGGER_BYTES,
             kind=wire.TRIGGER_KIND,
         )
@@ -119,7 +120,7 @@ class CameraFeed:
 
 
 class HealthFeed:
-    """The last word of another process about itself."""
+    """What another process said last about its health."""
 
     def __init__(self, runtime_dir: Path, process: str) -> None:
         self.feed = RingFeed(health_path(runtime_dir, process), HEALTH_KIND)
@@ -127,7 +128,7 @@ class HealthFeed:
         self.stamp_s = 0.0
 
     def age_s(self, clock: Clock) -> float:
-        """Seconds since that last word."""
+        """Seconds since that message."""
         return clock.monotonic() - self.stamp_s
 
     def poll(self) -> Health | None:

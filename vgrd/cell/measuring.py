@@ -6,44 +6,31 @@ from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Protocol
 
 import structlog
 
+from vgrd.cell.detector import Detector
 from vgrd.cell.feeds import CameraFeed, HealthFeed, RobotFeed
+from vgrd.cell.schedule import PictureSchedule
 from vgrd.clock import Clock
-from vgrd.devices import CameraImage, FlangeReading, Pixels, Region
+from vgrd.devices import CameraImage, FlangeReading
 from vgrd.devices.rate import catch_up_s, reading_period_s, silence_limit_s
 from vgrd.devices.stillness import RestLimits, is_covered, rest_pose, rest_pose_since
 from vgrd.errors import DeviceUnavailable, InputError, NotSteady, ObservationError, TooOld
 from vgrd.geometry import Pose
 from vgrd.model import CellFacts, Observation, TagObservation
 
-LOOP_S = 0.005
-BEAT_S = 0.1
-RETRIGGER_S = 2.5  # longer than a device process waits for the picture
-EVALUATION_HANG_S = 2.0
-ROBOT_LOST_S = 1.0
+LOOP_S = 0.005  # chosen: a reading of a 125 Hz robot waits less than its period (8 ms)
+BEAT_S = 0.1  # HB of the registers counts each 100 ms
+RETRIGGER_S = 2.5  # longer than a device process waits for the picture (2 s)
+EVALUATION_HANG_S = 2.0  # chosen: as long as a device may take for its picture; then HB stands
+ROBOT_LOST_S = 1.0  # for the TCP that is noted in a session; chosen: five periods of 5 Hz
 HEALTH_STALE_S = 1.5  # a device whose process has been silent so long is refused without a try
 BLIND_S = 0.2  # four missed beats of a device's process: with the registers' 40 ms below 260 ms
-WATCH_MARGIN = 0.5  # of the tag's extent, around where it was: a tag that leaves it has moved
-SETTLE_S = 0.5
-READINGS_WITHIN_S = 3.0
+SETTLE_S = 0.5  # chosen: an arm trembles for 0.1 to 0.3 s after a move
+READINGS_WITHIN_S = 3.0  # chosen: a busy machine delivers readings late
 
 log = structlog.get_logger()
-
-
-class Detector(Protocol):
-    """Finds the known tags in grey pixels; `vgrd.vision.tags.tag_finder.TagDetector` in the product."""
-
-    def detect(
-        self,
-        pixels: Pixels,
-        around: Mapping[int, TagObservation] | None = None,
-        region: Region | None = None,
-    ) -> dict[int, TagObservation]:
-        """Tags by id, looked for first near where they were seen before; region: of these pixels."""
-        ...
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -75,9 +62,9 @@ class Sight:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Wish:
-    """Somebody waits for a picture exposed after `asked_s`; a region will do unless `whole`."""
+    """Somebody waits for a picture exposed after `since_s`; a region will do unless `whole`."""
 
-    asked_s: float
+    since_s: float
     whole: bool
     sight: asyncio.Future[Sight]
 
@@ -105,9 +92,7 @@ class Measuring:
         self.detector = detector
         self.facts = facts
         self.clock = clock
-        self.period_s = 1.0 / rate_hz
-        self.watch_period_s = 1.0 / max(rate_hz, watch_rate_hz)
-        self.watching = False
+        self.schedule = PictureSchedule(facts, rate_hz, watch_rate_hz)
         self.limits = RestLimits()
         self.sight: Sight | None = None
         self.sight_of_object: Sight | None = None
@@ -121,13 +106,27 @@ class Measuring:
         self._unusable = ""
         self._last_tags: Mapping[int, TagObservation] = {}
         self._wishes: list[_Wish] = []
-        self._last_trigger_s = self._last_whole_s = -self.period_s
-        self._tag_b: TagObservation | None = (
-            None  # in the newest picture, none when it was not there
-        )
-        self._region_tried = self._sends_regions = False
         self._camera_pid = 0
         self._last_beat_s = 0.0
+
+    @property
+    def period_s(self) -> float:
+        """From one whole picture to the next."""
+        return self.schedule.period_s
+
+    @property
+    def watch_period_s(self) -> float:
+        """From one picture to the next while an answer stands."""
+        return self.schedule.watch_period_s
+
+    @property
+    def watching(self) -> bool:
+        """Whether an answer stands that pictures must vouch for."""
+        return self.schedule.watching
+
+    @watching.setter
+    def watching(self, watching: bool) -> None:
+        self.schedule.watching = watching
 
     async def run(self) -> None:
         """Loop until cancelled; a fault in an evaluation is a fault of the loop."""
@@ -217,8 +216,8 @@ class Measuring:
             self._evaluating_since_s = now
             self._evaluation = tasks.create_task(self._evaluate(image))
         self._trigger(now)
-        stuck = self._evaluating_since_s and now - self._evaluating_since_s > EVALUATION_HANG_S
-        if now - self._last_beat_s >= BEAT_S and not stuck:
+        is_stuck = self._evaluating_since_s and now - self._evaluating_since_s > EVALUATION_HANG_S
+        if now - self._last_beat_s >= BEAT_S and not is_stuck:
             self._last_beat_s = now
             self.beat += 1
 
@@ -230,38 +229,23 @@ class Measuring:
             self.camera.forget()  # what an earlier process was asked for will never come
         if self._evaluation is not None or 0 < self.camera.waiting_s() < RETRIGGER_S:
             return
-        wanted = any(wish.whole for wish in self._wishes)
-        if wanted or (now - self._last_whole_s >= self.period_s and not self._follows_tag_b()):
-            self._last_trigger_s = self._last_whole_s = now
+        is_whole_wanted = any(wish.whole for wish in self._wishes)
+        if is_whole_wanted or self.schedule.is_whole_due(now):
+            self.schedule.take_whole(now)
             self.camera.trigger(None)
-        elif self._wishes or self._wants_watch_picture(now):
-            self._last_trigger_s = now
-            self.camera.trigger(self._watch_region())
-
-    def _follows_tag_b(self) -> bool:
-        """While an answer stands and the tag is seen, no whole picture may delay the next of the watch."""
-        return self.watching and self._tag_b is not None and self._sends_regions
-
-    def _wants_watch_picture(self, now: float) -> bool:
-        """While an answer stands; and once in advance, to learn how fast the camera sends regions."""
-        if self._tag_b is not None and not self._region_tried:
-            self._region_tried = True
-            return True
-        return self.watching and now - self._last_trigger_s >= self.watch_period_s
-
-    def _watch_region(self) -> Region | None:
-        """Around tag B where the newest picture shows it, else the whole picture."""
-        return None if self._tag_b is None else region_around(self._tag_b, self.facts)
+        elif self._wishes or self.schedule.is_watch_due(now):
+            self.camera.trigger(self.schedule.take_watch_picture(now))
 
     async def _evaluate(self, image: CameraImage) -> None:
         try:
             loop = asyncio.get_running_loop()
             _check_past(image, self.clock.monotonic())
-            near = self._last_tags
+            last_tags = self._last_tags
             if image.region is not None:
-                near = {i: tag for i, tag in near.items() if i == self.facts.tag_b.id}
+                tag_b_id = self.facts.tag_b.id
+                last_tags = {i: tag for i, tag in last_tags.items() if i == tag_b_id}
             tags = await loop.run_in_executor(
-                self._executor, self.detector.detect, image.pixels, near, image.region
+                self._executor, self.detector.detect, image.pixels, last_tags, image.region
             )
             self._last_tags = tags if image.region is None else {**self._last_tags, **tags}
             if image.region is None:
@@ -292,16 +276,15 @@ class Measuring:
         return Sight(image, tag_a, tags.get(self.facts.tag_b.id), pose, unpaired)
 
     def _announce(self, sight: Sight) -> None:
-        self._tag_b = sight.tag_b
-        self._sends_regions |= not sight.is_whole
+        self.schedule.note(sight.tag_b, whole=sight.is_whole)
         if sight.is_whole:
             self.sight = sight
             self.sight_of_object = sight if sight.tag_b is not None else self.sight_of_object
         for listener in (*self.on_watch, *(self.on_sight if sight.is_whole else ())):
             listener(sight)
         for wish in self._wishes:
-            meant = sight.is_whole or not wish.whole
-            if meant and sight.stamp_s >= wish.asked_s and not wish.sight.done():
+            is_suitable = sight.is_whole or not wish.whole
+            if is_suitable and sight.stamp_s >= wish.since_s and not wish.sight.done():
                 wish.sight.set_result(sight)
 
 
@@ -312,14 +295,3 @@ def _check_past(image: CameraImage, now_s: float) -> None:
             f"a picture is stamped {image.stamp_s - now_s:.3f} s ahead of now: the driver takes the "
             "camera's clock for ours"
         )
-
-
-def region_around(seen: TagObservation, facts: CellFacts) -> Region | None:
-    """Where a tag may be in the next watch picture; None where it is cut by the picture's edge."""
-    low, high = seen.corners_px.min(0), seen.corners_px.max(0)
-    reach = WATCH_MARGIN * float((high - low).max())
-    width, height = facts.image_size_px
-    x0, y0 = (max(0, math.floor(value - reach)) for value in low)
-    x1 = min(width, math.ceil(high[0] + reach))
-    y1 = min(height, math.ceil(high[1] + reach))
-    return Region(x0, y0, x1 - x0, y1 - y0) if x1 > x0 and y1 > y0 else None

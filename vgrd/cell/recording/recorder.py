@@ -22,9 +22,9 @@ from vgrd.niceness import give_way
 from vgrd.store.images import encode_image
 from vgrd.store.sessions import SessionWriter
 
-BACKLOG = 200
-SAME_PLACE_MM = 0.1
-SAME_PLACE_RAD = 2e-4
+BACKLOG = 200  # writes; chosen: some seconds of a disk that stalls, before anything is dropped
+SAME_PLACE_MM = 0.1  # twice the limit of rest (0.05 mm)
+SAME_PLACE_RAD = 2e-4  # the limit of rest
 SAME_PLACE_PX = 0.5  # of a corner: the noise of a good tag is a tenth of it, a step in light less
 PLACES = 8  # of one rest: a tag that is seen and not seen by turns is recorded once each
 SAMPLE_S = 3.0  # a sample is stored at most this long after its picture
@@ -49,7 +49,7 @@ class Recorder:
         self._executor = ThreadPoolExecutor(1, thread_name_prefix="recorder", initializer=give_way)
         self._pending = 0
         self._counting = threading.Lock()
-        self._places: list[Place] = []
+        self._places: list[RestPlace] = []
 
     async def start(self, session: str, plan: Plan, facts: CellFacts) -> None:
         """Open a new session; ControlError when one is open already."""
@@ -89,9 +89,9 @@ class Recorder:
         writer = self.writer
         if writer is None or self.paused:
             return
-        kept = self._thinning.add(readings)
-        if kept:
-            self._queue(lambda: self._write_readings(writer, kept))
+        due = self._thinning.add(readings)
+        if due:
+            self._queue(lambda: self._write_readings(writer, due))
 
     def warning(self) -> str:
         """What the operator should know of an open session; empty when there is nothing."""
@@ -112,7 +112,7 @@ class Recorder:
         writer, pose = self.writer, sight.base_from_wrist
         if writer is None or self.paused or pose is None or not (sight.tag_a or sight.tag_b):
             return
-        place = Place(pose, sight.tag_b.corners_px if sight.tag_b else None)
+        place = RestPlace(pose, sight.tag_b.corners_px if sight.tag_b else None)
         if any(place.is_same(known) for known in self._places):
             return
         if self._places and not place.is_same_rest(self._places[-1]):
@@ -167,18 +167,18 @@ class Recorder:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Place:
+class RestPlace:
     """Where things stood in a picture: the flange, and tag B's corners (4, 2) where it was seen."""
 
     base_from_wrist: Pose
     corners_px: Array | None
 
-    def is_same_rest(self, other: "Place") -> bool:
+    def is_same_rest(self, other: "RestPlace") -> bool:
         """Whether the flange has not moved."""
         distance_mm, angle_rad = self.base_from_wrist.distance(other.base_from_wrist)
         return distance_mm <= SAME_PLACE_MM and angle_rad <= SAME_PLACE_RAD
 
-    def is_same(self, other: "Place") -> bool:
+    def is_same(self, other: "RestPlace") -> bool:
         """Whether neither the flange nor the object has moved; in pixels, whose noise is known."""
         if self.corners_px is None or other.corners_px is None:
             return self.corners_px is other.corners_px and self.is_same_rest(other)

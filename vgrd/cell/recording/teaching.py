@@ -22,9 +22,10 @@ from vgrd.store.sessions import SampleKind, SessionWriter
 if TYPE_CHECKING:
     from vgrd.config.cell_file import TouchSection
 
-PICTURE_TIMEOUT_S = 5.0
-STEADY_PX = 0.5
-PICTURES_AT_MOST = 4
+PICTURE_TIMEOUT_S = 5.0  # chosen: a device that was lost serves again within 5 s
+STEADY_PX = 0.5  # of a corner: the noise of a good tag is a tenth of it
+PICTURES_AT_MOST = 4  # chosen: with three more tries a busy machine covers one with readings
+# Samples that a session should have: `missing` in every reply. Chosen above what each method needs.
 WANTED: Mapping[Plan, Mapping[SampleKind, int]] = {
     Plan.UNIVERSAL: {SampleKind.LOOK: 8, SampleKind.TOUCH: 6},
     Plan.SPECIAL: {SampleKind.LOOK: 8, SampleKind.SPIN: 4, SampleKind.TOUCH: 6},
@@ -68,7 +69,7 @@ class Teaching:
             "session": name,
             "plan": plan,
             "folder": str(self._session().path),
-        } | self._warned()
+        } | self._warning()
 
     async def stop(self) -> dict[str, object]:
         """Close the session."""
@@ -80,7 +81,7 @@ class Teaching:
             "session": self.last_session.name,
             "folder": str(self.last_session),
             **counts,
-            **self._warned(),
+            **self._warning(),
         }
 
     async def look(self) -> dict[str, object]:
@@ -106,7 +107,7 @@ class Teaching:
 
     async def point(self, name: str) -> dict[str, object]:
         """Record a touch of a fixed point; no picture is needed."""
-        self._same_tcp()
+        self._check_tcp()
         pose = await self.measuring.rest()
         sigma = self.touch_sigma
         touch = Touch(name, pose, sigma.lateral_sigma_mm, sigma.axial_sigma_mm)
@@ -152,10 +153,12 @@ class Teaching:
 
     async def _store(self, kind: SampleKind, value: Observation | Touch) -> dict[str, object]:
         sequence = await self.recorder.call(lambda writer: writer.sample(kind, value))
-        seen = value if isinstance(value, Observation) else value.observation
-        tags = [name for name in ("tag_a", "tag_b") if getattr(seen, name, None) is not None]
-        told = {"sample": sequence, "kind": kind.value, "tags": tags, **self._counts()}
-        return told | self._warned() | await self._advice()
+        observation = value if isinstance(value, Observation) else value.observation
+        tags = [
+            name for name in ("tag_a", "tag_b") if getattr(observation, name, None) is not None
+        ]
+        result = {"sample": sequence, "kind": kind.value, "tags": tags, **self._counts()}
+        return result | self._warning() | await self._advice()
 
     async def _advice(self) -> dict[str, object]:
         """What comes of the samples so far, if it can be told without a delay."""
@@ -166,14 +169,14 @@ class Teaching:
     async def _observe(self) -> Observation:
         """Pose and picture of one rest; NotSteady when robot or object still move."""
         self._session()
-        self._same_tcp()
+        self._check_tcp()
         await self.measuring.rest()
         first, second = await self._paired(), await self._paired()
         for name in ("tag_a", "tag_b"):
-            moved = _shift_px(getattr(first, name), getattr(second, name))
-            if moved > STEADY_PX:
+            shift_px = _shift_px(getattr(first, name), getattr(second, name))
+            if shift_px > STEADY_PX:
                 raise NotSteady(
-                    f"{name.replace('_', ' ')} moved {moved:.1f} px between two pictures: "
+                    f"{name.replace('_', ' ')} moved {shift_px:.1f} px between two pictures: "
                     "wait until everything stands still"
                 )
         return second
@@ -187,7 +190,7 @@ class Teaching:
                 log.info("picture_again", reason=str(err))
         return (await self.measuring.fresh(PICTURE_TIMEOUT_S)).observation()
 
-    def _warned(self) -> dict[str, object]:
+    def _warning(self) -> dict[str, object]:
         """What the operator should know of the recording, if there is something."""
         warning = self.recorder.warning()
         return {"warning": warning} if warning else {}
@@ -198,7 +201,7 @@ class Teaching:
             raise DeviceUnavailable(f"the robot is offline: {self.measuring.robot_trouble()}")
         return reading
 
-    def _same_tcp(self) -> None:
+    def _check_tcp(self) -> None:
         known = self._session().header.facts.wrist_from_tcp
         trouble = tcp_difference(known, self._reading().wrist_from_tcp)
         if trouble:

@@ -1,8 +1,8 @@
-"""Faults that a person must confirm, kept over the end of this process.
+"""Faults that a person must confirm, stored beyond the end of this process.
 
-Two places: a ring in the runtime folder, written at once, which a killed process leaves whole; and a
-file in the state folder, written in a thread, which also outlives the service and the machine's
-restart. What either of them says is latched.
+They are stored in two places. A ring in the runtime folder is written at once; a killed process
+leaves it whole. A file in the state folder is written in a thread; it also outlives the service and a
+restart of the machine. A fault that either of them holds is latched.
 """
 
 import asyncio
@@ -19,9 +19,9 @@ from vgrd.store.files import guarded, read_document, write_document
 
 LATCH_RING = "latch.ring"
 LATCH_FILE = "latch.json"
-SCHEMA = 1
+SCHEMA = 1  # of the file
 _KIND = "latch"
-_SLOTS, _BYTES = 2, 2048
+_SLOTS, _BYTES = 2, 2048  # a ring has two slots at least; `_REASON` and its frame fit
 _REASON = 300  # characters of a reason that are kept; six bytes each in JSON at most
 
 Latch = tuple[Status, str]
@@ -30,23 +30,23 @@ log = structlog.get_logger()
 
 
 class LatchBook:
-    """`latched` is what an earlier life of the cell left; `note` what there is to keep from now on."""
+    """Stores the latched fault. `latched` is at first what an earlier life of the cell left."""
 
     def __init__(self, runtime_dir: Path, state_dir: Path) -> None:
         self._file = state_dir / LATCH_FILE
-        self.latched = _ring_says(runtime_dir / LATCH_RING) or _file_says(self._file)
-        self.trouble = self._try_to_keep(self.latched)  # before the ring that may hold it is new
+        self.latched = _latch_in_ring(runtime_dir / LATCH_RING) or _latch_in_file(self._file)
+        self.trouble = self._try_to_store(self.latched)  # before the ring that may hold it is new
         self._ring = RingWriter.create(runtime_dir / LATCH_RING, _SLOTS, _BYTES, _KIND)
         self._publish()
-        self._noted = self._kept = 0
-        self._news = asyncio.Condition()
+        self._noted_count = self._stored_count = 0
+        self._stored = asyncio.Condition()
         self._wake = asyncio.Event()
 
     def note(self, latched: Latch | None) -> None:
         """Keep this; it is safe from a kill of this process when the call returns."""
         self.latched = latched
         self._publish()
-        self._noted += 1
+        self._noted_count += 1
         self._wake.set()
 
     async def run(self) -> None:
@@ -54,16 +54,16 @@ class LatchBook:
         while True:
             await self._wake.wait()
             self._wake.clear()
-            number, latched = self._noted, self.latched
-            self.trouble = await asyncio.to_thread(self._try_to_keep, latched)
-            async with self._news:
-                self._kept = number
-                self._news.notify_all()
+            count, latched = self._noted_count, self.latched
+            self.trouble = await asyncio.to_thread(self._try_to_store, latched)
+            async with self._stored:
+                self._stored_count = count
+                self._stored.notify_all()
 
     async def settled(self) -> None:
         """Wait until what was noted last is on the disk. Raises StoreError when it cannot be."""
-        async with self._news:
-            await self._news.wait_for(lambda: self._kept == self._noted)
+        async with self._stored:
+            await self._stored.wait_for(lambda: self._stored_count == self._noted_count)
         if self.trouble:
             raise StoreError(
                 f"{self.trouble}. It is confirmed until the next start of the cell, and has to be "
@@ -73,7 +73,7 @@ class LatchBook:
     def _publish(self) -> None:
         self._ring.publish(json.dumps(_document(self.latched)).encode(), stamp_s=0.0)
 
-    def _try_to_keep(self, latched: Latch | None) -> str:
+    def _try_to_store(self, latched: Latch | None) -> str:
         """Write or remove the file; why that was not possible, in words, else empty."""
         try:
             if latched is None:
@@ -105,7 +105,7 @@ def _latch(document: object) -> Latch | None:
     return Status(document["status"]), str(document["reason"])
 
 
-def _ring_says(path: Path) -> Latch | None:
+def _latch_in_ring(path: Path) -> Latch | None:
     if not path.exists():
         return None
     try:
@@ -116,7 +116,7 @@ def _ring_says(path: Path) -> Latch | None:
         return _unreadable(path, err)
 
 
-def _file_says(path: Path) -> Latch | None:
+def _latch_in_file(path: Path) -> Latch | None:
     try:
         with guarded("read", path):
             is_there = path.exists()

@@ -15,18 +15,18 @@ from vgrd.calibration.calibration import Calibration
 from vgrd.geometry import Array, Pose, hat
 from vgrd.model import TagObservation
 
-MARGIN_S = 0.1  # for the machine's scheduling, beyond the pictures' own time
-LATENCIES = 5  # pictures whose time from exposure to evaluation counts: the slowest of them
+MARGIN_S = 0.1  # for the machine's scheduling, beyond the pictures' own time (decision 7)
+LATENCIES = 5  # newest pictures of which the slowest counts (decision 7)
 SLOWEST_S = 1.0  # a camera that is slower than this vouches no longer for it
 AGREEMENT_SIGMAS = 5.0  # the largest of some ten points: 1e-5 false disagreements a picture
 AGREEMENT_MM = 0.02  # what a standing table trembles, beside the noise of pictures
 
 
-def points_in_tag(calibration: Calibration, answer: Pose, seen: TagObservation) -> Array:
+def points_in_tag(calibration: Calibration, answer: Pose, tag_b: TagObservation) -> Array:
     """Points (n, 3), mm, in tag B, that must not move while an answer stands.
 
-    answer: the flange (base_from_wrist) that was answered from the picture `seen`. Flange and work
-    tip, as answered and as every target was taught: whatever of them leads the robot.
+    answer: the flange (base_from_wrist) that was answered from the picture of
+    `tag_b`. The points are flange and work tip, as answered and as every target was taught.
     """
     tip = calibration.tcp_in_wrist
     work = None if tip is None else np.asarray(tip) + calibration.facts.tool.work_from_touch_mm
@@ -35,7 +35,7 @@ def points_in_tag(calibration: Calibration, answer: Pose, seen: TagObservation) 
     ]
     tag_from_base = [
         (calibration.base_from_camera @ camera_from_tag).inverse()
-        for camera_from_tag in (calibration.solution.camera_from_tag_b, seen.camera_from_tag)
+        for camera_from_tag in (calibration.solution.camera_from_tag_b, tag_b.camera_from_tag)
     ]
     flanges = [tag_from_base[0] @ pose for pose in taught] + [tag_from_base[1] @ answer]
     points = [flange.translation for flange in flanges]
@@ -75,15 +75,15 @@ class Hold:
     """
 
     longest_s: float = 0.0
-    approach_mm: float = 60.0
+    approach_mm: float = 60.0  # as in the cell file
 
 
 class Vouch:
     """Until when pictures of the object vouch for the present answer; times of the cell clock.
 
-    `learn` from every picture, `begin` with each answer, `see` with each watch picture that shows
-    the object in its place. A camera that sends regions is watched by them, another one by whole
-    pictures: what counts is the time that such a picture takes.
+    `learn` is called for every picture, `begin` for each answer, `see` for each picture that shows the
+    object in its place. A camera that sends regions is watched by regions, another one by whole
+    pictures; what counts is the latency of that kind of picture.
     """
 
     def __init__(self, period_s: float) -> None:
@@ -124,13 +124,13 @@ class Vouch:
 
     def see(self, stamp_s: float, *, whole: bool) -> None:
         """A picture, exposed at `stamp_s`, shows the object where the answer has it."""
-        self.until_s = stamp_s + self._spoken_s(whole=whole)
+        self.until_s = stamp_s + self._vouched_s(whole=whole)
 
     def hold(self, until_s: float, stamp_s: float, *, whole: bool) -> None:
         """A picture shows no tag; the answer stands until then, as long as pictures go on coming."""
-        self.until_s = min(until_s, stamp_s + self._spoken_s(whole=whole))
+        self.until_s = min(until_s, stamp_s + self._vouched_s(whole=whole))
 
-    def _spoken_s(self, *, whole: bool) -> float:
+    def _vouched_s(self, *, whole: bool) -> float:
         """A whole picture takes its own time, and the next one may be whole too."""
         latency_s = max(self._latency_s(whole=True), self.latency_s) if whole else self.latency_s
         return _span_s(self.period_s, latency_s)
