@@ -27,9 +27,10 @@ from typing import Any, Final, cast
 import structlog
 
 LINES: Final = 5  # of one kind in one period: enough to see that it repeats, and how fast
-PERIOD_S: Final = 1.0
+PERIOD_S: Final = 1.0  # chosen: who reads along sees at once that it goes on
 _KINDS: Final = 512  # remembered; more than all lines of the source, less than 1 MiB
-_STANDARD_ERROR: Final = 2
+_STANDARD_ERROR: Final = 2  # its file descriptor
+_KIND_CHARACTERS: Final = 512  # of a value; the rest does not make another kind
 _OUR_FIELDS: Final = ("timestamp", "process")
 
 EventDict = MutableMapping[str, Any]
@@ -89,17 +90,17 @@ class UnblockedStream(io.TextIOBase):
 
     def __init__(self, fd: int) -> None:
         self.dropped = 0
-        self._torn = False  # the last line went out in part
+        self._is_torn = False  # the last line went out in part
         self._fd = fd
         self._terminal = os.isatty(fd)
-        self._asked = False
+        self._must_ask = False
         self._socket: socket.socket | None = None
         if stat.S_ISSOCK(os.fstat(fd).st_mode):
             self._socket = socket.socket(fileno=os.dup(fd))
             if _is_journal(fd):
                 self._socket.setblocking(False)
         elif not _open_anew(fd):
-            self._asked = self._terminal
+            self._must_ask = self._terminal
             os.set_blocking(fd, self._terminal)
 
     def isatty(self) -> bool:
@@ -116,23 +117,25 @@ class UnblockedStream(io.TextIOBase):
 
     def write(self, text: str) -> int:
         """Write or drop `text`; the next line that gets through tells how many were dropped."""
-        told = text
+        line = text
         if self.dropped:
-            told = f"({self.dropped} lines dropped: standard error was full)\n{text}"
-        data = ("\n" * self._torn + told).encode(errors="backslashreplace")
+            line = f"({self.dropped} lines dropped: standard error was full)\n{line}"
+        if self._is_torn:
+            line = f"\n{line}"
+        data = line.encode(errors="backslashreplace")
         try:
             sent = self._send(data)
         except OSError:
             self.dropped += 1
         else:
-            self._torn = sent < len(data)
-            self.dropped = int(self._torn)
+            self._is_torn = sent < len(data)
+            self.dropped = int(self._is_torn)
         return len(text)
 
     def _send(self, data: bytes) -> int:
         if self._socket:
             return self._socket.send(data, socket.MSG_DONTWAIT)
-        if self._asked and not select.select([], [self._fd], [], 0)[1]:
+        if self._must_ask and not select.select([], [self._fd], [], 0)[1]:
             raise BlockingIOError
         return os.write(self._fd, data)
 
@@ -142,7 +145,7 @@ class _Kind:
     """Lines of one kind in the present period."""
 
     begin_s: float
-    told: int = 0
+    written: int = 0
     left_out: int = 0
     last: EventDict | None = None
 
@@ -174,8 +177,8 @@ class RateLimit:
         with self._lock:
             self.sum_up()
             kind = self._kind_of(line)
-            if kind.told < LINES:
-                kind.told += 1
+            if kind.written < LINES:
+                kind.written += 1
                 return self._rendered(logger, method, line)
             if kind.last is None:
                 self._summing.append(kind)
@@ -188,11 +191,11 @@ class RateLimit:
         """Tell what was left out in the periods that are over, or in all."""
         with self._lock:
             now = self._now()
-            over = [k for k in self._summing if everything or now - k.begin_s >= PERIOD_S]
-            self._summing = [kind for kind in self._summing if kind not in over]
-            for kind in over:
+            ended = [k for k in self._summing if everything or now - k.begin_s >= PERIOD_S]
+            self._summing = [kind for kind in self._summing if kind not in ended]
+            for kind in ended:
                 self._tell(kind)
-                kind.begin_s, kind.told, kind.left_out, kind.last = now, 1, 0, None
+                kind.begin_s, kind.written, kind.left_out, kind.last = now, 1, 0, None
 
     def _kind_of(self, line: EventDict) -> _Kind:
         now, key = self._now(), _key(line)
@@ -211,10 +214,10 @@ class RateLimit:
         self._write(self._rendered(None, str(line.get("level", "info")), line) + "\n")
 
     def _rendered(self, logger: object, method: str, line: EventDict) -> str:
-        made: Any = line
+        rendered: Any = line
         for processor in self._render:
-            made = processor(logger, method, made)
-        return str(made)
+            rendered = processor(logger, method, rendered)
+        return str(rendered)
 
     def _set_timer(self) -> None:
         if self._threads and self._timer is None:
@@ -256,7 +259,7 @@ def _key(line: EventDict) -> tuple[object, ...]:
 def _words(value: object) -> object:
     """What makes a value another kind: its words, not its numbers."""
     if isinstance(value, str):
-        return re.sub(r"0x[0-9a-f]+|\d+", "#", value[:512])
+        return re.sub(r"0x[0-9a-f]+|\d+", "#", value[:_KIND_CHARACTERS])
     return value if value is None or isinstance(value, bool) else type(value).__name__
 
 

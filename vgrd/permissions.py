@@ -15,18 +15,19 @@ from typing import Final
 
 from vgrd.errors import InputError
 
-OTHERS: Final = 0o007
+OTHERS: Final = 0o007  # the mode bits of all other users
 _GROUP_ENTERS: Final = 0o050  # members look and read; only the daemon's user changes anything
-_GROUP_READS: Final = 0o040
+_GROUP_READS: Final = 0o040  # of a file
 _GROUP_CONNECTS: Final = 0o060  # connecting to a Unix socket is writing to it
 _FOR_OWNER: Final = 0o700  # of what is new, whatever the umask left of it
+_FILE_OF_OWNER: Final = 0o600
 # Not our file, a file system mounted read-only, an id that the user namespace does not know.
 _REFUSED: Final = (errno.EPERM, errno.EACCES, errno.EROFS, errno.EINVAL)
 
 
 def opener(path: str, flags: int) -> int:
     """For `open(..., opener=opener)`: the file takes after its folder. Raises OSError."""
-    fd = os.open(path, flags | os.O_CLOEXEC, 0o600)
+    fd = os.open(path, flags | os.O_CLOEXEC, _FILE_OF_OWNER)
     try:
         take_after(fd, Path(path).parent)
     except OSError:
@@ -38,7 +39,7 @@ def opener(path: str, flags: int) -> int:
 def make_folder(path: Path, *, exist_ok: bool = True) -> None:
     """Make a folder, and those above it that are missing; an old one stays as it is. Raises OSError."""
     try:
-        path.mkdir(mode=0o700)
+        path.mkdir(mode=_FOR_OWNER)
     except FileNotFoundError:
         make_folder(path.parent)
         make_folder(path, exist_ok=exist_ok)
@@ -51,16 +52,16 @@ def make_folder(path: Path, *, exist_ok: bool = True) -> None:
 
 def take_after(entry: int | Path, folder: Path) -> None:
     """Give a new file, folder or socket of ours the owner, the group and the mode that `folder` means."""
-    above, own = folder.stat(), os.stat(entry)  # noqa: PTH116 (or a descriptor)
+    above, status = folder.stat(), os.stat(entry)  # noqa: PTH116 (or a descriptor)
     us = os.geteuid()
-    if us not in (0, own.st_uid):
+    if us not in (0, status.st_uid):
         return
     closed = not above.st_mode & OTHERS
-    owner = above.st_uid if us == 0 and closed else own.st_uid
+    owner = above.st_uid if us == 0 and closed else status.st_uid
     shared = closed and above.st_mode & _GROUP_ENTERS == _GROUP_ENTERS
-    group = above.st_gid if shared else own.st_gid
-    shared &= _owned(entry, own, owner, group)
-    _set_mode(entry, own.st_mode | _FOR_OWNER, shared=shared)
+    group = above.st_gid if shared else status.st_gid
+    shared &= _has_group(entry, status, owner, group)
+    _set_mode(entry, status.st_mode | _FOR_OWNER, shared=shared)
 
 
 def own_folder(path: Path, group: str, parts: Collection[str]) -> list[Path]:
@@ -144,25 +145,25 @@ def _set_mode(entry: int | Path, mode: int, *, shared: bool) -> None:
 def _mode(mode: int, *, shared: bool) -> int:
     """Keep what the owner may; the group may what it needs or nothing, others nothing."""
     if stat.S_ISDIR(mode):
-        for_owner, for_group = 0o700, _GROUP_ENTERS
+        for_owner, for_group = _FOR_OWNER, _GROUP_ENTERS
     else:
-        for_owner = 0o600
+        for_owner = _FILE_OF_OWNER
         for_group = _GROUP_CONNECTS if stat.S_ISSOCK(mode) else _GROUP_READS
     return mode & for_owner | (for_group if shared else 0)
 
 
-def _owned(entry: int | Path, own: os.stat_result, uid: int, gid: int) -> bool:
+def _has_group(entry: int | Path, status: os.stat_result, uid: int, gid: int) -> bool:
     """Give an entry to `uid` and `gid`; whether it has that group then.
 
     Not called where nothing differs: the service's filter refuses every chown, and knows no need.
     """
-    if (own.st_uid, own.st_gid) != (uid, gid):
+    if (status.st_uid, status.st_gid) != (uid, gid):
         try:
             os.chown(entry, uid, gid)
         except OSError as err:
             if err.errno not in _REFUSED:
                 raise
-            return own.st_gid == gid
+            return status.st_gid == gid
     return True
 
 
