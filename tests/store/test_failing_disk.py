@@ -15,7 +15,7 @@ from fakes.testing import ManualClock
 from fakes.world.samples import Samples
 from vgrd.errors import NoCurrentCalibration, StoreError
 from vgrd.model import Plan
-from vgrd.store import sessions
+from vgrd.store import session_writer
 from vgrd.store.calibrations import CalibrationStore
 from vgrd.store.encoding import encode
 from vgrd.store.retention import make_room
@@ -103,7 +103,7 @@ def disk(monkeypatch):
         monkeypatch.setattr(os, name, failing.wrapped(getattr(os, name)))
     monkeypatch.setattr(io, "open", opened)
     late = functools.partial(SegmentWriter, sync=lambda descriptor: os.fsync(descriptor))
-    monkeypatch.setattr(sessions, "SegmentWriter", late)
+    monkeypatch.setattr(session_writer, "SegmentWriter", late)
     return failing
 
 
