@@ -103,7 +103,7 @@ class AravisCamera:
         self._camera = camera
         self._address = address
         self._clock = clock
-        self._lost = False
+        self._is_lost = False
         self._half_exposure_s = 0.5 * exposure_s
         self._frames = FrameCounter(wrap_at=_LAST_FRAME_ID)
         self._grid = _whole_region(library, camera)
@@ -141,21 +141,21 @@ class AravisCamera:
 
     def _aim(self, region: Region | None) -> None:
         """Let the camera send a region, or the whole picture; it changes only while it stands still."""
-        wanted = None if self._grid is None or region is None else self._grid.around(region)
-        if self._grid is None or wanted == self._region:
+        part = None if self._grid is None or region is None else self._grid.around(region)
+        if self._grid is None or part == self._region:
             return
-        part = wanted or self._grid.whole
+        area = part or self._grid.whole
         call, camera = self._library.call, self._camera
         try:
             call("arv_camera_stop_acquisition", camera)
-            call("arv_camera_set_region", camera, part.x, part.y, part.width, part.height)
+            call("arv_camera_set_region", camera, area.x, area.y, area.width, area.height)
             call("arv_camera_start_acquisition", camera)
         except AravisError as error:
-            self._lost = True
+            self._is_lost = True
             raise DeviceUnavailable(
-                f"the camera at {self._address} does not take region {part}: {error}"
+                f"the camera at {self._address} does not take region {area}: {error}"
             ) from error
-        self._region = wanted
+        self._region = part
         self._frames.restart()
 
     def _trigger(self, timeout_s: float) -> tuple[float, float]:
@@ -180,7 +180,7 @@ class AravisCamera:
         except queue.Empty:
             times = AravisError(f"no answer within {timeout_s:.2f} s")
         if isinstance(times, AravisError):
-            self._lost = True
+            self._is_lost = True
             raise DeviceUnavailable(f"the camera at {self._address} is lost: {times}")
         return times
 
@@ -219,7 +219,7 @@ class AravisCamera:
         A lost camera is left to the end of the process: every word to it would take 2.5 s.
         """
         camera, self._camera = self._camera, None
-        if camera is None or self._lost:
+        if camera is None or self._is_lost:
             return
         with contextlib.suppress(AravisError):
             self._library.call("arv_camera_stop_acquisition", camera)

@@ -20,7 +20,7 @@ from vgrd.errors import BadReading, ConfigError, DeviceError, DeviceRefused, Dev
 from vgrd.geometry import Pose
 
 _SHORTEST_PERIOD_S = 0.01  # chosen: 100 readings a second, where a profile names no refresh
-_SHORTEST_WAIT_S = 0.001  # chosen: pymodbus takes no time limit of 0 or less
+_SHORTEST_WAIT_S = 0.001  # chosen: a time limit of 0 would not wait at all
 _READ_HOLDING_REGISTERS = 3  # Modbus function code; the other one is 4, input registers
 _OFFSET_NUMBERS = 6  # x y z and a rotation vector
 

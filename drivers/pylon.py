@@ -54,14 +54,14 @@ def open(settings: Settings, clock: Clock) -> Camera:  # noqa: A001 - the name o
 
 def connect(options: PylonSettings) -> Any:  # noqa: ANN401 - pypylon has no types
     """Open the camera that the options name."""
-    wanted = pylon.DeviceInfo()
+    description = pylon.DeviceInfo()
     if options.serial is not None:
-        wanted.SetSerialNumber(options.serial)
+        description.SetSerialNumber(options.serial)
     if options.address is not None:
-        wanted.SetIpAddress(options.address)
+        description.SetIpAddress(options.address)
     name = options.serial or options.address or "any"
     try:
-        camera = pylon.InstantCamera(pylon.TlFactory.GetInstance().CreateFirstDevice(wanted))
+        camera = pylon.InstantCamera(pylon.TlFactory.GetInstance().CreateFirstDevice(description))
         camera.Open()
     except genicam.GenericException as error:
         raise DeviceUnavailable(f"cannot open pylon camera {name}: {error}") from error
@@ -149,21 +149,21 @@ class PylonCamera:
 
     def _aim(self, region: Region | None) -> None:
         """Let the camera send a region, or the whole picture; it changes only while it stands still."""
-        wanted = None if self._grid is None or region is None else self._grid.around(region)
-        if self._grid is None or wanted == self._region:
+        part = None if self._grid is None or region is None else self._grid.around(region)
+        if self._grid is None or part == self._region:
             return
-        part, camera = wanted or self._grid.whole, self._camera
+        area, camera = part or self._grid.whole, self._camera
         try:
             camera.StopGrabbing()
             camera.OffsetX.Value = camera.OffsetY.Value = (
                 0  # else offset + size may pass the sensor
             )
-            camera.Width.Value, camera.Height.Value = part.width, part.height
-            camera.OffsetX.Value, camera.OffsetY.Value = part.x, part.y
+            camera.Width.Value, camera.Height.Value = area.width, area.height
+            camera.OffsetX.Value, camera.OffsetY.Value = area.x, area.y
             camera.StartGrabbing(pylon.GrabStrategy_OneByOne)
         except genicam.GenericException as error:
-            raise DeviceUnavailable(f"the camera does not take region {part}: {error}") from error
-        self._region = wanted
+            raise DeviceUnavailable(f"the camera does not take region {area}: {error}") from error
+        self._region = part
         self._frames.restart()
 
     def close(self) -> None:

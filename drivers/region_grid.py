@@ -35,8 +35,8 @@ def _span(
     """First pixel and length along one axis, on the grid and inside the picture; length 0: none fits."""
     end = min(start + length, most)
     first = max(start, 0) // start_step * start_step
-    wanted = -(-(end - first) // length_step) * length_step
-    while first + wanted > most and first >= start_step:
+    size = -(-(end - first) // length_step) * length_step
+    while first + size > most and first >= start_step:
         first -= start_step
-        wanted = -(-(end - first) // length_step) * length_step
-    return first, wanted if 0 < wanted <= most - first else 0
+        size = -(-(end - first) // length_step) * length_step
+    return first, size if 0 < size <= most - first else 0
