@@ -56,7 +56,7 @@ class Connection:
     ) -> None:
         self.peer = peer
         self.requests = 0
-        self.heard_s = self._frame_s = clock.monotonic()
+        self.last_read_s = self._frame_s = clock.monotonic()
         self._socket, self.data, self._clock = link, data, clock
         self._counters, self._forget = counters, forget
         self._buffer = memoryview(bytearray(_BUFFER_BYTES))
@@ -69,19 +69,19 @@ class Connection:
         self._loop.add_reader(link, self._read)
 
     @property
-    def worth(self) -> tuple[int, float]:
-        """What is given up first: who never asked, then who asked once, then the longest silent."""
-        return min(self.requests, _ONCE + 1), self.heard_s
+    def priority(self) -> tuple[int, float]:
+        """The least is closed first: who never asked, then who asked once, then the longest silent."""
+        return min(self.requests, _ONCE + 1), self.last_read_s
 
     def is_polling(self, now_s: float, times: Times) -> bool:
         """Whether a program uses it: it asks again and again, and did just now."""
-        return self.requests > _ONCE and now_s - self.heard_s < times.silent_s
+        return self.requests > _ONCE and now_s - self.last_read_s < times.silent_s
 
     def is_overdue(self, now_s: float, times: Times) -> bool:
         """Whether a frame stays cut, answers are not taken, or nothing was said for too long."""
         if self._filled or self._unsent:
             return now_s - self._frame_s > times.partial_s
-        return now_s - self.heard_s > times.idle_s
+        return now_s - self.last_read_s > times.idle_s
 
     def drop(self, reason: str) -> None:
         """Close without waiting, and count why."""
@@ -106,16 +106,16 @@ class Connection:
             self._close()
             return
         self._filled += received
-        self.heard_s = self._clock.monotonic()
+        self.last_read_s = self._clock.monotonic()
         try:
-            answers, used = self._work_off(bytes(self._buffer[: self._filled]))
+            answers, length = self._answer_frames(bytes(self._buffer[: self._filled]))
         except GarbageError:
             self.drop("garbage")
             return
-        if used:
-            rest = self._filled - used
-            self._buffer[:rest] = bytes(self._buffer[used : self._filled])
-            self._filled, self._frame_s = rest, self.heard_s
+        if length:
+            rest = self._filled - length
+            self._buffer[:rest] = bytes(self._buffer[length : self._filled])
+            self._filled, self._frame_s = rest, self.last_read_s
             self._send(answers)
 
     def _send(self, answers: bytes) -> None:
@@ -139,7 +139,7 @@ class Connection:
     def _send_rest(self) -> None:
         self._send(self._unsent)
 
-    def _work_off(self, received: bytes) -> tuple[bytes, int]:
+    def _answer_frames(self, received: bytes) -> tuple[bytes, int]:
         """Answers to all whole frames, and how many bytes these were. Raises GarbageError."""
         answers, start = [], 0
         counters = self._counters

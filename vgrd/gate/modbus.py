@@ -59,17 +59,17 @@ class ModbusServer:
         self._is_allowed = lru_cache(_PEERS)(self._is_listed)
         self._links: set[Connection] = set()
         self._listeners: list[socket.socket] = []
-        self._resting: list[socket.socket] = []  # listeners, until there are descriptors again
+        self._paused: list[socket.socket] = []  # listeners, until there are descriptors again
 
-    async def listen(self, host: str, port: int, given: socket.socket | None = None) -> int:
+    async def listen(self, host: str, port: int, inherited: socket.socket | None = None) -> int:
         """Open the port and return its number (`port` 0: a free one). Raises ServingError.
 
-        given: a socket that listens already, at that very address.
+        inherited: a socket that listens already, at that very address.
         """
         try:
-            self._listeners = _listeners(host, port) if given is None else [given]
-            if given is not None:
-                _check_address(given, host, port)
+            self._listeners = _listeners(host, port) if inherited is None else [inherited]
+            if inherited is not None:
+                _check_address(inherited, host, port)
             for listener in self._listeners:
                 listener.setblocking(False)
                 listener.listen(_BACKLOG)
@@ -98,7 +98,7 @@ class ModbusServer:
         for listener in self._listeners:
             loop.remove_reader(listener)
             listener.close()
-        self._listeners, self._resting = [], []
+        self._listeners, self._paused = [], []
         for link in list(self._links):
             link.drop("closed")
 
@@ -113,9 +113,9 @@ class ModbusServer:
         for link in list(self._links):
             if link.is_overdue(now, self.limits):
                 link.drop("timeouts")
-        for listener in self._resting:
+        for listener in self._paused:
             self._wait_for_peers(listener)
-        self._resting = []
+        self._paused = []
 
     def _wait_for_peers(self, listener: socket.socket) -> None:
         asyncio.get_running_loop().add_reader(listener, self._accept, listener)
@@ -129,15 +129,15 @@ class ModbusServer:
                 return
             except OSError as error:
                 if error.errno in _SHORTAGE:
-                    self._rest(listener, error)
+                    self._pause(listener, error)
                     return
                 continue  # that peer is gone again
             self._admit(link, str(address[0]))
 
-    def _rest(self, listener: socket.socket, error: OSError) -> None:
+    def _pause(self, listener: socket.socket, error: OSError) -> None:
         log.error("connections_not_accepted", reason=error.strerror)
         asyncio.get_running_loop().remove_reader(listener)
-        self._resting.append(listener)
+        self._paused.append(listener)
 
     def _admit(self, link: socket.socket, peer: str) -> None:
         if not self._is_allowed(peer) or not self._make_room(peer):
@@ -159,7 +159,7 @@ class ModbusServer:
         return any(address in network for network in self._allow)
 
     def _make_room(self, peer: str) -> bool:
-        """Give up the least worth connection, if need be; never one that polls.
+        """Close the connection of the least priority, if need be; never one that polls.
 
         It is one of the same peer when that has too many, else one of the peer that has most.
         """
@@ -170,7 +170,7 @@ class ModbusServer:
                 return True
             crowded_peer = counts.most_common(1)[0][0]
         candidates = (link for link in self._links if link.peer == crowded_peer)
-        least = min(candidates, key=lambda link: link.worth)
+        least = min(candidates, key=lambda link: link.priority)
         if least.is_polling(self.clock.monotonic(), self.limits):
             return False
         least.drop("evicted")
@@ -196,11 +196,11 @@ def _listeners(host: str, port: int) -> list[socket.socket]:
     return listeners
 
 
-def _check_address(given: socket.socket, host: str, port: int) -> None:
+def _check_address(inherited: socket.socket, host: str, port: int) -> None:
     """Raises ServingError unless the socket handed over listens where the cell file says."""
-    address = given.getsockname()[:2]
-    wanted = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM, flags=socket.AI_PASSIVE)
-    if address not in [entry[4][:2] for entry in wanted]:
+    address = inherited.getsockname()[:2]
+    configured = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM, flags=socket.AI_PASSIVE)
+    if address not in [entry[4][:2] for entry in configured]:
         raise ServingError(
             f"the socket unit listens at {address[0]}:{address[1]}, the cell file says"
             f" {host}:{port}: make ListenStream= and [serving] host, port agree"

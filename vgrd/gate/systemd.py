@@ -80,12 +80,12 @@ def inherited_socket() -> socket.socket | None:
             " keep one ListenStream= in the socket unit"
         )
     os.set_inheritable(_FIRST_FD, False)  # the children's business ends at the rings
-    given = socket.socket(fileno=_FIRST_FD)
-    listens = given.getsockopt(socket.SOL_SOCKET, socket.SO_ACCEPTCONN)
-    if given.family not in (socket.AF_INET, socket.AF_INET6) or not listens:
-        given.close()
+    inherited = socket.socket(fileno=_FIRST_FD)
+    listens = inherited.getsockopt(socket.SOL_SOCKET, socket.SO_ACCEPTCONN)
+    if inherited.family not in (socket.AF_INET, socket.AF_INET6) or not listens:
+        inherited.close()
         raise ServingError(
             "the socket handed over is not a listening TCP socket: the socket unit needs"
             " ListenStream=ADDRESS:PORT and Accept=no"
         )
-    return given
+    return inherited

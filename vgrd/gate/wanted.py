@@ -11,29 +11,29 @@ log = structlog.get_logger()
 
 
 class WantedTable:
-    """Looked for by the gate; `asked_unix_s` names the last one, `refused` says why it is not in force."""
+    """The gate looks for it; `asked_unix_s` names the last one, `refused` says why it is not in force."""
 
     def __init__(self, runtime_dir: Path) -> None:
         self.asked_unix_s = 0.0
         self.refused = ""
-        self._wanted = runtime_dir / WANTED_TABLE
-        self._present = runtime_dir / PROCESS_TABLE
+        self._wanted_path = runtime_dir / WANTED_TABLE
+        self._present_path = runtime_dir / PROCESS_TABLE
 
     def take(self, present: GateSettings) -> GateSettings | None:
         """The wanted settings, from now on those of this run; None when there are none to take."""
-        if not self._wanted.exists():
+        if not self._wanted_path.exists():
             return None
         asked_unix_s = 0.0
         try:
-            wanted = load_settings(self._wanted)
+            wanted = load_settings(self._wanted_path)
             asked_unix_s = wanted.loaded_unix_s
             _check_address(wanted, present)
         except ConfigError as error:
             log.error("reload_refused", reason=str(error))  # noqa: TRY400  a line, not a trace
-            self._wanted.unlink()
+            self._wanted_path.unlink()
             self.asked_unix_s, self.refused = asked_unix_s, str(error)
             return None
-        self._wanted.replace(self._present)
+        self._wanted_path.replace(self._present_path)
         return wanted
 
     def is_in_force(self, settings: GateSettings) -> None:
