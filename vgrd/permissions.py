@@ -79,17 +79,17 @@ def own_folder(path: Path, group: str, parts: Collection[str]) -> list[Path]:
         if err.errno not in _REFUSED:
             raise
         _check_close_enough(path, group, gid, err)
-    return [left for part in parts for left in _close_below(path / part, gid)]
+    return [entry for part in parts for entry in _close_below(path / part, gid)]
 
 
 def _check_ours(path: Path, gid: int | None, parts: Collection[str]) -> None:
     """Nobody's home, /tmp or /var/lib may change its mode because a cell file names it."""
-    found = path.stat()
-    wanted = _mode(found.st_mode, shared=gid is not None)
-    if stat.S_IMODE(found.st_mode) == wanted and gid in (None, found.st_gid):
+    status = path.stat()
+    wanted = _mode(status.st_mode, shared=gid is not None)
+    if stat.S_IMODE(status.st_mode) == wanted and gid in (None, status.st_gid):
         return
     strange = any(path.iterdir()) and not any((path / part).exists() for part in parts)
-    if strange or found.st_mode & stat.S_ISVTX:
+    if strange or status.st_mode & stat.S_ISVTX:
         raise InputError(
             f"folder {path}: holds what is not the daemon's, and its mode would have to change to"
             f" {wanted:04o}; name a folder of the daemon's own in [cell], or chmod this one"
@@ -98,15 +98,15 @@ def _check_ours(path: Path, gid: int | None, parts: Collection[str]) -> None:
 
 def _check_close_enough(path: Path, group: str, gid: int | None, error: OSError) -> None:
     """A folder that cannot be changed will do if others are out and the group, if any, is in."""
-    found = path.stat()
+    status = path.stat()
     if error.errno == errno.EROFS:
         return
-    if gid is not None and found.st_gid != gid:
+    if gid is not None and status.st_gid != gid:
         raise InputError(
             f"folder {path}: cannot be given to the group {group!r} ({error.strerror}); run the"
             f" daemon as a user of that group (systemd: Group={group})"
         ) from error
-    if found.st_mode & OTHERS:
+    if status.st_mode & OTHERS:
         raise InputError(
             f"folder {path}: open to other users and not ours to close ({error.strerror});"
             f" chown it to the daemon's user or chmod o= it"
@@ -130,10 +130,10 @@ def _close_below(path: Path, gid: int | None) -> Iterator[Path]:
 
 
 def _close(path: Path, gid: int | None) -> None:
-    found = path.stat()
-    if gid is not None and found.st_gid != gid:
+    status = path.stat()
+    if gid is not None and status.st_gid != gid:
         os.chown(path, -1, gid)
-    _set_mode(path, found.st_mode, shared=gid is not None)
+    _set_mode(path, status.st_mode, shared=gid is not None)
 
 
 def _set_mode(entry: int | Path, mode: int, *, shared: bool) -> None:

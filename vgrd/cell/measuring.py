@@ -27,7 +27,7 @@ EVALUATION_HANG_S = 2.0  # chosen: as long as a device may take for its picture;
 ROBOT_LOST_S = 1.0  # for the TCP that is noted in a session; chosen: five periods of 5 Hz
 HEALTH_STALE_S = 1.5  # a device whose process has been silent so long is refused without a try
 BLIND_S = 0.2  # four missed beats of a device's process: with the registers' 40 ms below 260 ms
-SETTLE_S = 0.5  # chosen: an arm trembles for 0.1 to 0.3 s after a move
+SETTLE_S = 0.5  # chosen: arms are said to tremble for 0.1 to 0.3 s after a move (not measured)
 READINGS_WITHIN_S = 3.0  # chosen: a busy machine delivers readings late
 
 log = structlog.get_logger()

@@ -49,15 +49,15 @@ def rest_pose(
     limits = limits or RestLimits()
     certain_s = _certain_s(readings, limits)
     ordered, stamps = _ordered(readings)
-    before = distinct(stamps[: bisect_right(stamps, stamp_s - certain_s)])
+    earlier = distinct(stamps[: bisect_right(stamps, stamp_s - certain_s)])
     last = bisect_left(stamps, stamp_s + certain_s)
-    wanted = limits.minimum_readings - 1
-    if len(before) < wanted or last == len(stamps):
+    needed = limits.minimum_readings - 1
+    if len(earlier) < needed or last == len(stamps):
         raise TooOld(
-            f"the flange readings do not cover the picture: {len(before)} come before it ({wanted} are "
+            f"the flange readings do not cover the picture: {len(earlier)} come before it ({needed} are "
             f"needed), {len(stamps) - last} after it: is the robot connected?"
         )
-    first = bisect_left(stamps, min(before[-wanted], stamp_s - limits.before_s))
+    first = bisect_left(stamps, min(earlier[-needed], stamp_s - limits.before_s))
     return _agreed(ordered[first : last + 1], reading_period_s(readings), limits)
 
 

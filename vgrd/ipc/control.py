@@ -9,7 +9,7 @@ from vgrd.errors import ControlError, DaemonUnreachable
 from vgrd.ipc.messages import MAX_LINE_BYTES, decode_line, encode_line
 
 _QUEUE_FULL_S = 0.02  # the cell's loop turns at least so often
-_REPLY_S = 10.0  # chosen: twice the 5 s that a sample waits for its picture
+_REPLY_S = 10.0  # chosen: the two pictures of a sample, 5 s each
 _SHORTEST_WAIT_S = 1e-3  # a socket takes 0 for not to wait at all
 _READ_BYTES = 65536  # at once; a longer reply comes in parts
 

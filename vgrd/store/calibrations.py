@@ -82,8 +82,8 @@ class CalibrationStore:
     def save(self, calibration: Calibration) -> str:
         """Store under the next number, which becomes its id and is returned; does not activate."""
         with self._locked():
-            used = [int(name.removeprefix("cal-")) for name in self.list()]
-            name = f"cal-{max(used, default=0) + 1:06d}"
+            numbers = [int(name.removeprefix("cal-")) for name in self.list()]
+            name = f"cal-{max(numbers, default=0) + 1:06d}"
             body = encode(replace(calibration, id=name), name)
             write_document(self._file(name), body, SCHEMA)
         return name
@@ -193,9 +193,9 @@ class CalibrationStore:
         path = self.path / "CURRENT"
         if not _is_there(path):
             last = self._last_activated()
-            before = f" (the file CURRENT is gone; {last} was activated last)" if last else ""
+            hint = f" (the file CURRENT is gone; {last} was activated last)" if last else ""
             raise NoCurrentCalibration(
-                f"no calibration is in use in {self.path}{before}; solve a session and run "
+                f"no calibration is in use in {self.path}{hint}; solve a session and run "
                 "`vgrd activate`"
             )
         remedy = "activate a calibration again: `vgrd activate`"

@@ -224,6 +224,7 @@ def _require(data: object, kind: type, where: str) -> None:
 
 
 def _wrong(data: object, expected: str, where: str) -> Corrupt:
-    found = repr(data)
-    shown = found if len(found) <= _SHOWN_CHARACTERS else f"{found[:_SHOWN_CHARACTERS]}..."
-    return Corrupt(f"{where}: expected {expected}, found {shown}; restore the file from a backup")
+    text = repr(data)
+    if len(text) > _SHOWN_CHARACTERS:
+        text = f"{text[:_SHOWN_CHARACTERS]}..."
+    return Corrupt(f"{where}: expected {expected}, found {text}; restore the file from a backup")

@@ -122,16 +122,16 @@ def read_sealed(path: Path, schema: int, remedy: str = "restore it from a backup
         raise damaged from error
     if not isinstance(sealed, dict) or sealed.keys() != {"schema", "sha256", "body"}:
         raise damaged
-    found = sealed["schema"]
-    if canonical(sealed, indent=1) + b"\n" != text or not isinstance(found, int):
+    stored_schema = sealed["schema"]
+    if canonical(sealed, indent=1) + b"\n" != text or not isinstance(stored_schema, int):
         raise damaged
-    if digest(sealed["body"], found) != sealed["sha256"]:
+    if digest(sealed["body"], stored_schema) != sealed["sha256"]:
         raise damaged
-    if found > schema:
+    if stored_schema > schema:
         raise SchemaTooNew(
-            f"{path}: schema {found} was written by a newer vgrd, this one reads up to {schema}; "
+            f"{path}: schema {stored_schema} was written by a newer vgrd, this one reads up to {schema}; "
             "update vgrd"
         )
-    if found < 1:
-        raise Corrupt(f"{path}: schema {found} is unknown; {remedy}")
-    return Sealed(sealed["body"], sealed["sha256"], found)
+    if stored_schema < 1:
+        raise Corrupt(f"{path}: schema {stored_schema} is unknown; {remedy}")
+    return Sealed(sealed["body"], sealed["sha256"], stored_schema)

@@ -70,8 +70,8 @@ def decode_image(data: bytes) -> CameraImage:
 
 def _empty_bits(levels: NDArray[np.uint16]) -> int:
     """How many of the lowest bits no pixel uses."""
-    used = int(np.bitwise_or.reduce(levels, axis=None))
-    return (used & -used).bit_length() - 1 if used else 0
+    used_bits = int(np.bitwise_or.reduce(levels, axis=None))
+    return (used_bits & -used_bits).bit_length() - 1 if used_bits else 0
 
 
 def _header(data: bytes) -> tuple[int, float]:

@@ -23,6 +23,7 @@ from vgrd.store.sessions import list_sessions, session_directory, session_lock
 
 KEPT_NEWEST = 2  # the session just taught and the one before it
 _REMOVED = ".removed-"
+_GB = 1e9  # bytes, as disks are sold
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,20 +47,20 @@ def make_room(state_dir: Path, quota_bytes: int) -> Room:
     """
     _finish_removals(state_dir)
     sizes = used_bytes(state_dir)
-    used, removed = sum(sizes.values()), []
+    total, removed = sum(sizes.values()), []
     for name in list(sizes)[:-KEPT_NEWEST]:
-        if used <= quota_bytes:
+        if total <= quota_bytes:
             break
         if _remove(state_dir, name):
-            used -= sizes[name]
+            total -= sizes[name]
             removed.append(name)
     trouble = ""
-    if used > quota_bytes:
+    if total > quota_bytes:
         trouble = (
-            f"the sessions take {used / 1e9:.1f} GB of {quota_bytes / 1e9:g} GB and all are needed: "
+            f"the sessions take {total / _GB:.1f} GB of {quota_bytes / _GB:g} GB and all are needed: "
             "raise [recording] quota_gb, or move sessions and the calibrations that cite them away"
         )
-    return Room(used, tuple(removed), trouble)
+    return Room(total, tuple(removed), trouble)
 
 
 @contextmanager
@@ -85,28 +86,28 @@ def _remove(state_dir: Path, name: str) -> bool:
         except Timeout:
             return False
         try:
-            gone = None if name in _cited(state_dir) else _set_aside(directory)
+            removed_path = None if name in _cited(state_dir) else _set_aside(directory)
         finally:
             lock.release()
-    if gone is None:
+    if removed_path is None:
         return False
-    _delete(gone)
+    _delete(removed_path)
     return True
 
 
 def _set_aside(directory: Path) -> Path | None:
     """Rename a session, so that no half of one is ever found; None where somebody reads it."""
-    gone = directory.with_name(_REMOVED + directory.name)
+    removed_path = directory.with_name(_REMOVED + directory.name)
     descriptor = os.open(directory, os.O_RDONLY | os.O_DIRECTORY)
     try:
         fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        directory.replace(gone)
-        sync_directory(gone.parent)
+        directory.replace(removed_path)
+        sync_directory(removed_path.parent)
     except BlockingIOError:
         return None
     finally:
         os.close(descriptor)
-    return gone
+    return removed_path
 
 
 def _cited(state_dir: Path) -> frozenset[str]:
@@ -122,8 +123,8 @@ def _cited(state_dir: Path) -> frozenset[str]:
 
 def _finish_removals(state_dir: Path) -> None:
     """Delete what a kill left of removed sessions."""
-    for gone in (state_dir / "sessions").glob(_REMOVED + "*"):
-        _delete(gone)
+    for removed_path in (state_dir / "sessions").glob(_REMOVED + "*"):
+        _delete(removed_path)
 
 
 def _delete(directory: Path) -> None:

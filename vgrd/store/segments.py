@@ -75,7 +75,7 @@ class SegmentWriter:
         self,
         directory: Path,
         clock: Clock,
-        seconds: float = 60.0,  # chosen: a damaged segment is a minute, and quick to recover
+        seconds: float = 60.0,  # chosen: a kill leaves a minute at most to be recovered
         max_bytes: int = 256 * MIB,  # chosen: some 50 pictures of 12 megapixels (5 MB each)
         backlog_bytes: int = 64 * MIB,  # chosen: a dozen such pictures
         sync: Callable[[int], None] = os.fsync,

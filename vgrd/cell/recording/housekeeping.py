@@ -15,7 +15,7 @@ from vgrd.store.files import guarded
 from vgrd.store.retention import Room, make_room
 
 SWEEP_S = 10.0  # pictures fill 100 MB in this time at most, a tenth of what is kept free
-GB = 1e9
+GB = 1e9  # bytes, as disks are sold
 RESUME = 1.1  # of what must be free, so that the recording does not pause and go on by turns
 
 log = structlog.get_logger()

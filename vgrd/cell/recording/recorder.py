@@ -22,9 +22,9 @@ from vgrd.niceness import give_way
 from vgrd.store.images import encode_image
 from vgrd.store.sessions import SessionWriter
 
-BACKLOG = 200  # writes; chosen: some seconds of a disk that stalls, before anything is dropped
-SAME_PLACE_MM = 0.1  # twice the limit of rest (0.05 mm)
-SAME_PLACE_RAD = 2e-4  # the limit of rest
+BACKLOG = 200  # writes, of which 50 to 175 come a second; chosen: a disk may stall for a second
+SAME_PLACE_MM = 0.1  # chosen: twice the limit of rest (0.05 mm)
+SAME_PLACE_RAD = 2e-4  # chosen: the limit of rest
 SAME_PLACE_PX = 0.5  # of a corner: the noise of a good tag is a tenth of it, a step in light less
 PLACES = 8  # of one rest: a tag that is seen and not seen by turns is recorded once each
 SAMPLE_S = 3.0  # a sample is stored at most this long after its picture
@@ -113,7 +113,7 @@ class Recorder:
         if writer is None or self.paused or pose is None or not (sight.tag_a or sight.tag_b):
             return
         place = RestPlace(pose, sight.tag_b.corners_px if sight.tag_b else None)
-        if any(place.is_same(known) for known in self._places):
+        if any(place.is_same(other) for other in self._places):
             return
         if self._places and not place.is_same_rest(self._places[-1]):
             self._places = []
@@ -149,11 +149,11 @@ class Recorder:
             self._pending += 1
         self._executor.submit(write).add_done_callback(self._written)
 
-    def _written(self, done: Future[object]) -> None:
+    def _written(self, write: Future[object]) -> None:
         """Called in the thread; what is raised here is heard by nobody, so nothing is."""
         with self._counting:
             self._pending -= 1
-        error = done.exception()
+        error = write.exception()
         if isinstance(error, StoreError):
             if not self.trouble:
                 log.error("recording_fails", reason=str(error))

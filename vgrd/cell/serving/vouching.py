@@ -111,8 +111,8 @@ class Vouch:
         return _span_s(whole_period_s, self._latency_s(whole=True))
 
     def _latency_s(self, *, whole: bool) -> float:
-        known = self._latencies_s[whole] or (self.period_s,)
-        return min(max(known), SLOWEST_S)
+        latencies_s = self._latencies_s[whole] or (self.period_s,)
+        return min(max(latencies_s), SLOWEST_S)
 
     def learn(self, stamp_s: float, now_s: float, *, whole: bool) -> None:
         """A picture, exposed at `stamp_s`, was evaluated now."""
