@@ -1,8 +1,8 @@
 """Robots that show their pose in registers of their own Modbus TCP server, read by a profile.
 
-Such registers carry no time: a reading is stamped with the middle of the request less half of the
-robot's refresh period, and is good at standstill only. Where pose and TCP are not in one request
-the pose is read again behind the TCP, and both must be equal.
+Such registers carry no time. A reading is stamped with the middle of the request less half of the
+robot's refresh period; it is right only while the robot stands still. Where pose and TCP need two
+requests, the pose is read again after the TCP, and both poses must be equal.
 """
 
 import logging

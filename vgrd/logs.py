@@ -4,8 +4,8 @@ Standard error may be a pipe that nobody reads, a full disk, a stuck journal, or
 lost then, and counted, but no process waits. That holds for what C libraries, `faulthandler` and
 the interpreter write too, since descriptor 2 itself is exchanged.
 
-A line that says the same again and again is summed up: five a second of a kind, then one that tells
-how many more there were. The first of a kind is always told.
+Lines of one kind are limited to five a second; then one line says how many more there were. The
+first line of a kind is always written.
 """
 
 import atexit

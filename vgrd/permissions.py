@@ -1,8 +1,8 @@
 """Who may read what the daemon writes: its user, one group if the cell file names one, nobody else.
 
-The runtime and the state folder carry the decision in their mode and group. Whatever is made below
-takes after its folder, so that neither the umask of a shell nor the process that writes matters.
-A folder that is open to others is not the daemon's: what is made in it is private.
+The mode and the group of the runtime and the state folder say it. What is made in a folder gets the
+group and the mode of that folder, whatever the umask and whoever writes. A folder that is open to
+others is not the daemon's: what is made in it is private.
 """
 
 import errno

@@ -141,5 +141,5 @@ def test_what_cannot_be_taken_over_is_refused_and_forgotten(
     taken = looking.take(PRESENT)
     assert taken is not None
     assert replace(taken, loaded_unix_s=0.0, processes=()) == replace(PRESENT, processes=())
-    looking.is_in_force(taken)
+    looking.mark_in_force(taken)
     assert (looking.asked_unix_s, looking.refused) == (4.0, "")

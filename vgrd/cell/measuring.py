@@ -73,8 +73,8 @@ class Measuring:
     """Owns the feeds and the detector.
 
     `sight` is the newest evaluated whole picture, `sight_of_object` the newest one that shows tag B.
-    While `watching`, pictures of the region around tag B are taken at the watch rate too (whole ones
-    by a camera that sends no regions); `on_watch` hears of every picture, `on_sight` of whole ones.
+    While `watching`, pictures of the region around tag B are taken at the watch rate too; a camera that
+    sends no regions takes whole ones. `on_watch` is called with every picture, `on_sight` with whole ones.
     """
 
     def __init__(

@@ -1,8 +1,8 @@
 """Was the robot at rest, and where: pure judgement on flange readings, at whatever rate they come.
 
-The stamp of a reading is good to half of the robot's period: some robots refresh their registers
-unseen. So a reading tells surely what was before or after an instant only when it is half a period
-away from it, and an arm that moved during an exposure stands elsewhere after it than before.
+The stamp of a reading is certain to half of the robot's period, since some robots refresh their
+registers unseen. So a reading is surely from before (or after) an instant only when it is half a
+period away from it. An arm that moved during an exposure stands elsewhere after it than before.
 """
 
 from bisect import bisect_left, bisect_right

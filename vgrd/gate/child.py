@@ -1,8 +1,8 @@
 """One child process: started so that it cannot outlive the gate, watched through a pidfd.
 
-The gate has one thread, so code between fork and exec is sound (`preexec_fn`), and it spares every
-child a launcher of its own. PDEATHSIG holds across exec and is not seen by SIGTERM handlers or the
-GIL: a child that hangs in a vendor's library dies with the gate, however that ends.
+The gate has one thread, so code may run between fork and exec (`preexec_fn`): no child needs a
+launcher. The kernel sends PDEATHSIG when the gate ends. It holds across exec, and neither a handler
+nor the GIL can stop it: a child that hangs in a vendor's library dies with the gate.
 """
 
 import asyncio

@@ -145,10 +145,10 @@ class Gate:
         self._settings, counters = wanted, self._bank.counters
         self._bank = self._new_bank()
         self._bank.counters.update(counters)
-        self._bank.cell_lost()  # its last words were of the table before
+        self._bank.cell_lost()  # its last image belongs to the old table
         self._server.serve_from_now_on(self._bank, wanted.allow)
         self._supervisor.start()
-        self._wanted.is_in_force(wanted)
+        self._wanted.mark_in_force(wanted)
 
     async def _shut_down(self) -> None:
         log.info("stopping")

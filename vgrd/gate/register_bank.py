@@ -48,9 +48,9 @@ _BLOCKS = (
 class RegisterBank:
     """Registers, coils and inputs, and the one request that may be pending.
 
-    `forward` passes a request to the cell and tells whether that was possible; `abort` tells the
-    cell that nobody waits any more. The nonces of the requests begin anywhere in 2^63, so that what
-    an earlier gate's cell answered is never taken for an answer to this one.
+    `forward` passes a request to the cell and returns whether that was possible. `abort` tells the
+    cell that nobody waits any more. The nonces of the requests begin at a random number: an answer
+    to an earlier gate is never taken for an answer to this one.
     """
 
     def __init__(
@@ -122,8 +122,8 @@ class RegisterBank:
     def write_coils(self, address: int, values: Sequence[bool]) -> bool:
         """Rising edges: of coil 0 a request with TRIG + 1, of coil 1 clears.
 
-        A coil comes with parameters that were written at any time before. Policy 3 is refused then:
-        how the wrist will stand belongs to one request.
+        The parameters may have been written at any time before. So policy 3 is refused: an
+        orientation belongs to one request.
         """
         if address + len(values) > len(self._coils):
             return False

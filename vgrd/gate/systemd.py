@@ -14,22 +14,22 @@ log = structlog.get_logger()
 
 
 class ServiceManager:
-    """Who started the daemon and wants to hear of it; what it does not take now is told again.
+    """The service manager that started the daemon; a message that it does not take is sent again.
 
-    Its queue may be full for a while, or it may be restarting: no reason for a gate that serves to
-    end. If it hears nothing for too long, it ends the gate by itself.
+    Its queue may be full for a while, or it may be restarting. A gate that serves does not end for
+    that. A service manager that hears nothing for too long ends the gate.
     """
 
     def __init__(self) -> None:
         self._unsent: dict[str, str] = {}
 
     def tell(self, **variables: str) -> bool:
-        """Say READY="1", STATUS="...", WATCHDOG="1" or STOPPING="1"; False: not taken yet."""
+        """Send READY="1", STATUS="...", WATCHDOG="1" or STOPPING="1"; False: not taken yet."""
         self._unsent |= variables
         return self.catch_up()
 
     def catch_up(self) -> bool:
-        """Say what was not taken before."""
+        """Send what was not taken before."""
         if not self._unsent:
             return True
         try:

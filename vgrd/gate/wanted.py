@@ -36,7 +36,7 @@ class WantedTable:
         self._wanted_path.replace(self._present_path)
         return wanted
 
-    def is_in_force(self, settings: GateSettings) -> None:
+    def mark_in_force(self, settings: GateSettings) -> None:
         """Note that all processes run on these settings."""
         self.asked_unix_s, self.refused = settings.loaded_unix_s, ""
 

@@ -77,7 +77,7 @@ class ProcessReport:
 class GateReport:
     """What the gate publishes for `vgrd status`: processes, and counters of the Modbus server.
 
-    asked_unix_s: names the last table that was to be taken over, refused: why it was not; "" when it was.
+    asked_unix_s: names the last table that was to be taken over. refused: why it was not, else "".
     """
 
     pid: int

@@ -1,6 +1,6 @@
-"""What older versions wrote, step by step as this one would have written it.
+"""Turns documents of older versions into those of this version.
 
-Every document carries its schema. A step takes the JSON of one schema and gives that of the next.
+Every document carries its schema. A step takes the JSON of one schema and returns that of the next.
 """
 
 from collections.abc import Callable
