@@ -36,6 +36,7 @@ Retrying is decided by type. Messages name what, where and the remedy.
 
 import os
 from collections.abc import Iterator, Sequence
+from typing import Self
 
 
 class VgrdError(Exception):

@@ -246,7 +246,7 @@ class RegisterBank:
         self._pending, self._answered_request, self._refusal = request, None, None
         self._remember_answer()
         self._overdue_s = now + (request.timeout_s or self._timeout_s)
-        if from_coil and request.policy is Policy.REQUESTED:
+        if from_coil and request.policy is PolicyCode.REQUESTED:
             self._abort()
             self._refuse(Status.BAD_PARAMETER, _OPT)
             return

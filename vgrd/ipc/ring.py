@@ -190,29 +190,6 @@ class RingReader:
                 return message
         raise IpcError(f"{self._map.path}: no whole message in {_ATTEMPTS} attempts")
 
-    def newest_into(self, buffer: bytearray | memoryview) -> Receipt | None:
-        """Copy the last payload into `buffer` (one memcpy). Raises IpcError if it does not fit."""
-        target = memoryview(buffer).cast("B")
-        for _ in range(_ATTEMPTS):
-            ring = self._current()
-            index = ring.words[LAST]
-            start = ring.slot_at(index)
-            if ring.words[start // 8] == 0:
-                return None
-            head = whole_header(ring, start, index)
-            if head is None:
-                continue
-            stamp_s, length, crc = head
-            if length > target.nbytes:
-                raise IpcError(
-                    f"{ring.path}: message of {length} bytes, buffer of {target.nbytes}"
-                )
-            offset = start + SLOT_HEADER_BYTES
-            target[:length] = ring.bytes[offset : offset + length]
-            if is_whole(ring, start, index, crc, target[:length]):
-                return Receipt(index, stamp_s, length)
-        raise IpcError(f"{self._map.path}: no whole message in {_ATTEMPTS} attempts")
-
     def since(self, index: int) -> list[Message]:
         """Return the messages after `index` that are still there, oldest first.
 

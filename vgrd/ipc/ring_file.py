@@ -14,7 +14,7 @@ FILE = struct.Struct("=8sQQQ16s")
 HEADER_BYTES = 4096  # a page
 CACHE_LINE_BYTES = 64  # of x86 and most ARM: words in lines of their own do not slow each other
 _LINE_WORDS = CACHE_LINE_BYTES // 8
-GENERATION, LAST, RETIRED = 2 * _LINE_WORDS, 3 * _LINE_WORDS, 4 * _LINE_WORDS
+LAST, RETIRED = 3 * _LINE_WORDS, 4 * _LINE_WORDS
 SLOT_HEADER_BYTES = CACHE_LINE_BYTES
 SLOT = struct.Struct("=QdQ")  # index, stamp_s, length; follows the sequence
 CRC_OFFSET = 8 + SLOT.size
