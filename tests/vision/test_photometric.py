@@ -159,7 +159,7 @@ def test_pictures_that_may_be_written_and_those_that_may_not_share_the_compiled_
     from vgrd.vision.alignment import edge_response as shares
     from vgrd.vision.alignment import gathering, photometric
     from vgrd.vision.alignment import normal_equations as kernels
-    from vgrd.vision.tags.tag_finder import tag_finder as tags
+    from vgrd.vision.tags import tag_finder as tags
 
     tags.warm_up()
     modules = (edges, gathering, kernels, photometric, shares)
