@@ -2,7 +2,7 @@
 
 Of the cells' lines the two nearest in either direction count. Where two cross, the share is the bivariate
 normal distribution, whose correlation their angle gives: a product of two error functions instead
-errs by 0.02 px at 60 degrees.
+errs by 0.02 px at 60 degrees. Numbers in comments are the equations of docs/photometric.md.
 """
 
 import math
@@ -11,8 +11,9 @@ from vgrd.geometry import Array
 from vgrd.vision.alignment.raster_lines import distance
 from vgrd.vision.images.compiling import inlined
 
-_NEAR = 4.2  # sigma beyond which an edge is not felt
-_PER_TURN = 0.15915494309189535
+_NEAR = 4.2  # sigma beyond which an edge is not felt: 1.3e-5 of the contrast, 0.003 grey levels
+_PER_TURN = 0.15915494309189535  # 1 / (2 pi) of eq. 7
+_PEAK = 0.3989422804014327  # 1 / sqrt(2 pi): the normal density at 0
 
 
 @inlined
@@ -22,8 +23,8 @@ def _normal(h: float) -> tuple[float, float]:
         return 1.0, 0.0
     if h < -_NEAR:
         return 0.0, 0.0
-    density = 0.3989422804014327 * math.exp(-0.5 * h * h)
-    t = 1.0 / (1.0 + 0.2316419 * abs(h))
+    density = _PEAK * math.exp(-0.5 * h * h)
+    t = 1.0 / (1.0 + 0.2316419 * abs(h))  # this and the next five numbers: 26.2.17
     tail = t * (
         0.31938153 + t * (-0.356563782 + t * (1.781477937 + t * (-1.821255978 + t * 1.330274429)))
     )
@@ -43,7 +44,7 @@ def _step(here: float, before: float, after: float) -> float:
 def _crossing(
     N: Array, K: float, h: float, k: float, F: float, G: float, f: float, g: float, out: Array
 ) -> tuple[float, float, float]:
-    """What the correlation of two lines adds to the share, and to its slopes by their distances h and k.
+    """What the correlation of two lines adds to the share and to its slopes by their distances h and k.
 
     N: row of `node_table`; K: second difference of the colours; F, G, f, g: distributions and
     densities at h and k. Adds the slopes by the blur to out[2:5].
@@ -53,14 +54,14 @@ def _crossing(
     rho, narrow, squares, product = N[0], N[1], h * h + k * k, 2.0 * h * k
     excess = 0.0
     for m in range(4):
-        excess += N[13 + m] * math.exp((squares - product * N[5 + m]) * N[9 + m])
+        excess += N[13 + m] * math.exp((squares - product * N[5 + m]) * N[9 + m])  # 7
     turn = K * _PER_TURN * narrow
     turn *= math.exp(-0.5 * narrow * narrow * (squares - product * rho))
     for m in range(3):
-        out[2 + m] += turn * N[2 + m]
-    by_h = K * f * (_normal((k - rho * h) * narrow)[0] - G)
-    by_k = K * g * (_normal((h - rho * k) * narrow)[0] - F)
-    return K * excess, by_h, by_k
+        out[2 + m] += turn * N[2 + m]  # 13, the crossings
+    slope_h = K * f * (_normal((k - rho * h) * narrow)[0] - G)  # 11
+    slope_k = K * g * (_normal((h - rho * k) * narrow)[0] - F)
+    return K * excess, slope_h, slope_k
 
 
 @inlined
@@ -89,7 +90,7 @@ def share(
     c0, c1, c2 = cells[v2, u0], cells[v2, ku], cells[v2, u2]
     l0, l1, l2 = a1 - a0, b1 - b0, c1 - c0
     r0, r1, r2 = a2 - a1, b2 - b1, c2 - c1
-    # The steps of colour give the direction of the bloom.
+    # 5: the step of colour gives the direction of the bloom.
     sl, sr, st, sb = 0.0, 0.0, 0.0, 0.0
     if near_l:
         sl = _step(l1, l0 if near_t else 0.0, l2 if near_b else 0.0)
@@ -108,11 +109,11 @@ def share(
     Pr, fr = _normal(hr)
     Pt, ft = _normal(kt)
     Pb, fb = _normal(kb)
-    t0 = a0 + l0 * Pl + r0 * Pr
+    t0 = a0 + l0 * Pl + r0 * Pr  # 6
     t1 = b0 + l1 * Pl + r1 * Pr
     t2 = c0 + l2 * Pl + r2 * Pr
     T = t0 + (t1 - t0) * Pt + (t2 - t1) * Pb
-    gl = fl * (l0 + (l1 - l0) * Pt + (l2 - l1) * Pb)
+    gl = fl * (l0 + (l1 - l0) * Pt + (l2 - l1) * Pb)  # the slopes of 6 by the distances
     gr = fr * (r0 + (r1 - r0) * Pt + (r2 - r1) * Pb)
     gt, gb = ft * (t1 - t0), fb * (t2 - t1)
     for i in range(3):
@@ -127,14 +128,15 @@ def share(
         e, h, k = _crossing(nodes[ku + 1, kv + 1], r2 - r1, hr, kb, Pr, Pb, fr, fb, out)
         T, gr, gb = T + e, gr + h, gb + k
     wl, wr, wt, wb = gl * U[ku, 3], gr * U[ku + 1, 3], gt * V[kv, 3], gb * V[kv + 1, 3]
+    # 12
     out[0] = wl * U[ku, 0] + wr * U[ku + 1, 0] + wt * V[kv, 0] + wb * V[kv + 1, 0]
     out[1] = wl * U[ku, 1] + wr * U[ku + 1, 1] + wt * V[kv, 1] + wb * V[kv + 1, 1]
     for i in range(3):
-        out[2 + i] -= (
+        out[2 + i] -= (  # 13, the lines
             gl * hl * U[ku, 4 + i]
             + gr * hr * U[ku + 1, 4 + i]
             + gt * kt * V[kv, 4 + i]
             + gb * kb * V[kv + 1, 4 + i]
         )
-    out[5] = -(wl * sl + wr * sr + wt * st + wb * sb)
+    out[5] = -(wl * sl + wr * sr + wt * st + wb * sb)  # 14
     return float(T)

@@ -1,4 +1,7 @@
-"""Compiled choice of the pixels that a raster is fitted to: all near its edges, some of the flat ones."""
+"""Compiled choice of the pixels that a raster is fitted to: all near its edges, some of the flat ones.
+
+Numbers in comments are the equations of docs/photometric.md.
+"""
 
 import math
 
@@ -13,9 +16,11 @@ from vgrd.vision.images.warp import pixel_at, q_at, ray, slopes
 
 Cells = NDArray[np.intp]
 
-_BLOCK, _PART = 16, 4  # px; blocks and their parts without an edge are passed over
-_PAPER_PX = 2.0  # paper used beyond the reach of the outer edges
-_AWAY, _FLAT, _MIXED = 0, 1, 2
+_BLOCK = 16  # px: judged as a whole first, and mapped linearly to q; (2) removes what that misses
+_PART = 4  # px: judged next; 16 flat pixels tell no more of the light's slope than one of them
+_PAPER_PX = 2.0  # paper beyond the outer edges' reach: a few flat pixels of white, no clutter
+_RIM_SHARE = 0.4  # of the outermost cell, left out at its outer side where it is narrow
+_AWAY, _FLAT, _MIXED = 0, 1, 2  # what `_kind` says of a square
 _TO_CORNER = math.sqrt(0.5)  # of a square's side
 
 
@@ -33,16 +38,17 @@ def gather(
     """Choose the pixels of a target: all within `reach` px of an edge, then one flat one per part.
 
     raster: x lines, y lines, cells. Returns q (n, 2), level (n,), cell (n, 2) as (column, row), the
-    number of edge pixels, the number of places outside the picture, and (m, 3) colour, level and second
-    difference along the row of flat pixels.
+    number of edge pixels, the number of pixels that would lie outside the picture, and for the noise
+    (m, 3) of flat pixels: colour, level, second difference along the row.
     """
     x, y, cells = raster
     isotropic = np.array([1.0, 0.0, 1.0])
     U, V = line_table(Hi, x, 0, isotropic), line_table(Hi, y, 1, isotropic)
     left, top, right, bottom = _bounds(lens, r0, F, H, x, y, picture.shape)
     room = max(right - left + _BLOCK, 0) * max(bottom - top + _BLOCK, 0)
-    place, spot, flat = np.empty((room, 2)), np.empty((room, 4), np.intp), np.empty(room, np.intp)
-    found = 0
+    rough_q, spot = np.empty((room, 2)), np.empty((room, 4), np.intp)
+    flat = np.empty(room, np.intp)
+    count = 0
     for by in range(top, bottom, _BLOCK):
         for bx in range(left, right, _BLOCK):
             local = _local_map(lens, r0, F, bx + 0.5 * (_BLOCK - 1), by + 0.5 * (_BLOCK - 1))
@@ -55,25 +61,39 @@ def gather(
                     dy = py + 0.5 * (_PART - 1) - by - 0.5 * (_BLOCK - 1)
                     qx = local[0] + local[2] * dx + local[3] * dy
                     qy = local[1] + local[4] * dx + local[5] * dy
-                    part = kind
+                    part_kind = kind
                     if kind == _MIXED:
-                        part = _kind(U, V, cells, qx, qy, _TO_CORNER * (_PART - 1) + reach)
-                    if part != _AWAY:
-                        around = (qx, qy, local[2], local[3], local[4], local[5])
-                        is_flat = part == _FLAT
-                        found = _scan(
-                            U, V, cells, around, px, py, is_flat, reach, place, spot, flat, found
+                        part_kind = _kind(U, V, cells, qx, qy, _TO_CORNER * (_PART - 1) + reach)
+                    if part_kind != _AWAY:
+                        part_map = (qx, qy, local[2], local[3], local[4], local[5])
+                        is_flat = part_kind == _FLAT
+                        count = _scan(
+                            U,
+                            V,
+                            cells,
+                            part_map,
+                            px,
+                            py,
+                            is_flat,
+                            reach,
+                            rough_q,
+                            spot,
+                            flat,
+                            count,
                         )
-    return _read(picture, lens, r0, F, place, spot, flat, found, cells)
+    return _read(picture, lens, r0, F, rough_q, spot, flat, count, cells)
 
 
 @compiled
 def _bounds(
     lens: Array, r0: Array, F: Array, H: Array, x: Array, y: Array, shape: tuple[int, int]
 ) -> tuple[int, int, int, int]:
-    """Rectangle of pixels that holds the raster: left, top, right, bottom, not far outside the picture."""
+    """Rectangle of pixels that holds the raster: left, top, right, bottom.
+
+    At most one picture beyond the picture's own rim, so that a wild homography costs no memory.
+    """
     Fi = np.asarray(np.linalg.inv(F), dtype=np.float64)
-    low_x, low_y, high_x, high_y = 1e9, 1e9, -1e9, -1e9
+    low_x, low_y, high_x, high_y = 1e9, 1e9, -1e9, -1e9  # farther out than any picture's pixel
     for X in (x[0], x[-1]):
         for Y in (y[0], y[-1]):
             qx, qy = q_at(H, X, Y)
@@ -109,7 +129,7 @@ def _local_map(
 
 @inlined
 def _kind(U: Array, V: Array, cells: Array, qx: float, qy: float, radius: float) -> int:
-    """Whether the surroundings of a place are off the raster, of one colour, or mixed."""
+    """Whether what lies within `radius` px of q is off the raster, of one colour, or mixed."""
     rows, columns = cells.shape
     ku, left, right = strip_around(U, qx, qy, columns // 2)
     kv, above, below = strip_around(V, qx, qy, rows // 2)
@@ -133,19 +153,20 @@ def _scan(
     U: Array,
     V: Array,
     cells: Array,
-    around: tuple[float, float, float, float, float, float],
+    part_map: tuple[float, float, float, float, float, float],
     px: int,
     py: int,
     is_flat: bool,
     reach: float,
-    place: Array,
+    rough_q: Array,
     spot: Cells,
     flat: NDArray[np.intp],
-    found: int,
+    count: int,
 ) -> int:
-    """Add the pixels of a part of a block: q, (x, y, column, row), flat; returns how many there are now.
+    """Add the pixels of one part to rough_q, spot and flat; returns how many they hold now.
 
-    flat: 0 near an edge, 1 for a flat pixel, 2 for the first pixel of a part that is all flat.
+    part_map: q of the part's middle and its derivative by the pixel. spot: (x, y, column, row). flat: 0
+    near an edge, 1 for a flat pixel, 2 for the first pixel of a part that is all flat.
     """
     rows, columns = cells.shape
     ku, kv = columns // 2, rows // 2
@@ -154,29 +175,29 @@ def _scan(
     for j in range(side):
         for i in range(side):
             dx, dy = i - middle, j - middle
-            qx = around[0] + around[2] * dx + around[3] * dy
-            qy = around[1] + around[4] * dx + around[5] * dy
+            qx = part_map[0] + part_map[2] * dx + part_map[3] * dy
+            qy = part_map[1] + part_map[4] * dx + part_map[5] * dy
             ku, left, right = strip_around(U, qx, qy, ku)
             kv, above, below = strip_around(V, qx, qy, kv)
             if not (0 <= ku < columns and 0 <= kv < rows):
                 continue
-            near = (left < reach, right < reach, above < reach, below < reach)
+            near = (left < reach, right < reach, above < reach, below < reach)  # 15
             edge = not is_flat and _varies(cells, ku, kv, near)
             if not edge and (i > 0 or j > 0):
                 continue
             if _usable(ku, columns, left, right, reach) and _usable(kv, rows, above, below, reach):
-                place[found, 0], place[found, 1] = qx, qy
-                spot[found, 0], spot[found, 1] = px + i, py + j
-                spot[found, 2], spot[found, 3] = ku, kv
-                flat[found] = 0 if edge else 2 if is_flat else 1
-                found += 1
-    return found
+                rough_q[count, 0], rough_q[count, 1] = qx, qy
+                spot[count, 0], spot[count, 1] = px + i, py + j
+                spot[count, 2], spot[count, 3] = ku, kv
+                flat[count] = 0 if edge else 2 if is_flat else 1
+                count += 1
+    return count
 
 
 @inlined
 def _usable(k: int, strips: int, low: float, high: float, reach: float) -> bool:
-    """Whether a place is far enough from the rim of the raster, and not far out on the paper."""
-    rim = min(reach, 0.4 * (low + high))
+    """Whether a pixel in strip k is far enough from the raster's rim, and not far out on the paper."""
+    rim = min(reach, _RIM_SHARE * (low + high))
     if k == 0:
         return low > rim and high < reach + _PAPER_PX
     if k == strips - 1:
@@ -205,54 +226,57 @@ def _read(
     lens: Array,
     r0: Array,
     F: Array,
-    place: Array,
+    rough_q: Array,
     spot: Cells,
     flat: NDArray[np.intp],
-    found: int,
+    count: int,
     cells: Array,
 ) -> tuple[Array, Array, Cells, int, int, Array]:
-    """Levels and exact q of the chosen pixels, those near edges first."""
+    """Levels and exact q of the chosen pixels, those near edges first; returns what `gather` does."""
     height, width = picture.shape
     Fi = np.asarray(np.linalg.inv(F), dtype=np.float64)
-    q, level, cell = np.empty((found, 2)), np.empty(found), np.empty((found, 2), np.intp)
-    bends = np.empty((2 * _PART * found, 3))
-    edges, total, lost, plain = 0, 0, 0, 0
-    for flats in (False, True):
-        for i in range(found):
-            if (flat[i] > 0) != flats:
+    q, level, cell = np.empty((count, 2)), np.empty(count), np.empty((count, 2), np.intp)
+    bends = np.empty((2 * _PART * count, 3))
+    edges, total, lost, bend_count = 0, 0, 0, 0
+    for is_flat_turn in (False, True):
+        for i in range(count):
+            if (flat[i] > 0) != is_flat_turn:
                 continue
             px, py = spot[i, 0], spot[i, 1]
             if px < 0 or py < 0 or px >= width or py >= height:
                 lost += 1
                 continue
-            x, y = place[i, 0], place[i, 1]
+            x, y = rough_q[i, 0], rough_q[i, 1]
             u, v = pixel_at(lens, r0, Fi, x, y)
-            q[total, 0], q[total, 1] = x + (px - u), y + (py - v)  # q moves as pixels do
+            q[total, 0], q[total, 1] = x + (px - u), y + (py - v)  # 2: q moves as pixels do
             level[total] = picture[py, px]
             cell[total, 0], cell[total, 1] = spot[i, 2], spot[i, 3]
             total += 1
-            if flats:
+            if is_flat_turn:
                 colour = cells[spot[i, 3], spot[i, 2]]
                 side = _PART if flat[i] > 1 else 1
-                plain = _bend(picture, px, py, side, colour, bends, plain)
-        if not flats:
+                bend_count = _bend(picture, px, py, side, colour, bends, bend_count)
+        if not is_flat_turn:
             edges = total
-    return q[:total], level[:total], cell[:total], edges, lost, bends[:plain]
+    return q[:total], level[:total], cell[:total], edges, lost, bends[:bend_count]
 
 
 @compiled
 def _bend(
-    picture: Grey, px: int, py: int, side: int, colour: float, bends: Array, plain: int
+    picture: Grey, px: int, py: int, side: int, colour: float, bends: Array, count: int
 ) -> int:
-    """Add second differences along the rows of a flat square of pixels; returns how many there are now."""
+    """Add second differences along the rows of a flat square of pixels; returns how many there are now.
+
+    Every second row, since rows of one light tell the same.
+    """
     height, width = picture.shape
     first, last = (px, px + 1) if side == 1 else (px + 1, px + side - 1)
     if first < 1 or last >= width or py + side > height:
-        return plain
+        return count
     for y in range(py, py + side, 2):
         for x in range(first, last):
             here = float(picture[y, x])
-            bends[plain, 0], bends[plain, 1] = colour, here
-            bends[plain, 2] = float(picture[y, x - 1]) - 2 * here + float(picture[y, x + 1])
-            plain += 1
-    return plain
+            bends[count, 0], bends[count, 1] = colour, here
+            bends[count, 2] = float(picture[y, x - 1]) - 2 * here + float(picture[y, x + 1])
+            count += 1
+    return count

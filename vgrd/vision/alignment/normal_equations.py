@@ -1,8 +1,8 @@
 """Compiled normal equations of the photometric fit.
 
-Model of a pixel's level: gain(q) T(q) + offset(q), T the share of white under a Gaussian of covariance S
-(px^2, `vgrd.vision.alignment.edge_response`). "Bloom" moves every edge towards white by as many pixels: ink spread,
-gamma and clipping.
+Model of a pixel's level: gain(q) T(q) + offset(q). T is the share of white under a Gaussian of covariance S, px^2
+(`vgrd.vision.alignment.edge_response`). The bloom moves every edge towards white by as many pixels: ink spread,
+gamma and clipping do that. Numbers in comments are the equations of docs/photometric.md.
 
 Parameters, in this order: 8 of the homography (motion of q / scale: (a b c, d e f, g h 0)), 3 of S
 (xx, xy, yy), bloom, then gain and offset as polynomials of q / scale (3 or 6 terms each).
@@ -19,7 +19,7 @@ from vgrd.vision.alignment.raster_lines import line_table, node_table
 from vgrd.vision.images.compiling import compiled, inlined
 
 SHAPE, BLOOM, LIGHT = 8, 11, 12  # first index of each group of parameters
-_BATCH = 128  # samples whose derivatives are kept in the processor's cache
+_BATCH = 128  # pixels whose derivatives, 24 rows at most, take 24 KiB: they stay in a cache of 32
 
 
 @compiled
@@ -69,8 +69,8 @@ def accumulate(
             T = cells[cell[i, 1], cell[i, 0]]
             slope[:] = 0.0
         _fill(J, filled, slope, mono, terms, T, bright, scale)
-        model = bright * T + dark
-        weight = 1.0 / (noise[0] * max(model, 0.0) + noise[1])
+        model = bright * T + dark  # 8
+        weight = 1.0 / (noise[0] * max(model, 0.0) + noise[1])  # 16
         r[filled], w[filled] = level[i] - model, weight
         residual[i] = r[filled] * math.sqrt(weight)
         chi2 += residual[i] * residual[i]
@@ -87,25 +87,25 @@ def accumulate(
 
 @inlined
 def _fill(
-    J: Array, at: int, slope: Array, mono: Array, terms: int, T: float, bright: float, scale: float
+    J: Array, k: int, slope: Array, mono: Array, terms: int, T: float, bright: float, scale: float
 ) -> None:
-    """Derivatives of one level by all parameters, into column `at`."""
+    """Derivatives of one level by all parameters, into column k."""
     X, Y = mono[1], mono[2]
-    gx, gy = -bright * slope[0] * scale, -bright * slope[1] * scale
-    J[0, at], J[1, at], J[2, at] = gx * X, gx * Y, gx
-    J[3, at], J[4, at], J[5, at] = gy * X, gy * Y, gy
+    gx, gy = -bright * slope[0] * scale, -bright * slope[1] * scale  # 10
+    J[0, k], J[1, k], J[2, k] = gx * X, gx * Y, gx  # 9
+    J[3, k], J[4, k], J[5, k] = gy * X, gy * Y, gy
     pull = -(gx * X + gy * Y)
-    J[6, at], J[7, at] = pull * X, pull * Y
+    J[6, k], J[7, k] = pull * X, pull * Y
     for m in range(4):
-        J[SHAPE + m, at] = bright * slope[2 + m]
+        J[SHAPE + m, k] = bright * slope[2 + m]
     for m in range(terms):
-        J[LIGHT + m, at] = T * mono[m]
-        J[LIGHT + terms + m, at] = mono[m]
+        J[LIGHT + m, k] = T * mono[m]
+        J[LIGHT + terms + m, k] = mono[m]
 
 
 @compiled
 def _add(A: Array, g: Array, J: Array, r: Array, w: Array, filled: int) -> None:
-    """Add a batch to the lower half of the normal equations."""
+    """Add a batch to the lower half of the normal equations (17)."""
     weighted = np.empty(filled)
     for m in range(len(g)):
         total = 0.0

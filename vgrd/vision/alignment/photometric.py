@@ -1,8 +1,9 @@
 """Photometric alignment: the homography of a printed raster from all of its pixels, at the noise limit.
 
 Gauss-Newton over 8 parameters of the homography, 3 of the blur, bloom, and a gain and an offset that
-vary over the target. The result are the four corners with their covariance, which carry all that
+vary over the target. The result is the four corners with their covariance. They carry all that
 the picture tells: a pose is fitted to them, not to the pixels (`vgrd.vision.tags.planar_pose`).
+Numbers in comments are the equations of docs/photometric.md.
 """
 
 from dataclasses import dataclass
@@ -18,28 +19,36 @@ from vgrd.vision.images.noise import Noise, noise_in
 from vgrd.vision.images.warp import LocalFrame
 from vgrd.vision.print.raster import Raster
 
-_SIGMA_PX = 0.8  # blur to start from
-_REACH_SIGMAS = 3.4
-_MARGIN_PX = 0.5  # by which the start may be off
-_QUADRATIC_LIGHT_PX = 400.0  # larger targets need a light that bends
-_MAX_STEPS = 14
-_SPARSE, _MANY, _FEWEST = 4, 4000, 60  # every fourth pixel while there are many; too few to fit
-_ENOUGH_FOR_LIGHT = 1500
-_SETTLED_PX, _STILL_PX, _FARTHEST_PX = 0.2, 0.01, 6.0  # a step squared is what a step leaves
-_LEAST_CONTRAST = 6.0
-_ANISOTROPY_PX2 = 0.5  # believed difference of the variances of the blur along two directions
-_BLUR_RANGE_PX = (0.35, 6.0)
+_SIGMA_PX = 0.8  # blur to start from: a sharp lens, 0.7 px, and the pixel's square, 0.29 px
+_REACH_SIGMAS = 3.4  # beyond lie erfc(3.4) = 1.5e-6 of what an edge tells of its place (15)
+_MARGIN_PX = 0.5  # error of the start; the fit of edges before errs by 0.07 at most, drawn tags
+_QUADRATIC_LIGHT_PX = 400.0  # planes of light: 1.3 times the bound at 404 px, 2.9 times at 638 px
+_MAX_STEPS = 14  # drawn clean tags need 2 or 3, so a fit that needs more runs away
+_SPARSE = 4  # every fourth pixel, while there are many: twice the error, far below a first step's
+_MANY = 4000  # edge pixels: a tag of 70 px; fewer take less than 0.3 ms a step, all of them
+_FEWEST = 60  # edge pixels: 18 or 24 unknowns
+_ENOUGH_FOR_LIGHT = 1500  # pixels for 6 or 12 numbers, which the next step corrects anyway
+_SETTLED_PX = 0.2  # a step leaves about its square, in px: 0.04
+_STILL_PX = 0.01  # idem: 1e-4, a tenth of the noise of a corner
+_FARTHEST_PX = 6.0  # of one step; edges of the usual blur are felt over half of that
+_LEAST_CONTRAST = 6.0  # grey levels; half of what a tag's code is read with (`tags.detection`)
+_ANISOTROPY_PX2 = 0.5  # sigma of (18): the variance that a motion of 2.4 px adds, L^2 / 12
+_LEAST_BLUR_PX = 0.35  # the pixel's square alone has 0.29
+_MOST_BLUR_PX = 6.0  # felt over 20 px, a cell of a tag of 160 px; farther cells do not count
+_MOST_SHRINKING = 0.7  # of a variance of the blur in one step, so that it stays positive
+_MOST_BLOOM_STEP_PX = 0.5  # less than the usual blur, over which the model is about linear
+_MOST_CORRELATION = 0.95  # of the blur's x and y: 6 times as long as wide, a motion of 16 px
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PhotometricFit:
     """A raster aligned with a picture.
 
-    corners_px (4, 2) and their covariance (8, 8) px^2, which holds when chi2 (per pixel) is one; blur:
-    (2, 2) covariance of the point spread and the pixel, px^2; bloom_px: shift of the edges
-    towards white; contrast: grey levels between black and white; residuals (n,) in standard
-    deviations at the places q (n, 2), in the cells (n, 2) (column, row), the `edge_pixels` pixels near
-    edges first.
+    corners_px (4, 2) and their covariance (8, 8) px^2, which holds when chi2 (per degree of freedom) is
+    one. blur: (2, 2) covariance of the point spread and the pixel, px^2. bloom_px: shift of the edges
+    towards white. gain, offset: coefficients of (8). outside: share of the pixels outside the picture.
+    residuals (n,): in standard deviations, of pixels at q (n, 2) in the cells (n, 2), (column, row); the
+    first `edge_pixels` of them are near edges.
     """
 
     corners_px: Array
@@ -71,12 +80,12 @@ class PhotometricFit:
 
     @property
     def flat_misfit(self) -> float:
-        """The same in flat pixels: there only the light counts, not how sharp the print or the lens is."""
+        """The misfit of flat pixels: there only the light counts, not how sharp the print or the lens is."""
         flat = self.residuals[self.edge_pixels :]
         return self._beyond_noise(float(np.mean(flat**2)) if flat.size else 0.0)
 
     def residual_map(self, shape: tuple[int, int]) -> tuple[tuple[slice, slice], Array]:
-        """Part (rows, columns) of a picture of this shape (h, w), and there the residuals; NaN elsewhere."""
+        """Region (rows, columns) of a picture (h, w), and its residuals; NaN where no pixel was used."""
         x, y = np.rint(self.frame.pixels_of(self.q)).astype(int).T
         region = (
             slice(max(y.min(), 0), min(y.max() + 1, shape[0])),
@@ -100,15 +109,14 @@ def align(
     noise: Noise | None = None,
     sigma_px: float = _SIGMA_PX,
 ) -> PhotometricFit | None:
-    """Align a raster from a start good to about a pixel; None when it does not come to an end.
+    """Align a raster from a start good to about a pixel; None when the iteration finds no minimum.
 
     q_from_target: homography (3, 3) from the target's plane (mm) to the frame's q plane.
     """
     H = normalised(q_from_target)
     corners = apply(H, raster.corners)
     scale = float(np.abs(corners - corners.mean(0)).max())
-    fit = _Iteration(picture, raster, frame, H, scale, noise, sigma_px)
-    return fit.run()
+    return _Iteration(picture, raster, frame, H, scale, noise, sigma_px).run()
 
 
 class _Iteration:
@@ -134,9 +142,9 @@ class _Iteration:
         self._gather()
 
     def _gather(self) -> None:
-        """Choose the pixels around where the edges are thought to be, and measure the noise."""
-        self.reach = _reach(self.S) + _MARGIN_PX
-        self.chosen_at = apply(self.H, self.raster.corners)
+        """Choose the pixels near the edges of the present homography, and measure the noise."""
+        self.reach = _reach(self.S) + _MARGIN_PX  # 15
+        self.gathered_corners = apply(self.H, self.raster.corners)
         frame, raster = self.frame, self.raster
         self.q, self.level, self.cell, self.edges, lost, flat = gather(
             self.picture,
@@ -153,7 +161,7 @@ class _Iteration:
         self.noise = self.given_noise or noise_in(flat)
 
     def run(self) -> PhotometricFit | None:
-        """Iterate to the minimum: first on a part of the pixels, at last on all."""
+        """Iterate to the minimum: first on a part of the pixels, in the end on all."""
         if not self._fit_light():
             return None
         every = self._sparse
@@ -177,16 +185,16 @@ class _Iteration:
         return None
 
     def _strayed(self) -> bool:
-        """Whether the pixels were chosen for a place or a blur that does not hold any more."""
-        away = np.abs(apply(self.H, self.raster.corners) - self.chosen_at).max()
-        return bool(away > _MARGIN_PX / 2 or _reach(self.S) > self.reach)
+        """Whether the pixels were chosen for corners or a blur that no longer hold."""
+        shift = np.abs(apply(self.H, self.raster.corners) - self.gathered_corners).max()
+        return bool(shift > _MARGIN_PX / 2 or _reach(self.S) > self.reach)
 
     @property
     def _sparse(self) -> int:
         return _SPARSE if self.edges > _MANY else 1
 
     def _normal_equations(self, every: int) -> tuple[Array, Array, float, int]:
-        """Sums of `accumulate`, and a weak belief that the blur is as wide in all directions."""
+        """Sums of `accumulate` (17), with a weak belief that the blur is round (18)."""
         raster = self.raster
         A, g, chi2, count = accumulate(
             self.q,
@@ -224,14 +232,14 @@ class _Iteration:
         return bool(self.gain[0] > _LEAST_CONTRAST)
 
     def _take(self, change: Array) -> float:
-        """Apply a step; returns by how much it moved the corners, the blur and the bloom, px."""
+        """Apply a step; returns the largest change, px, of a corner, of the blur's sigma, of the bloom."""
         before = apply(self.H, self.raster.corners)
         self.H = moved(self.H, change[:SHAPE], self.scale)
         shift = np.abs(apply(self.H, self.raster.corners) - before).max()
         sigma = np.sqrt(self.S[[0, 2]])
-        limit = 0.7 * self.S[[0, 0, 2]]
+        limit = _MOST_SHRINKING * self.S[[0, 0, 2]]
         self.S = _blur_within(self.S + np.clip(change[SHAPE:BLOOM], -limit, 2 * limit))
-        self.bloom += float(np.clip(change[BLOOM], -0.5, 0.5))
+        self.bloom += float(np.clip(change[BLOOM], -_MOST_BLOOM_STEP_PX, _MOST_BLOOM_STEP_PX))
         self.gain = self.gain + change[LIGHT : LIGHT + self.terms]
         self.offset = self.offset + change[LIGHT + self.terms :]
         blurred = np.abs(np.sqrt(self.S[[0, 2]]) - sigma).max()
@@ -241,7 +249,7 @@ class _Iteration:
         self, equations: tuple[Array, Array, float, int], change: Array, steps: int
     ) -> PhotometricFit:
         A, g, chi2, count = equations
-        covariance = _inverse(A)[:SHAPE, :SHAPE]
+        covariance = _inverse(A)[:SHAPE, :SHAPE]  # 19
         q = apply(self.H, self.raster.corners)
         corners, covariance = to_pixels(self.frame, q, covariance, self.scale)
         return PhotometricFit(
@@ -265,21 +273,20 @@ class _Iteration:
 
 
 def _reach(S: Array) -> float:
-    """How far from an edge its blur is seen, px."""
+    """Distance from an edge, px, up to which its blur counts."""
     return float(_REACH_SIGMAS * np.sqrt(max(S[0], S[2])))
 
 
 def _blur_within(S: Array) -> Array:
     """Blur (3,) with variances within bounds and less than full correlation."""
-    low, high = _BLUR_RANGE_PX
-    xx, yy = np.clip(S[[0, 2]], low**2, high**2)
-    most = 0.95 * np.sqrt(xx * yy)
+    xx, yy = np.clip(S[[0, 2]], _LEAST_BLUR_PX**2, _MOST_BLUR_PX**2)
+    most = _MOST_CORRELATION * np.sqrt(xx * yy)
     return np.array([xx, np.clip(S[1], -most, most), yy])
 
 
 def _solved(A: Array, g: Array) -> Array | None:
     """Solution of the normal equations; None when they are singular."""
-    scale = 1 / np.sqrt(np.maximum(np.diag(A), 1e-300))
+    scale = 1 / np.sqrt(np.maximum(np.diag(A), 1e-300))  # an unknown that no pixel tells of
     try:
         x = scale * np.linalg.solve(A * np.outer(scale, scale), scale * g)
     except np.linalg.LinAlgError:

@@ -1,8 +1,8 @@
 """Where the lines of a tag were really printed.
 
-Printers and drawing programs put the inner lines of a tag onto whole dots, so cells differ by a dot, while
-the outer square is what was measured. The offsets of the edges tell each line's place; of what is
-left the homography and the bloom take their share.
+Printers and drawing programs put the inner lines of a tag onto whole dots, so the widths of cells differ by
+a dot, while the outer square is what was measured. The offsets of the edges tell the place of each
+line, in one fit with the homography and the bloom.
 """
 
 from dataclasses import replace
@@ -12,16 +12,24 @@ from numpy.typing import NDArray
 
 from vgrd.devices import Grey
 from vgrd.geometry import Array
-from vgrd.vision.alignment.edges import edge_offsets, edge_segments, edge_slopes, has_strayed
+from vgrd.vision.alignment.edges import (
+    NORMAL_OF_MAD,
+    OUTLIER_SIGMAS,
+    PROFILE_NOISE_PX,
+    edge_offsets,
+    edge_segments,
+    edge_slopes,
+    has_strayed,
+)
 from vgrd.vision.images.homography import apply, moved, normalised
 from vgrd.vision.images.warp import LocalFrame
 from vgrd.vision.print.raster import Raster
 
-_OFF_CELL = 0.08  # standard deviation of an inner line, of the smallest cell
-_WORST_CELL = 0.25
-_BLOOM_PX = 0.15  # where no line has edges to both sides, it looks as a larger square would
-_ROUNDS = 3
-_REWEIGHTINGS = 4
+_LINE_SIGMA_CELL = 0.08  # of the smallest cell: rounding, 0.29 dots, in a cell of 3.6 dots
+_WORST_CELL = 0.25  # 3 of those sigmas: another pattern than the raster's
+_BLOOM_PX = 0.15  # sigma: 0.01 mm of ink at 0.07 mm/px; unbounded it may pass for a larger square
+_ROUNDS = 3  # steps, each from edges measured anew: a line moves by a part of a pixel
+_REWEIGHTINGS = 4  # as in the fit of edges
 
 
 def with_printed_lines(
@@ -43,8 +51,8 @@ def with_printed_lines(
         printed, H = step
         if has_strayed(H, raster, start):
             return None
-    off = max(np.abs(printed.x - raster.x).max(), np.abs(printed.y - raster.y).max())
-    return None if off > _WORST_CELL * raster.smallest_cell else (printed, H)
+    shift = max(np.abs(printed.x - raster.x).max(), np.abs(printed.y - raster.y).max())
+    return None if shift > _WORST_CELL * raster.smallest_cell else (printed, H)
 
 
 def _step(
@@ -57,11 +65,11 @@ def _step(
         return None
     corners = apply(H, raster.corners)
     scale = float(np.abs(corners - corners.mean(0)).max())
-    by_lines = _by_lines(printed, H, q, normal, edge, columns, rows)
-    J = np.hstack([edge_slopes(q, normal, scale), by_lines])
-    sigma = _OFF_CELL * raster.smallest_cell
-    so_far = np.concatenate([(printed.x - raster.x)[columns], (printed.y - raster.y)[rows]])
-    change = robust_step(J, offset, sigma, so_far)[0]
+    J_lines = _line_slopes(printed, H, q, normal, edge, columns, rows)
+    J = np.hstack([edge_slopes(q, normal, scale), J_lines])
+    sigma = _LINE_SIGMA_CELL * raster.smallest_cell
+    shifts = np.concatenate([(printed.x - raster.x)[columns], (printed.y - raster.y)[rows]])
+    change = robust_step(J, offset, sigma, shifts)[0]
     lines = change[9:]
     x, y = printed.x.copy(), printed.y.copy()
     x[columns] += lines[: len(columns)]
@@ -70,9 +78,9 @@ def _step(
 
 
 def _inner(raster: Raster) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-    """Lines strictly inside the square that stands for the target."""
+    """Indices of the x lines and y lines strictly inside the square that stands for the target."""
     low, high = raster.corners.min(0), raster.corners.max(0)
-    near = 1e-6 * (high - low)
+    near = 1e-6 * (high - low)  # rounding of the lines' places
 
     def within(lines: Array, axis: int) -> NDArray[np.intp]:
         inside = (lines > low[axis] + near[axis]) & (lines < high[axis] - near[axis])
@@ -81,7 +89,7 @@ def _inner(raster: Raster) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
     return within(raster.x, 0), within(raster.y, 1)
 
 
-def _by_lines(
+def _line_slopes(
     raster: Raster,
     H: Array,
     q: Array,
@@ -90,43 +98,43 @@ def _by_lines(
     columns: NDArray[np.intp],
     rows: NDArray[np.intp],
 ) -> Array:
-    """Derivative (n, lines) of the offsets by mm of each inner line."""
+    """Derivative (n, lines) of the offsets by the place, mm, of each inner line."""
     segments = edge_segments(raster)[edge]
-    at = apply(np.asarray(np.linalg.inv(H), dtype=np.float64), q)
+    points = apply(np.asarray(np.linalg.inv(H), dtype=np.float64), q)
     J = np.zeros((len(q), len(columns) + len(rows)))
-    for axis, lines, chosen, first in (
+    for axis, lines, inner, first in (
         (0, raster.x, columns, 0),
         (1, raster.y, rows, len(columns)),
     ):
         across = segments[:, 4 + axis] != 0
-        direction = np.eye(2)[axis] * 1e-3
-        way = (apply(H, at + direction) - apply(H, at - direction)) / 2e-3
-        slope = np.einsum("ni,ni->n", way, normal)
-        for k, line in enumerate(chosen):
-            on = across & (np.abs(segments[:, axis] - lines[line]) < 1e-9)
-            J[on, first + k] = slope[on]
+        step = np.eye(2)[axis] * 1e-3  # mm, of the central difference
+        motion = (apply(H, points + step) - apply(H, points - step)) / 2e-3
+        slope = np.einsum("ni,ni->n", motion, normal)
+        for k, line in enumerate(inner):
+            is_on_line = across & (np.abs(segments[:, axis] - lines[line]) < 1e-9)
+            J[is_on_line, first + k] = slope[is_on_line]
     return J
 
 
 def robust_step(
-    J: Array, offset: Array, sigma: float, so_far: Array
+    J: Array, offset: Array, sigma: float, shifts: Array
 ) -> tuple[Array, Array, Array]:
-    """Weighted least squares over `edge_slopes` and more columns, those held near zero by sigma.
+    """Robust least squares over the 9 unknowns of `edge_slopes` and k more, with a prior on those.
 
-    J (n, 9 + k), so_far (k,): where the k unknowns are already. Returns the step (9 + k,), the
-    residuals (n,) and their weights (n,).
+    J (n, 9 + k); shifts (k,): present values of the k unknowns, which the prior holds near zero by
+    sigma. Returns the step (9 + k,), the residuals (n,) and their weights (n,).
     """
     change: Array = np.zeros(J.shape[1])
     r, weight = offset.copy(), np.ones(len(offset))
     for _ in range(_REWEIGHTINGS):
-        spread = max(1.4826 * float(np.median(np.abs(r))), 0.02)
-        weight = 1 / (1 + (r / (3 * spread)) ** 2) ** 2
+        spread = max(NORMAL_OF_MAD * float(np.median(np.abs(r))), PROFILE_NOISE_PX)
+        weight = 1 / (1 + (r / (OUTLIER_SIGMAS * spread)) ** 2) ** 2
         A = (J.T * weight) @ J
         b = (J.T * weight) @ offset
-        hold = (spread / sigma) ** 2
+        prior = (spread / sigma) ** 2
         A[8, 8] += (spread / _BLOOM_PX) ** 2
-        A[9:, 9:] += hold * np.eye(len(so_far))
-        b[9:] -= hold * so_far
+        A[9:, 9:] += prior * np.eye(len(shifts))
+        b[9:] -= prior * shifts
         change = np.asarray(np.linalg.solve(A, b), dtype=np.float64)
         r = offset - J @ change
     return change, r, weight

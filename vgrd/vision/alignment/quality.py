@@ -5,11 +5,13 @@ import numpy as np
 from vgrd.vision.alignment.photometric import PhotometricFit
 from vgrd.vision.alignment.refinement import Refined, trusted
 
-MOTION_STRETCH = 1.25  # standard deviation of the blur along one direction over that across it
-_MOTION_PX2 = 0.25  # and the difference of the variances
+MOTION_STRETCH = 1.25  # of the blur, along over across: a motion of 2 px at the usual 0.75 px
+_MOTION_PX2 = 0.25  # difference of the variances along and across: a motion of 1.7 px, L^2 / 12
 _EVEN = 0.03  # of the contrast: paper and print leave as much in even light
-_GLARE_SIGMAS = 3.0
-_STRIKING = 5.0  # sigma by which a pixel must be off to count
+_GLARE_SIGMAS = 3.0  # mean of the striking pixels: a shadow's are mostly darker, so below 0
+_STRIKING_SIGMAS = 5.0  # no noise does that among 10,000 pixels
+_BAD_CELL = 5.0  # mean square of a cell's residuals, 1 where the model holds
+_COVERED = 0.2  # share of bad cells; light across a tag spoils more
 
 
 def disturbance(refined: Refined) -> tuple[str, str] | None:
@@ -27,13 +29,13 @@ def disturbance(refined: Refined) -> tuple[str, str] | None:
 
 
 def _uneven(fit: PhotometricFit) -> tuple[str, str]:
-    """Glare leaves bright places, a shadow dark ones; what covers a part leaves single cells wrong."""
-    off = fit.residuals[np.abs(fit.residuals) > _STRIKING]
+    """Tell a cover, which spoils few cells, from glare (bright residuals) and from a shadow."""
+    striking = fit.residuals[np.abs(fit.residuals) > _STRIKING_SIGMAS]
     index = np.ravel_multi_index(fit.cells.T[::-1], fit.cells.max(0)[::-1] + 1)
     squares = np.bincount(index, fit.residuals**2) / np.maximum(np.bincount(index), 1)
-    bad = np.mean(squares[np.bincount(index) > 0] > _STRIKING)
-    if bad < 0.2:
+    bad = np.mean(squares[np.bincount(index) > 0] > _BAD_CELL)
+    if bad < _COVERED:
         return "covered", "a part of it is covered or dirty: clean it; its edges were measured"
-    if off.size and off.mean() > _GLARE_SIGMAS:
+    if striking.size and striking.mean() > _GLARE_SIGMAS:
         return "glare", "glare on it: move the lamp or the tag; its edges were measured"
     return "shadow", "shadow or glare across it: make the light even; its edges were measured"
