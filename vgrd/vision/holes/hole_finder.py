@@ -21,15 +21,20 @@ from vgrd.vision.holes.rim import Rim, measure_rim
 from vgrd.vision.holes.seed import circles_near, rims_around
 from vgrd.vision.holes.view import Circle, Outline, PlaneView, on_circle, turn_angles
 
-RIM_HEIGHT_SIGMA_MM = 0.02
-RADIUS_TOLERANCE = 0.15
+RIM_HEIGHT_SIGMA_MM = 0.02  # assumed: a caliper's error; at a tilt of 20 degrees 0.007 mm
+RADIUS_TOLERANCE = 0.15  # of the radius; a hole 20 % larger is another one (the test of holes)
 _LEAST_RIM = 0.6  # share of the rim that must fit one circle
-_WIDEST_GAP_RAD = np.radians(100)
-_SAME_SIGN = 0.95
-_OFF_PX = 1.5  # of a sector that fits no circle: scratches and shades move it less
-_WORST_CHI2 = 9.0
-_OUTLINE = 64
+_WIDEST_GAP_RAD = np.radians(
+    100
+)  # hidden at one side; the rest still holds the circle from three sides
+_SAME_SIGN = 0.95  # of the sectors darker, or all brighter, inside; some may show a reflex
+_OUTLIER_PX = 1.5  # offset of a sector that fits no circle: scratches and shades move it less
+_WORST_CHI2 = 9.0  # of the sectors: three times as far from a circle as their noise
+_OUTLINE_POINTS = 64  # of the fitted circle, for drawing
 _OTHER_RIM = 0.3  # contrast of a second rim against that of the first
+_FREE_SEARCH_RADII = 8  # around the plane's origin, without a guess
+_PICTURE_MARGIN_PX = 2.0  # of the rim to the picture's edge: its blur
+_SAME_HOLE_RADII = 0.1  # between the centres of two rims that are one hole
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -38,7 +43,7 @@ class HoleObservation:
 
     center_px (2,): projection of the circle's centre (not the centre of its image); pixel_covariance
     (2, 2), px^2, of the rim alone. center_in_plane (2,) mm and covariance (2, 2) mm^2, which holds rim,
-    rim height and the plane's pose. radius_mm with radius_sigma_mm. rim: share of it that was seen;
+    rim height and the plane's pose. radius_mm with radius_sigma_mm. rim: share of the rim that was used;
     chi2: of the rim's sectors per degree of freedom; findings: sentences for the operator. outline_px
     (m, 2): image of the fitted circle; rim_px (n, 2): edges of the sectors that were used.
     """
@@ -97,11 +102,12 @@ def find_hole(
     if not radius_mm > 0:
         raise InputError(f"the radius of a hole must be above 0, not {radius_mm:g} mm")
     guess = np.zeros(2) if center_guess_in_plane is None else np.asarray(center_guess_in_plane)
-    reach = (8 if center_guess_in_plane is None else 1) * radius_mm
+    reach = (_FREE_SEARCH_RADII if center_guess_in_plane is None else 1) * radius_mm
     reach = search_mm or reach
     raised = _raised(camera_from_plane, rim_height_mm)
     view = PlaneView(grey, camera, raised)
-    if not view.fits(Circle(guess, radius_mm), 2.0) and center_guess_in_plane is not None:
+    is_inside = view.fits(Circle(guess, radius_mm), _PICTURE_MARGIN_PX)
+    if not is_inside and center_guess_in_plane is not None:
         raise HoleNotSeen("the hole is at the edge of the picture or outside: move the camera")
     rim = _only_one(view, Circle(guess, radius_mm), reach)
     findings = _second_rim(view, rim, radius_mm)
@@ -125,7 +131,7 @@ def sight_holes(
     Returns the sightings for the joint estimate, and by name why the other holes were not measured.
     Every rim's plane is parallel to the tag's, through the hole's own CAD point.
     """
-    seen, missing = [], {}
+    sightings, missing = [], {}
     tag_b_from_object = object_from_tag_b.inverse()
     for name, hole in holes.items():
         x, y, z = tag_b_from_object.apply(hole.point_in_object)
@@ -138,37 +144,37 @@ def sight_holes(
             missing[name] = str(reason)
             continue
         sigma = float(np.sqrt(np.trace(found.pixel_covariance) / 2))
-        seen.append(HoleSighting(name, found.center_px, sigma, found))
-    return seen, missing
+        sightings.append(HoleSighting(name, found.center_px, sigma, found))
+    return sightings, missing
 
 
 def _only_one(view: PlaneView, expected: Circle, reach_mm: float) -> Rim:
     """The one rim within reach; HoleNotSeen tells why there is none, or that there are several."""
-    found: list[Rim] = []
+    rims: list[Rim] = []
     reasons = []
     for start in circles_near(view, expected, reach_mm, RADIUS_TOLERANCE):
         rim = measure_rim(view, start)
         reason = _reason_against(rim, expected, reach_mm)
         if rim is None or reason:
             reasons.append(reason)
-        elif all(_apart(rim, other) > 0.1 * expected.radius for other in found):
-            found.append(rim)
-    if len(found) > 1:
+        elif all(_apart(rim, other) > _SAME_HOLE_RADII * expected.radius for other in rims):
+            rims.append(rim)
+    if len(rims) > 1:
         raise HoleNotSeen(
-            f"{len(found)} holes of this size are within {reach_mm:.3g} mm of where it should be: "
+            f"{len(rims)} holes of this size are within {reach_mm:.3g} mm of where it should be: "
             "give a better place or a smaller search"
         )
-    if not found:
+    if not rims:
         raise HoleNotSeen(reasons[0] if reasons else "no circle is where the hole should be")
-    return found[0]
+    return rims[0]
 
 
 def _reason_against(rim: Rim | None, expected: Circle, reach_mm: float) -> str:
     """Why a rim is not the hole's, empty when it is."""
     if rim is None:
         return "no rim is where the hole should be"
-    off = np.abs(rim.offsets_px) > max(_OFF_PX, rim.blur_px)
-    good = (rim.weights > 0) & np.isfinite(rim.sigmas_px) & ~off
+    is_outlier = np.abs(rim.offsets_px) > max(_OUTLIER_PX, rim.blur_px)
+    good = (rim.weights > 0) & np.isfinite(rim.sigmas_px) & ~is_outlier
     share = float(good.mean())
     if share < _LEAST_RIM or _widest_gap(good) > _WIDEST_GAP_RAD:
         return f"only {share:.0%} of the rim fits one circle: the hole is partly hidden"
@@ -185,7 +191,7 @@ def _reason_against(rim: Rim | None, expected: Circle, reach_mm: float) -> str:
 
 
 def _second_rim(view: PlaneView, rim: Rim, radius_mm: float) -> tuple[str, ...]:
-    """Findings about other rims around the same centre; HoleNotSeen when it is open which one counts."""
+    """Findings about other rims around the same centre; HoleNotSeen when two have the given radius."""
     others = [radius for radius, share in rims_around(view, rim.circle) if share > _OTHER_RIM]
     for radius in others:
         if abs(radius / radius_mm - 1) <= RADIUS_TOLERANCE:
@@ -207,21 +213,21 @@ def _observation(
     plane_covariance: Array | None,
     findings: Sequence[str],
 ) -> HoleObservation:
-    centre, own = rim.circle.centre, rim.covariance[:2, :2]
+    centre, rim_covariance = rim.circle.centre, rim.covariance[:2, :2]
     pixels, J = view.image_of(centre[None])
     ray = np.append(camera.normalize(pixels)[0], 1.0)
-    by_height = _change(
+    J_height = _derivative(
         lambda h: _on_plane(_raised(camera_from_plane, height[0] + float(h[0])), ray), 1
     )
-    total = own + height[1] ** 2 * by_height @ by_height.T
+    total = rim_covariance + height[1] ** 2 * J_height @ J_height.T
     if plane_covariance is not None:
-        by_pose = _change(
+        J_pose = _derivative(
             lambda xi: _on_plane(_raised(Pose.exp(xi) @ camera_from_plane, height[0]), ray), 6
         )
-        total = total + by_pose @ plane_covariance @ by_pose.T
+        total = total + J_pose @ plane_covariance @ J_pose.T
     return HoleObservation(
         center_px=frozen_array(pixels[0], 2),
-        pixel_covariance=frozen_array(J[0] @ own @ J[0].T, 2, 2),
+        pixel_covariance=frozen_array(J[0] @ rim_covariance @ J[0].T, 2, 2),
         center_in_plane=frozen_array(centre, 2),
         covariance=frozen_array(total, 2, 2),
         radius_mm=rim.circle.radius,
@@ -229,7 +235,7 @@ def _observation(
         rim=float((rim.weights > 0).mean()),
         chi2=rim.chi2,
         blur_px=rim.blur_px,
-        outline_px=view.image_of(on_circle(rim.circle, turn_angles(_OUTLINE)))[0],
+        outline_px=view.image_of(on_circle(rim.circle, turn_angles(_OUTLINE_POINTS)))[0],
         rim_px=_edges_of(view, rim),
         findings=tuple(findings),
     )
@@ -244,7 +250,7 @@ def _edges_of(view: PlaneView, rim: Rim) -> Array:
     return np.column_stack([edges.real, edges.imag])
 
 
-def _change(function: Callable[[Array], Array], n: int, step: float = 1e-6) -> Array:
+def _derivative(function: Callable[[Array], Array], n: int, step: float = 1e-6) -> Array:
     """Derivative (2, n) of a function (n,) -> (2,) at zero, by central differences."""
     columns = [(function(step * axis) - function(-step * axis)) / (2 * step) for axis in np.eye(n)]
     return np.stack(columns, -1)
@@ -268,8 +274,8 @@ def _apart(one: Rim, other: Rim) -> float:
 
 def _widest_gap(good: NDArray[np.bool_]) -> float:
     """Largest angle between neighbouring sectors (k,) that are good, rad."""
-    at = np.flatnonzero(good)
-    if at.size == 0:
+    indices = np.flatnonzero(good)
+    if indices.size == 0:
         return 2 * np.pi
-    gaps = np.diff(np.append(at, at[0] + len(good)))
+    gaps = np.diff(np.append(indices, indices[0] + len(good)))
     return float((gaps.max() - 1) * 2 * np.pi / len(good))

@@ -1,9 +1,10 @@
 """The rim of a circular hole in a picture, measured in sectors to a few thousandths of a pixel.
 
-In every sector the pixels near the rim are compared with a blurred step at their exact distance from the
-image of the circle: d + k s^2 / 2, because a blur s pulls an edge of curvature k inwards. One linear
-solution gives the levels on both sides and how far the rim is off; the blur is common to all sectors and
-the noise is measured on both sides. A circle in the plane is then fitted to the sectors, robustly.
+In every sector, the pixels near the rim are compared with a blurred step. A blur s pulls an edge of
+curvature k inwards, so a pixel at distance d counts as one at d + k s^2 / 2 from a straight edge. One linear
+solution per sector gives the levels on both sides and the offset of the rim. The blur is common to all
+sectors, and the noise is measured on both sides. A circle of the plane is then fitted to the offsets,
+robustly.
 """
 
 from dataclasses import dataclass
@@ -15,30 +16,40 @@ from scipy.special import ndtr
 from vgrd.geometry import Array
 from vgrd.vision.holes.view import Circle, Outline, PlaneView, on_circle, ring, turn_angles
 
-_SECTOR_PX = 5.0
-_FEWEST_SECTORS, _MOST_SECTORS = 24, 240
-_WIDEST_PX, _NARROWEST_PX = 6.0, 3.0
-_WIDTH_OF_RADIUS = 0.2
-_COARSE_PX = (18.0, 9.0)
-_COARSE_EVERY = 3
-_APPROACHES = 6
-_BANDS, _BLUR_STEPS = 6, 3
+_SECTOR_PX = 5.0  # of the rim: 60 pixels in a band of 6 px to either side, for 3 unknowns
+_FEWEST_SECTORS = 24  # 8 for each number of the circle, so that outliers are outvoted
+_MOST_SECTORS = 240  # a rim of 1200 px; longer sectors keep the time down
+_WIDEST_PX = 6.0  # band to either side: 4 blurs of 1.5 px
+_NARROWEST_PX = 3.0  # idem: nearly 4 usual blurs
+_WIDTH_OF_RADIUS = 0.2  # of the band, so that small holes keep a middle, and next to no second rim
+_COARSE_PX = (18.0, 9.0)  # bands of the approach, each from half a band away
+_COARSE_EVERY = 3  # pixels; an approach needs a third of them
+_APPROACHES = 6  # steps per band at most; a step below a third of the blur ends them
+_BANDS = 6  # fits of the circle; it ends by _LINEAR_PX
+_BLUR_STEPS = 3  # per band; each corrects the blur by Gauss-Newton
 _LINEAR_PX = 0.03  # an offset that the linear model of an edge takes without any error
-_USUAL_BLUR_PX = 0.8
-_REACH_OF_BLUR = 4.0
-_FLAT, _COARSE_FLAT = 3.0, 2.5  # blurs from an edge where only noise is left
-_TUKEY = 4.7
-_QUANTISING = 1 / 12
-_LEAST_PIXELS = 6
+_USUAL_BLUR_PX = 0.8  # to start from: a sharp lens, 0.7 px, and the pixel's square, 0.29 px
+_BLUR_RANGE_PX = (0.3, 4.0)  # the pixel's square alone; a band about as wide as the first approach
+_MOST_BLUR_STEP_PX = 0.3  # per step, where the blur still depends on the offsets
+_REACH_OF_BLUR = 4.0  # half a band, in blurs: 3 until _FLAT and one more for the noise
+_FLAT = 3.0  # blurs from an edge where only noise is left: 0.13 % of the contrast
+_COARSE_FLAT = 2.5  # idem, in the approach, whose bands end at 4 blurs
+_LEAST_SIGMAS = 5.0  # contrast of a sector over a pixel's noise
+_TUKEY = 4.7  # sigma without weight: 95 % efficiency for normal errors is 4.685 (Tukey's biweight)
+_NORMAL_OF_MAD = 1.4826  # sigma of a normal law over its median absolute deviation, 1 / 0.6745
+_REWEIGHTINGS = 8  # of the circle
+_MEDIAN_REWEIGHTINGS = 15  # of the start; least absolute deviations converge slowly
+_QUANTISING = 1 / 12  # variance of rounding to whole grey levels
+_LEAST_PIXELS = 6  # of a sector: twice its unknowns
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Rim:
-    """What was measured.
+    """A measured rim.
 
     circle and its covariance (3, 3), mm^2, of (x, y, radius); offsets_px (k,): of each sector outwards
-    from the circle, infinite sigmas_px (k,) where it cannot be seen; weights (k,): 0 for a sector that
-    does not belong to the circle; contrast (k,): level outside minus inside; blur_px; noise: sigma of
+    from the circle; sigmas_px (k,): theirs, infinite where no edge is seen; weights (k,): 0 for a sector
+    that does not belong to the circle; contrast (k,): level outside minus inside; blur_px; noise: sigma of
     a pixel; chi2: of the sectors, per degree of freedom.
     """
 
@@ -77,7 +88,10 @@ def measure_rim(view: PlaneView, start: Circle) -> Rim | None:
 
 
 def _approach(view: PlaneView, circle: Circle, width_px: float) -> Circle | None:
-    """Come near from some `width_px` / 2 away, with a step as blurred as that; None: no rim."""
+    """The circle after an approach from up to `width_px` / 2 away; None where no rim is.
+
+    The model is blurred by as much as it may be off, so that it feels the rim from there.
+    """
     for _ in range(_APPROACHES):
         band = _Band.around(view, circle, width_px, _COARSE_EVERY)
         if band is None:
@@ -87,7 +101,7 @@ def _approach(view: PlaneView, circle: Circle, width_px: float) -> Circle | None
         if edges.count < _FEWEST_SECTORS // 2:
             return None
         # A sharp edge seen through a blurred model seems to be twice as far off as it is.
-        shift = _most_agreed(band.slopes[edges.seen], edges.offsets[edges.seen]) / 2
+        shift = _least_absolute(band.slopes[edges.seen], edges.offsets[edges.seen]) / 2
         moved = float(np.abs(band.slopes @ shift).max())
         shift *= min(1.0, blur / moved) if moved > 0 else 1.0
         circle = Circle(circle.centre + shift[:2], circle.radius + float(shift[2]))
@@ -131,12 +145,12 @@ class _Band:
         feet, distances = outline.feet(places[:, 0] + 1j * places[:, 1])
         count = int(np.clip(length / _SECTOR_PX, _FEWEST_SECTORS, _MOST_SECTORS))
         sectors = np.rint(feet / (2 * np.pi) * count).astype(np.intp) % count
-        kept = np.abs(distances) <= width
+        is_in_band = np.abs(distances) <= width
         return cls(
-            levels[kept],
-            distances[kept],
-            outline.curvatures(feet[kept]),
-            sectors[kept],
+            levels[is_in_band],
+            distances[is_in_band],
+            outline.curvatures(feet[is_in_band]),
+            sectors[is_in_band],
             _slopes(view, circle, outline, turn_angles(count)),
             width,
         )
@@ -158,7 +172,7 @@ class _Edges:
 
     @property
     def count(self) -> int:
-        """How many these are."""
+        """Number of sectors that show an edge."""
         return int(self.seen.sum())
 
 
@@ -181,15 +195,16 @@ def _edges(band: _Band, blur: float, flat: float) -> tuple[_Edges, float]:
         noise = float(np.sqrt(light))
     _, inverse = _solve_sectors(columns, band, weights, count)
     contrast = outside - inside
-    seen = (np.abs(contrast) > 5 * noise) & np.isfinite(inverse[:, 2, 2])
-    safe = np.where(seen, contrast, 1.0)
-    offsets = np.where(seen, solution[:, 2] / safe, 0.0)
-    sigmas = np.where(seen, np.sqrt(np.abs(inverse[:, 2, 2])) / np.abs(safe), np.inf)
+    has_edge = (np.abs(contrast) > _LEAST_SIGMAS * noise) & np.isfinite(inverse[:, 2, 2])
+    divisor = np.where(has_edge, contrast, 1.0)
+    offsets = np.where(has_edge, solution[:, 2] / divisor, 0.0)
+    sigmas = np.where(has_edge, np.sqrt(np.abs(inverse[:, 2, 2])) / np.abs(divisor), np.inf)
     slope = -contrast[band.sectors] * bell * distance / blur**2
-    good = seen[band.sectors] & (np.abs(offsets[band.sectors]) < blur)
-    down = float((weights * slope**2)[good].sum())
-    change = float((weights * slope * residuals)[good].sum()) / down if down > 0 else 0.0
-    blur = float(np.clip(blur + np.clip(change, -0.3, 0.3), 0.3, 4.0))
+    good = has_edge[band.sectors] & (np.abs(offsets[band.sectors]) < blur)
+    curvature = float((weights * slope**2)[good].sum())
+    change = float((weights * slope * residuals)[good].sum()) / curvature if curvature > 0 else 0.0
+    change = np.clip(change, -_MOST_BLUR_STEP_PX, _MOST_BLUR_STEP_PX)
+    blur = float(np.clip(blur + change, *_BLUR_RANGE_PX))
     return _Edges(offsets, sigmas, contrast, noise), blur
 
 
@@ -203,7 +218,7 @@ def _solve_sectors(columns: Array, band: _Band, weights: Array, count: int) -> t
             total = np.bincount(band.sectors, weighted * columns[j], count)
             normal[:, i, j] = normal[:, j, i] = total
     poor = np.bincount(band.sectors, minlength=count) < _LEAST_PIXELS
-    poor |= np.linalg.cond(normal) > 1e8
+    poor |= np.linalg.cond(normal) > 1e8  # pixels on one side of the rim only
     normal[poor] = np.eye(3)
     inverse = np.asarray(np.linalg.inv(normal), np.float64)
     inverse[poor] = np.nan
@@ -211,25 +226,25 @@ def _solve_sectors(columns: Array, band: _Band, weights: Array, count: int) -> t
 
 
 def _rim(band: _Band, edges: _Edges, circle: Circle, blur: float) -> tuple[Rim, float]:
-    """Robust circle through the edges, and how far it moved anywhere, px."""
+    """Robust circle through the edges, and the largest motion of the rim, px."""
     seen = edges.seen
     J = band.slopes[seen] / edges.sigmas[seen, None]
     r = edges.offsets[seen] / edges.sigmas[seen]
-    step = _most_agreed(band.slopes[seen], edges.offsets[seen])
-    kept = np.ones(len(r))
-    for _ in range(8):
-        left = r - J @ step
-        scale = max(1.0, 1.4826 * float(np.median(np.abs(left))))
-        kept = np.maximum(1 - (left / (_TUKEY * scale)) ** 2, 0.0) ** 2
-        half = np.sqrt(kept)[:, None]
-        step = np.asarray(np.linalg.lstsq(J * half, r * half[:, 0], rcond=None)[0], np.float64)
-    chi2 = float((kept * (r - J @ step) ** 2).sum() / max(kept.sum() - 3, 1))
+    step = _least_absolute(band.slopes[seen], edges.offsets[seen])
+    biweight = np.ones(len(r))
+    for _ in range(_REWEIGHTINGS):
+        residual = r - J @ step
+        scale = max(1.0, _NORMAL_OF_MAD * float(np.median(np.abs(residual))))
+        biweight = np.maximum(1 - (residual / (_TUKEY * scale)) ** 2, 0.0) ** 2
+        root = np.sqrt(biweight)[:, None]
+        step = np.asarray(np.linalg.lstsq(J * root, r * root[:, 0], rcond=None)[0], np.float64)
+    chi2 = float((biweight * (r - J @ step) ** 2).sum() / max(biweight.sum() - 3, 1))
     weights = np.zeros(len(seen))
-    weights[seen] = kept
-    found = Rim(
+    weights[seen] = biweight
+    rim = Rim(
         circle=Circle(circle.centre + step[:2], circle.radius + float(step[2])),
         covariance=np.asarray(
-            np.linalg.pinv((J * kept[:, None]).T @ J) * max(chi2, 1.0), np.float64
+            np.linalg.pinv((J * biweight[:, None]).T @ J) * max(chi2, 1.0), np.float64
         ),
         offsets_px=edges.offsets - band.slopes @ step,
         sigmas_px=edges.sigmas,
@@ -239,32 +254,32 @@ def _rim(band: _Band, edges: _Edges, circle: Circle, blur: float) -> tuple[Rim, 
         noise=edges.noise,
         chi2=chi2,
     )
-    return found, float(np.abs(band.slopes @ step).max())
+    return rim, float(np.abs(band.slopes @ step).max())
 
 
-def _most_agreed(slopes: Array, offsets: Array) -> Array:
-    """Robust start: least absolute deviations by reweighting."""
+def _least_absolute(slopes: Array, offsets: Array) -> Array:
+    """Step (3,) of the circle with the least absolute deviations: a robust start, by reweighting."""
     weights = np.ones(len(offsets))
     step: Array = np.zeros(3)
-    for _ in range(15):
-        half = np.sqrt(weights)[:, None]
+    for _ in range(_MEDIAN_REWEIGHTINGS):
+        root = np.sqrt(weights)[:, None]
         step = np.asarray(
-            np.linalg.lstsq(slopes * half, offsets * half[:, 0], rcond=None)[0], np.float64
+            np.linalg.lstsq(slopes * root, offsets * root[:, 0], rcond=None)[0], np.float64
         )
         weights = 1 / np.maximum(np.abs(offsets - slopes @ step), 1e-3)
     return step
 
 
 def _slopes(view: PlaneView, circle: Circle, outline: Outline, angles: Array) -> Array:
-    """How far (k, 3), px, the rim moves outwards per mm of the circle's x, y and radius."""
+    """Derivative (k, 3), px / mm, of the rim's place, outwards, by the circle's x, y and radius."""
     _, J = view.image_of(on_circle(circle, angles))
     normals = outline.normals(angles)
-    by_centre = np.einsum("ni,nij->nj", np.column_stack([normals.real, normals.imag]), J)
-    return np.column_stack([by_centre, (by_centre * ring(angles)).sum(1)])
+    J_centre = np.einsum("ni,nij->nj", np.column_stack([normals.real, normals.imag]), J)
+    return np.column_stack([J_centre, (J_centre * ring(angles)).sum(1)])
 
 
 def _spread(residuals: Array) -> float:
     """Robust variance."""
     if residuals.size < _LEAST_PIXELS:
         return 0.0
-    return float(1.4826 * np.median(np.abs(residuals))) ** 2
+    return float(_NORMAL_OF_MAD * np.median(np.abs(residuals))) ** 2

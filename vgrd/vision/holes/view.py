@@ -10,8 +10,14 @@ from vgrd.devices import Pixels
 from vgrd.geometry import Array, Pose
 from vgrd.geometry.camera import CameraModel
 
-_SAMPLED = 32
-_ORDERS = np.arange(-6, 7)  # of the Fourier series of an outline
+_SAMPLES = 32  # of an outline, for a Fourier series of 13 orders: more than twice as many
+_ORDERS = np.arange(-6, 7)  # of that series: exact to 1e-9 px
+_FITS_POINTS = 64  # of an outline, whose extent is to lie in the picture
+_FEET_POINTS = 720  # of an outline, as starts of Newton's method: 0.5 degrees apart
+_FEET_STEPS = 2  # of Newton's method, which squares the error of the start
+_MOST_FOOT_STEP_RAD = 0.3  # for places near the middle, where the nearest point is undetermined
+_REMAP_ROW = 4096  # OpenCV's remap takes sides below 32768
+_BLUR_MARGIN_PX = 4  # around a crop: bilinear samples, and the blur before them
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -38,7 +44,7 @@ class PlaneView:
 
     def fits(self, circle: Circle, margin_px: float) -> bool:
         """Whether the image of a circle with a margin is inside of the picture."""
-        outline = self.image_of(on_circle(circle, turn_angles(64)))[0]
+        outline = self.image_of(on_circle(circle, turn_angles(_FITS_POINTS)))[0]
         low, high = outline.min(0) - margin_px, outline.max(0) + margin_px
         size = np.array(self._grey.shape[::-1])
         return bool(np.isfinite(outline).all() and (low >= 0).all() and (high < size).all())
@@ -48,11 +54,15 @@ class PlaneView:
         return float(np.linalg.norm(self.image_of(place[None])[1][0], 2))
 
     def levels_at(self, places: Array, apart_mm: float) -> Array:
-        """Pixels levels (n,) at places (n, 2) that are `apart_mm` apart; outside of the picture those of its border."""
+        """Levels (n,) at places (n, 2), mm, blurred for samples `apart_mm` apart.
+
+        Outside of the picture the level is that of its border.
+        """
         pixels, _ = self.image_of(places)
         pixels = np.nan_to_num(pixels, nan=-1e6)
-        low = np.clip(np.floor(pixels.min(0)) - 4, 0, None).astype(int)
-        high = np.minimum(np.ceil(pixels.max(0)) + 5, self._grey.shape[::-1]).astype(int)
+        low = np.clip(np.floor(pixels.min(0)) - _BLUR_MARGIN_PX, 0, None).astype(int)
+        end = np.ceil(pixels.max(0)) + _BLUR_MARGIN_PX + 1
+        high = np.minimum(end, self._grey.shape[::-1]).astype(int)
         if (high <= low).any():
             return np.zeros(len(places))
         crop = self._grey[low[1] : high[1], low[0] : high[0]].astype(np.float32)
@@ -78,7 +88,7 @@ class PlaneView:
 
 
 class Outline:
-    """The image of a circle as a short Fourier series of the angle on the circle; pixels are x + iy."""
+    """The image of a circle: a short Fourier series of the angle on the circle; a pixel is x + iy."""
 
     def __init__(self, coefficients: NDArray[np.complex128]) -> None:
         self._series = coefficients
@@ -87,9 +97,12 @@ class Outline:
 
     @classmethod
     def of(cls, view: PlaneView, circle: Circle) -> "Outline":
-        """Exact to 1e-9 px: the harmonics fall by the perspective over the circle's size."""
-        pixels, _ = view.image_of(on_circle(circle, turn_angles(_SAMPLED)))
-        spectrum = np.fft.fft(pixels[:, 0] + 1j * pixels[:, 1]) / _SAMPLED
+        """The outline of a circle, exact to 1e-9 px.
+
+        Each harmonic is smaller than the one before by about the circle's size over its distance.
+        """
+        pixels, _ = view.image_of(on_circle(circle, turn_angles(_SAMPLES)))
+        spectrum = np.fft.fft(pixels[:, 0] + 1j * pixels[:, 1]) / _SAMPLES
         return cls(spectrum[_ORDERS])
 
     def at(self, angles: Array, derivative: int = 0) -> NDArray[np.complex128]:
@@ -103,17 +116,17 @@ class Outline:
 
     def normals(self, angles: Array) -> NDArray[np.complex128]:
         """Unit normals (n,) that point outwards."""
-        ways = self.at(angles, 1)
-        return np.asarray(self._outwards * ways / np.abs(ways))
+        tangents = self.at(angles, 1)
+        return np.asarray(self._outwards * tangents / np.abs(tangents))
 
     def curvatures(self, angles: Array) -> Array:
         """1 / px (n,), positive for a convex outline."""
-        ways, bends = self.at(angles, 1), self.at(angles, 2)
-        return np.asarray(np.abs((ways.conj() * bends).imag) / np.abs(ways) ** 3)
+        tangents, bends = self.at(angles, 1), self.at(angles, 2)
+        return np.asarray(np.abs((tangents.conj() * bends).imag) / np.abs(tangents) ** 3)
 
     def feet(self, places: NDArray[np.complex128]) -> tuple[Array, Array]:
         """Angles (n,) of the nearest points, and the distances (n,) outwards, px."""
-        table = turn_angles(720)
+        table = turn_angles(_FEET_POINTS)
         around = self.at(table)
         middle = around.mean()
         order = np.argsort(np.angle(around - middle))
@@ -123,16 +136,16 @@ class Outline:
             np.arange(len(table), dtype=np.float64),
         )
         angles = table[order[np.rint(nearest).astype(np.intp)]]
-        for _ in range(2):
-            ways = self.at(angles, 1)
-            along = ((places - self.at(angles)) * ways.conj()).real / np.abs(ways) ** 2
-            angles = angles + np.clip(along, -0.3, 0.3)
+        for _ in range(_FEET_STEPS):
+            tangents = self.at(angles, 1)
+            change = ((places - self.at(angles)) * tangents.conj()).real / np.abs(tangents) ** 2
+            angles = angles + np.clip(change, -_MOST_FOOT_STEP_RAD, _MOST_FOOT_STEP_RAD)
         outwards = (places - self.at(angles)) * self.normals(angles).conj()
         return angles, np.asarray(outwards.real)
 
 
 def turn_angles(count: int) -> Array:
-    """So many angles (count,) of a whole turn, from 0."""
+    """Equally spaced angles (count,) of a whole turn, from 0."""
     return np.linspace(0, 2 * np.pi, count, endpoint=False)
 
 
@@ -147,9 +160,10 @@ def on_circle(circle: Circle, angles: Array) -> Array:
 
 
 def _sampled(crop: NDArray[np.float32], x: NDArray[np.float32], y: NDArray[np.float32]) -> Array:
-    """Bilinear levels (n,) of a crop at x, y (n,); in rows, as OpenCV limits a map's sides."""
-    row = 4096
-    padded = [np.pad(part, (0, -len(part) % row)).reshape(-1, row) for part in (x, y)]
+    """Bilinear levels (n,) of a crop at x, y (n,)."""
+    padded = [
+        np.pad(part, (0, -len(part) % _REMAP_ROW)).reshape(-1, _REMAP_ROW) for part in (x, y)
+    ]
     levels = cv2.remap(
         crop, padded[0], padded[1], cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE
     )
