@@ -16,15 +16,19 @@ from vgrd.errors import InputError
 from vgrd.geometry import Array
 from vgrd.vision.print.codes import APRILTAG_FAMILIES, dictionary_of, family_named, marker_cells
 
-_COARSE_WIDTH_PX = 1300  # wider pictures are halved until they are not wider
-_FINEST_WIDTH_PX = 2600  # of the pictures that a fast search looks at
-_LEAST_REGION_PX = 16
-_CELL_PX = 6  # of the straightened tag that is read
-_LEAST_CONTRAST = 12.0  # grey levels between ink and paper
-_LEAST_SIDE_PX = 6.0
-_LEAST_PICTURE_PX = (
-    8  # a tag of 6 px and its white rim; pyapriltags crashes on pictures less than 3 px high
-)
+_COARSE_WIDTH_PX = 1300  # wider pictures are halved until they are not wider: 12 megapixels twice
+_FINEST_WIDTH_PX = 2600  # of the pictures that a fast search looks at: one level finer than coarse
+_LEAST_REGION_PX = 16  # twice _LEAST_PICTURE_PX
+_REGION_RIM_PX = 8  # around a region, beyond its margin: the white rim of a small tag
+_CELL_PX = 6  # of the straightened tag that is read; its outer pixels are left out
+_LEAST_CONTRAST = 12.0  # grey levels between ink and paper: 6 sigma of white's noise at 40 dB
+_MOST_RING_WHITE = 0.1  # share of the black ring that may be too bright: 2 of 28 cells of a 36h11
+_MOST_RIM_BLACK = 0.35  # share of the white rim that may be too dark: one side of four, and more
+_LEAST_SIDE_PX = 6.0  # of the smallest code, 4 x 4, a cell has 1 px
+_LEAST_PICTURE_PX = 8  # that and its rim; on less than 3 px pyapriltags crashes
+_FAST_WINDOW_PX = 13  # of the adaptive threshold: the middle of OpenCV's three, 3, 13 and 23
+_WIDEST_WINDOW_PX = 53  # thorough: larger than the 23 of OpenCV, for large cells
+_LEAST_PERIMETER = 0.01  # thorough, of the picture's longer side: a third of OpenCV's 0.03
 _PUBLISHED_BY_LIBRARY = ("16h5", "25h9", "36h11")
 
 
@@ -45,7 +49,7 @@ class FoundTag:
 
     @property
     def mirrored(self) -> bool:
-        """Seen from behind, printed as in a mirror, or in a flipped picture: corners turn the other way."""
+        """Whether the corners turn the other way: printed as in a mirror, or a flipped picture."""
         (ax, ay), (bx, by) = (
             self.corners_px[2] - self.corners_px[0],
             self.corners_px[3] - self.corners_px[1],
@@ -61,11 +65,11 @@ class FoundTag:
 def find_tags(
     grey: Grey, families: Sequence[str], *, max_hamming: int = 0, thorough: bool = True
 ) -> list[FoundTag]:
-    """All tags of the families in a grey picture (h, w), one that appears twice twice; by family and id.
+    """All tags of the families in a grey picture (h, w), sorted by family and id.
 
-    families: names as `family_named` takes them. thorough: search at full resolution too, with two
-    detectors; otherwise only a picture of at most 1300 px width made from this one. Raises
-    InputError for an unknown family or another kind of picture.
+    A tag that appears twice is listed twice. families: names as `family_named` takes them. thorough:
+    search at all resolutions, with two detectors; otherwise only at the coarsest, at most 1300 px wide.
+    Raises InputError for an unknown family or another kind of picture.
     """
     if grey.ndim != 2 or grey.dtype != np.uint8:
         raise InputError(f"a grey 8-bit picture is needed, got {grey.dtype} {grey.shape}")
@@ -101,7 +105,7 @@ def _keep_mirrored(
 
 
 def _covers_another(found: Sequence[FoundTag], tag: FoundTag) -> bool:
-    """Whether a tag lies where one was found that needs no mirror."""
+    """Whether a tag lies where one was found without a mirror."""
     middle = tag.corners_px.mean(0)
     return any(
         np.linalg.norm(other.corners_px.mean(0) - middle) < other.side_px / 2 for other in found
@@ -109,9 +113,9 @@ def _covers_another(found: Sequence[FoundTag], tag: FoundTag) -> bool:
 
 
 def search_tags(grey: Grey, wanted: Set[tuple[str, int]]) -> list[FoundTag]:
-    """Look for some tags (family, id) fast: in a small picture, then in finer ones until all are there.
+    """Look for the wanted tags (family, id) fast: in a small picture, then in finer ones until all are found.
 
-    Damaged ones are listed too, and whatever appears twice.
+    Lists damaged tags too, and a tag that appears twice twice.
     """
     found: list[FoundTag] = []
     for scale, level in reversed(_pyramid(grey)):
@@ -134,7 +138,7 @@ def tags_within(
 ) -> list[FoundTag]:
     """Look for tags around a place (4, 2) px: within `margin` of its extent, at full resolution."""
     low, high = corners_px.min(0), corners_px.max(0)
-    reach = margin * float((high - low).max()) + 8
+    reach = margin * float((high - low).max()) + _REGION_RIM_PX
     x0, y0 = np.maximum(np.floor(low - reach), 0).astype(int).tolist()
     x1, y1 = np.minimum(np.ceil(high + reach), grey.shape[::-1]).astype(int).tolist()
     if x1 - x0 < _LEAST_REGION_PX or y1 - y0 < _LEAST_REGION_PX:
@@ -160,7 +164,8 @@ def read_tag(grey: Grey, family: str, tag_id: int, corners_px: Array) -> FoundTa
     if contrast < _LEAST_CONTRAST:
         return None
     level = (white + black) / 2
-    if np.mean(inner[ring] > level) > 0.1 or np.mean(cells[rim] < level) > 0.35:
+    ring_white, rim_black = np.mean(inner[ring] > level), np.mean(cells[rim] < level)
+    if ring_white > _MOST_RING_WHITE or rim_black > _MOST_RIM_BLACK:
         return None
     hamming = int(np.sum((inner > level) != (code > 0.5)))
     return FoundTag(family, tag_id, np.asarray(corners_px, dtype=np.float64), hamming, contrast)
@@ -211,10 +216,11 @@ def _aruco(family: str, thorough: bool) -> cv2.aruco.ArucoDetector:
     parameters = cv2.aruco.DetectorParameters()
     parameters.cornerRefinementMethod = cv2.aruco.CORNER_REFINE_SUBPIX
     if thorough:
-        parameters.adaptiveThreshWinSizeMax = 53
-        parameters.minMarkerPerimeterRate = 0.01
+        parameters.adaptiveThreshWinSizeMax = _WIDEST_WINDOW_PX
+        parameters.minMarkerPerimeterRate = _LEAST_PERIMETER
     else:
-        parameters.adaptiveThreshWinSizeMin = parameters.adaptiveThreshWinSizeMax = 13
+        parameters.adaptiveThreshWinSizeMin = _FAST_WINDOW_PX
+        parameters.adaptiveThreshWinSizeMax = _FAST_WINDOW_PX
         parameters.cornerRefinementMethod = cv2.aruco.CORNER_REFINE_NONE
     return cv2.aruco.ArucoDetector(dictionary_of(family), parameters)
 
@@ -225,7 +231,7 @@ def _apriltag(family: str) -> pyapriltags.Detector:
 
 
 def _keep(found: list[FoundTag], tag: FoundTag) -> None:
-    """Add a tag unless it is one that is already known, read at least as well."""
+    """Add a tag; of two sightings of the same one keep the better read, and of equals the later."""
     if tag.side_px < _LEAST_SIDE_PX:
         return
     for i, other in enumerate(found):

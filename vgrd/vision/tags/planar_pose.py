@@ -18,10 +18,13 @@ from vgrd.geometry.covariance import sqrt_information
 from vgrd.vision.images.compiling import compiled
 from vgrd.vision.images.warp import lens_vector, project, slopes
 
-_STEPS = 60
-_STILL = 1e-6  # chi-square
+_STEPS = 60  # at most: a slow descent that ended early was taken for a second pose
+_STILL = 1e-6  # of (1 + chi-square); a thousandth of a sigma
 _UNDAMPED = 1e-9  # a step with more damping is short for that alone: it shows no minimum
-_SAME_RAD = np.radians(0.01)
+_RIDGE = 1e-15  # on the diagonal of unit columns: rounding, but a singular matrix becomes solvable
+_SAME_RAD = np.radians(
+    0.01
+)  # two starts that ended in one minimum; the other solution is farther away
 MOST_MISFIT_PX = 0.5  # rms beyond which no pose fits the corners
 _BRANCH_MARGIN = 25.0  # chi-square by which the second solution must be worse: 5 sigma
 
@@ -36,12 +39,12 @@ class PlanarPose:
 
     @property
     def inflation(self) -> float:
-        """By how much the corners scatter more than their covariance says, per degree of freedom; at least 1."""
+        """Chi-square of the corners per degree of freedom (8 numbers less 6 unknowns), at least 1."""
         return max(self.cost / 2, 1.0)
 
     @property
     def inflated_covariance(self) -> Array:
-        """The covariance (6, 6), with what the corners scatter more than theirs says."""
+        """The covariance (6, 6) times the inflation."""
         return self.covariance * self.inflation
 
     @property
@@ -52,9 +55,9 @@ class PlanarPose:
         return float(np.degrees(np.arccos(min(cosine, 1.0))))
 
     def misfit_px(self, camera: CameraModel, corners_in_target: Array, corners_px: Array) -> float:
-        """Root mean square of by how much the corners (4, 3) are off those that were seen (4, 2)."""
-        off = camera.project(self.pose @ corners_in_target) - corners_px
-        return float(np.sqrt(np.mean(off**2)))
+        """Root mean square of the corners' residuals: the target's (4, 3), projected, less those seen (4, 2)."""
+        residuals = camera.project(self.pose @ corners_in_target) - corners_px
+        return float(np.sqrt(np.mean(residuals**2)))
 
 
 def is_ambiguous(poses: Sequence[PlanarPose]) -> bool:
@@ -65,12 +68,12 @@ def is_ambiguous(poses: Sequence[PlanarPose]) -> bool:
 def planar_poses(
     camera: CameraModel, corners_in_target: Array, corners_px: Array, covariance: Array
 ) -> list[PlanarPose]:
-    """All poses, best first: two, or one where both run into the same minimum. Empty when none is in front.
+    """Both poses, best first; one where both descents end in the same minimum, none where none is in front.
 
     corners_in_target: (4, 3) with z = 0, mm; corners_px (4, 2); covariance (8, 8) px^2.
     """
     W = sqrt_information(covariance)
-    found: list[PlanarPose] = []
+    poses: list[PlanarPose] = []
     _, rotvecs, translations, _ = cv2.solvePnPGeneric(
         corners_in_target, corners_px, camera.matrix, camera.distortion, flags=cv2.SOLVEPNP_IPPE
     )
@@ -79,13 +82,13 @@ def planar_poses(
             continue
         start = Pose.from_rotvec(rotvec[:, 0], translation[:, 0])
         candidate = _refined(camera, corners_in_target, corners_px, W, start)
-        if candidate is not None and not any(_same(candidate, other) for other in found):
-            found.append(candidate)
-    return sorted(found, key=lambda pose: pose.cost)
+        if candidate is not None and not any(_same(candidate, other) for other in poses):
+            poses.append(candidate)
+    return sorted(poses, key=lambda pose: pose.cost)
 
 
-def _same(one: PlanarPose, other: PlanarPose) -> bool:
-    return bool(one.pose.distance(other.pose)[1] < _SAME_RAD)
+def _same(pose: PlanarPose, other: PlanarPose) -> bool:
+    return bool(pose.pose.distance(other.pose)[1] < _SAME_RAD)
 
 
 def _refined(
@@ -127,12 +130,12 @@ def _linearized(
 
 
 @compiled
-def _turned(w: Array) -> Array:
+def _rotation_by(w: Array) -> Array:
     """Rotation (3, 3) by a vector."""
     angle = math.sqrt(w[0] * w[0] + w[1] * w[1] + w[2] * w[2])
     K = np.array([[0.0, -w[2], w[1]], [w[2], 0.0, -w[0]], [-w[1], w[0], 0.0]])
     sine, versine = 1.0, 0.5
-    if angle > 1e-8:
+    if angle > 1e-8:  # below, the series differs by 1e-17
         sine, versine = math.sin(angle) / angle, 2 * (math.sin(angle / 2) / angle) ** 2
     return np.asarray(np.eye(3) + K * sine + K @ K * versine)
 
@@ -148,9 +151,9 @@ def _descend(
     for _ in range(_STEPS):
         scale = 1 / np.sqrt(np.sum(J * J, axis=0))
         scaled = J * scale
-        A = scaled.T @ scaled + (damping + 1e-15) * np.eye(6)
+        A = scaled.T @ scaled + (damping + _RIDGE) * np.eye(6)
         step = scale * np.linalg.solve(A, scaled.T @ r)
-        turn = _turned(step[3:])
+        turn = _rotation_by(step[3:])
         R_new, t_new = turn @ R, turn @ t + step[:3]
         r_new, J_new = _linearized(lens, corners, corners_px, W, R_new, t_new)
         trial = float(r_new @ r_new)

@@ -28,12 +28,12 @@ from vgrd.vision.print.raster import Raster, tag_raster
 from vgrd.vision.tags.detection import FoundTag, read_tag, search_tags, tags_within
 from vgrd.vision.tags.planar_pose import MOST_MISFIT_PX, PlanarPose, is_ambiguous, planar_poses
 
-_REGION_MARGIN = 0.25  # of a tag's extent, around where it was
+_REGION_MARGIN = 0.25  # of a tag's extent, around its last place: two cells of a 36h11
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Sighting:
-    """What is known of one of the tags: the observation if there is a trustworthy one, and remarks."""
+    """A tag in a picture: its observation, None where it is not trustworthy, and remarks."""
 
     observation: TagObservation | None
     refined: Refined | None
@@ -47,7 +47,7 @@ class Sighting:
 
 
 class TagDetector:
-    """Finds the given tags in pictures of one camera; no picture leaves a trace in what the next one gives.
+    """Finds the given tags in pictures of one camera; the result depends on no earlier picture.
 
     camera_matrix (3, 3) px, distortion in OpenCV order (may be empty), size (width, height) px.
     Compiles (or loads) its loops when it is made. Not thread-safe: one detector per thread. Close
@@ -95,17 +95,16 @@ class TagDetector:
     ) -> dict[int, TagObservation]:
         """Find tags in a picture (height, width), uint8 or uint16; returns observations by tag id.
 
-        around: an earlier result; its tags are looked for where they were, and everywhere when
-        they are not there. Tags that were never seen are always looked for everywhere. region: where
-        the pixels lie in the whole picture; corners count in the whole picture all the same. Left
-        out: tags that appear twice, have a damaged code, do not fit their pose by more than 0.5 px rms,
-        or have two poses that fit. Raises InputError when the picture has another size than the
-        camera.
+        around: an earlier result; its tags are looked for at their earlier place first, then
+        everywhere, as all others are. region: where the pixels lie in the whole picture, in which the
+        corners count. Left out: tags that appear twice, have a damaged code, miss their pose by more
+        than 0.5 px rms, or fit two poses. Raises InputError when the picture has another size than
+        the camera.
         """
         return {
-            tag_id: seen.observation
-            for tag_id, seen in self.examine(pixels, around, region).items()
-            if seen.observation is not None
+            tag_id: sighting.observation
+            for tag_id, sighting in self.examine(pixels, around, region).items()
+            if sighting.observation is not None
         }
 
     def examine(
@@ -120,10 +119,12 @@ class TagDetector:
         self._check_size(pixels, region)
         part = np.ascontiguousarray(as_8_bit(pixels))
         grey = part if region is None else self._framed(part, region)
-        known = {tag_id: seen for tag_id, seen in (around or {}).items() if tag_id in self._tags}
-        tracked = self._threads.map(lambda seen: self._track(grey, seen), known.values())
+        earlier = {tag_id: last for tag_id, last in (around or {}).items() if tag_id in self._tags}
+        tracked = self._threads.map(lambda last: self._track(grey, last), earlier.values())
         sightings = {
-            tag_id: seen for tag_id, seen in zip(known, tracked, strict=True) if seen is not None
+            tag_id: sighting
+            for tag_id, sighting in zip(earlier, tracked, strict=True)
+            if sighting is not None
         }
         wanted = {pair for pair in self._wanted if pair[1] not in sightings}
         if wanted:
@@ -162,14 +163,14 @@ class TagDetector:
         return frame
 
     def _track(self, grey: Grey, earlier: TagObservation) -> Sighting | None:
-        """Look for a tag where it was, first without searching for it.
+        """Look for a tag at its earlier place: measure it from there, else search around.
 
-        A moved tag can lead the fit of edges to a wrong place: only all its pixels tell that it is there.
+        A moved tag can lead the fit of edges to a wrong place, so only the photometric fit counts.
         """
         tag = self._tags[earlier.tag.id]
-        seen = self._measured(grey, tag, earlier.corners_px)
-        if seen is not None and seen.is_of_all_pixels:
-            return seen
+        sighting = self._measured(grey, tag, earlier.corners_px)
+        if sighting is not None and sighting.is_of_all_pixels:
+            return sighting
         found = tags_within(grey, {(tag.family, tag.id)}, earlier.corners_px, _REGION_MARGIN)
         if len(found) != 1 or found[0].hamming:
             return None
@@ -187,11 +188,11 @@ class TagDetector:
         sightings = {tag.id: _not_readable(tag, counts[tag.id]) for tag in found}
         good = [tag for tag in found if counts[tag.id] == 1 and tag.hamming == 0]
         if self._threads is not None:
-            seen = self._threads.map(
+            measured = self._threads.map(
                 lambda tag: self._measured(grey, self._tags[tag.id], tag.corners_px), good
             )
             sightings |= {
-                tag.id: sighting or _unfit() for tag, sighting in zip(good, seen, strict=True)
+                tag.id: sighting or _unfit() for tag, sighting in zip(good, measured, strict=True)
             }
         return sightings
 
