@@ -30,20 +30,22 @@ from vgrd.vision.tags.planar_pose import PlanarPose, planar_poses
 
 MeasurableBoard = Charuco | TagGrid
 
-_LEAST_POINTS = 4
+_LEAST_POINTS = 4  # of a homography
 _POINT_PX = 4.0  # by which a point that was only detected, on a bent board, may be off
 _AGREEING = 0.9  # share of the points that must be where the board has them
-_LEAST_EXCESS, _MOST_EXCESS = 0.002, 0.02  # of the markers' size, told and refused
-_EXCESS_SIGMAS = 5.0
+_LEAST_EXCESS = 0.002  # of the markers' size, told; a real board had 0.003 to 0.01
+_MOST_EXCESS = 0.02  # idem, refused: another board than its file says, not another print of it
+_EXCESS_SIGMAS = 5.0  # of its own noise
 _MOST_SIGMA_PX = 1.0  # of the outline: beyond it a pose is not linear in the corners
+_RANSAC_PX = 1.0  # of the points for the start
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class BoardFit:
     """A measured board: its refined outer corners and all poses, best first.
 
-    outline (4, 3): those corners in the board's frame, mm; excess: share by which its markers are
-    larger, against their distances, than stated; 0 where they are not.
+    outline (4, 3): those corners in the board's frame, mm; excess: share by which the ratio of its
+    markers' size to their distances is larger than stated; 0 where the difference is not significant.
     """
 
     refined: Refined
@@ -53,22 +55,22 @@ class BoardFit:
 
     @property
     def covariance(self) -> Array:
-        """Covariance (6, 6) of the best pose, with the outline's scatter and sizes that contradict each other.
+        """Covariance (6, 6) of the best pose, widened by the outline's scatter and by the excess.
 
-        Which of them is wrong nothing tells: distance, place and direction are as uncertain as they
-        differ, in shares of the distance, of the board and of a radian.
+        Nothing tells which of two contradicting sizes is wrong. So the excess is taken as a sigma: of the
+        distance and of the place as shares of the distance and of the board's size, of the direction in rad.
         """
         best = self.poses[0]
         t, extent = best.pose.translation, float(np.ptp(self.outline, axis=0).max())
-        by_sizes = np.zeros((6, 7))
-        by_sizes[:3] = np.hstack([t[:, None], extent * np.eye(3), hat(t)])
-        by_sizes[3:, 4:] = np.eye(3)
-        return np.asarray(best.inflated_covariance + self.excess**2 * by_sizes @ by_sizes.T)
+        J_sizes = np.zeros((6, 7))
+        J_sizes[:3] = np.hstack([t[:, None], extent * np.eye(3), hat(t)])
+        J_sizes[3:, 4:] = np.eye(3)
+        return np.asarray(best.inflated_covariance + self.excess**2 * J_sizes @ J_sizes.T)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Layout:
-    """How a board may be printed: its raster, and its markers (n, 2, 2), lowest and highest (x, y), mm."""
+    """One way to print a board: its raster, and its markers (n, 2, 2), lowest and highest (x, y), mm."""
 
     raster: Raster
     markers: Array
@@ -101,19 +103,19 @@ def tag_board_raster(tags: Mapping[TagSpec, Array], margin_mm: float) -> Raster:
 def fit_charuco(picture: Grey, board: Charuco, camera: CameraModel) -> BoardFit:
     """Measure a ChArUco board, in either of OpenCV's layouts.
 
-    Raises TagNotSeen when it is not there, too little of it is seen, it is there twice, or what is
-    seen contradicts its sizes.
+    Raises TagNotSeen when it is not in the picture, is there twice, shows too little of itself, or has
+    other sizes than stated.
     """
     wanted = {(board.dictionary, i) for i in range((board.columns * board.rows + 1) // 2)}
     _single(find_tags(picture, [board.dictionary]), wanted)
     try:
-        seen = detect_board(picture, board)
+        detection = detect_board(picture, board)
     except TagNotSeen as error:
         remedy = "show more of it, or correct columns, rows and dictionary of its file"
         raise TagNotSeen(f"{error}: {remedy}") from error
     both = (False, True) if board.rows % 2 == 0 else (False,)
     layouts = [_charuco_layout(board, legacy=legacy) for legacy in both]
-    return _fitted(picture, camera, seen.points_in_target[:, :2], seen.pixels, layouts)
+    return _fitted(picture, camera, detection.points_in_target[:, :2], detection.pixels, layouts)
 
 
 def fit_tag_board(
@@ -122,11 +124,11 @@ def fit_tag_board(
     """Measure a board of tags at the places of their centres (2,) mm. Raises as `fit_charuco`."""
     place = {(tag.family, tag.id): (tag, np.asarray(centre)) for tag, centre in tags.items()}
     points, pixels = [], []
-    found = find_tags(picture, sorted({tag.family for tag in tags}))
-    for seen in _single(found, place.keys()):
-        tag, centre = place[seen.family, seen.id]
+    candidates = find_tags(picture, sorted({tag.family for tag in tags}))
+    for found in _single(candidates, place.keys()):
+        tag, centre = place[found.family, found.id]
         points.append(centre + square_corners(tag.size_mm)[:, :2])
-        pixels.append(seen.corners_px)
+        pixels.append(found.corners_px)
     if not points:
         raise TagNotSeen("none of the board's tags is in the picture: is its file the right one?")
     layout = _tags_layout(tags, margin_mm)
@@ -134,10 +136,10 @@ def fit_tag_board(
 
 
 def _single(found: Iterable[FoundTag], wanted: Set[tuple[str, int]]) -> list[FoundTag]:
-    """The markers of a board, each of which is in the picture once, and not in a mirror."""
-    own = [tag for tag in found if (tag.family, tag.id) in wanted]
-    upright = [tag for tag in own if not tag.mirrored]
-    if own and not upright:
+    """The markers of a board; TagNotSeen when one is there twice, or all as in a mirror."""
+    markers = [tag for tag in found if (tag.family, tag.id) in wanted]
+    upright = [tag for tag in markers if not tag.mirrored]
+    if markers and not upright:
         raise TagNotSeen("the board is seen as in a mirror: printed wrongly, or a flipped picture")
     counts = Counter(tag.id for tag in upright)
     twice = [str(tag_id) for tag_id, count in sorted(counts.items()) if count > 1]
@@ -193,16 +195,16 @@ def _fitted(
     if len(points) < _LEAST_POINTS:
         raise TagNotSeen(f"{len(points)} points of the board are seen, {_LEAST_POINTS} are needed")
     H, _ = cv2.findHomography(
-        points, camera.normalize(pixels), cv2.RANSAC, 1 / camera.matrix[0, 0]
+        points, camera.normalize(pixels), cv2.RANSAC, _RANSAC_PX / camera.matrix[0, 0]
     )
     if H is None:
         raise TagNotSeen("the points seen of the board do not lie on a plane")
     rays_from_board = np.asarray(H, dtype=np.float64)
-    _check_agreement(_seen_by(camera, rays_from_board, points) - pixels)
+    _check_agreement(_projected(camera, rays_from_board, points) - pixels)
     lens = lens_vector(camera)
     fits: list[tuple[Refined, _Layout]] = []
     for layout in layouts:
-        corners = _seen_by(camera, rays_from_board, layout.raster.corners)
+        corners = _projected(camera, rays_from_board, layout.raster.corners)
         refined = refine(picture, layout.raster, corners, lens, lines_are_sure=True)
         if refined is not None:
             fits.append((refined, layout))
@@ -223,23 +225,23 @@ def _fitted(
     return BoardFit(best, poses, outline, excess)
 
 
-def _seen_by(camera: CameraModel, rays_from_board: Array, points: Array) -> Array:
+def _projected(camera: CameraModel, rays_from_board: Array, points: Array) -> Array:
     """Pixels (n, 2) of points (n, 2) mm of the board."""
     return camera.project(np.column_stack([apply(rays_from_board, points), np.ones(len(points))]))
 
 
-def _check_agreement(off: Array) -> None:
-    """Refuse a board whose points are seen elsewhere, by off (n, 2) px, than on one plane."""
-    agreeing = np.linalg.norm(off, axis=1) < _POINT_PX
+def _check_agreement(residuals: Array) -> None:
+    """Refuse a board whose points do not lie on one plane, by their residuals (n, 2), px."""
+    agreeing = np.linalg.norm(residuals, axis=1) < _POINT_PX
     if agreeing.mean() < _AGREEING:
         raise TagNotSeen(
-            f"{np.sum(~agreeing)} of {len(off)} points of the board are not where its file has them: "
+            f"{np.sum(~agreeing)} of {len(residuals)} points of the board are not where its file has them: "
             "are columns, rows and sizes those of this board, is it flat, is the camera file right?"
         )
 
 
 def _significant(excess: float, sigma: float) -> float:
-    """The excess of the markers' size, 0 where it is none; refuses a board of other proportions."""
+    """The excess of the markers' size, 0 where it is not significant; refuses one above 2 %."""
     if abs(excess) < max(_LEAST_EXCESS, _EXCESS_SIGMAS * sigma):
         return 0.0
     if abs(excess) > _MOST_EXCESS:
@@ -248,7 +250,7 @@ def _significant(excess: float, sigma: float) -> float:
 
 
 def sizes_remark(excess: float) -> str:
-    """What to do about markers that are larger by a share, against their distances, than stated."""
+    """The remark about markers whose size, against their distances, exceeds the stated one by a share."""
     return (
         f"its markers are about {abs(excess):.1%} {'larger' if excess > 0 else 'smaller'}, against "
         "their distances, than its file says: measure both, and correct the file"

@@ -18,7 +18,7 @@ from vgrd.vision.images.drawing import TagMark, axes_px
 from vgrd.vision.tags.planar_pose import MOST_MISFIT_PX, is_ambiguous
 
 _WHOLE = 0.9  # share of its edges that are seen of a board that nothing hides
-_AXES_SHARE = 0.3  # of the board's shorter side
+_AXES_SHARE = 0.3  # of the board's shorter side, as drawn
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -73,8 +73,8 @@ def inspect_board(
     try:
         fit = fit_board(grey, board, camera)
     except TagNotSeen as error:
-        told = Finding("not_measured", f"{Path(name).name}: {error}")
-        return BoardReport(name, None, None, None, None, (told,))
+        finding = Finding("not_measured", f"{Path(name).name}: {error}")
+        return BoardReport(name, None, None, None, None, (finding,))
     best = fit.poses[0] if fit.poses else None
     misfit_px = (
         None if best is None else best.misfit_px(camera, fit.outline, fit.refined.corners_px)
@@ -107,21 +107,23 @@ def _origin_sigma_mm(camera_from_board: Pose, covariance: Array) -> float:
 def _remarks(fit: BoardFit) -> list[tuple[str, str]]:
     """What makes a pose worse than it could be."""
     out = [("sizes", sizes_remark(fit.excess))] if fit.excess else []
-    seen = fit.refined.edges_seen
-    if seen < _WHOLE:  # looks like a shadow to the fit of the light
-        told = f"only {seen:.0%} of its edges are seen: uncover it, or bring it into the picture"
-        return [*out, ("partial", told)]
-    trouble = disturbance(fit.refined)
-    return out if trouble is None else [*out, trouble]
+    share = fit.refined.edges_seen
+    if share < _WHOLE:  # looks like a shadow to the fit of the light
+        remark = (
+            f"only {share:.0%} of its edges are seen: uncover it, or bring it into the picture"
+        )
+        return [*out, ("partial", remark)]
+    cause = disturbance(fit.refined)
+    return out if cause is None else [*out, cause]
 
 
 def _doubts(fit: BoardFit, misfit_px: float | None) -> list[tuple[str, str]]:
     """Why a pose would be a guess."""
     out = []
     if misfit_px is None or misfit_px > MOST_MISFIT_PX:
-        off = "" if misfit_px is None else f" by {misfit_px:.2f} px"
+        amount = "" if misfit_px is None else f" by {misfit_px:.2f} px"
         remedy = "is the camera file right, the board flat?"
-        out.append(("misfit", f"its outline is off a rectangle{off}: {remedy}"))
+        out.append(("misfit", f"its outline is off a rectangle{amount}: {remedy}"))
     if is_ambiguous(fit.poses):
         out.append(
             ("ambiguous", "two poses fit: tilt it by 10 degrees, come nearer, or uncover it")

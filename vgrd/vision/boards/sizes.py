@@ -1,7 +1,7 @@
 """Whether the markers of a board have the size against their distances that its file states.
 
-A homography fits a board of wrong proportions almost as well as the right one, at another distance: edges
-tell it, as one number more in their fit.
+A homography fits a board of wrong proportions almost as well as the right one, only at another distance. The
+edges tell the proportion: it is one more unknown in their fit.
 """
 
 import numpy as np
@@ -14,15 +14,15 @@ from vgrd.vision.images.homography import apply, from_points
 from vgrd.vision.images.warp import LocalFrame
 from vgrd.vision.print.raster import Raster
 
-_FREE = 1.0  # standard deviation that the excess is held by: not at all
-_STEP = 1e-4
-_FEWEST_EDGES = 20
+_PRIOR_SIGMA = 1.0  # of the excess: as good as none
+_STEP = 1e-4  # of the markers' size, of the central difference
+_FEWEST_EDGES = 20  # twice the 10 unknowns
 
 
 def marker_excess(
     picture: Grey, raster: Raster, markers: Array, corners_px: Array, lens: Array
 ) -> tuple[float, float]:
-    """By which share the markers are larger, against their distances, than in the raster; 1 sigma.
+    """Share by which the markers are larger, against their distances, than in the raster, and its sigma.
 
     markers (n, 2, 2): lowest and highest (x, y) of each, mm; corners_px (4, 2): of the measured raster.
     (0, inf) where too few edges are seen.
@@ -32,13 +32,13 @@ def marker_excess(
     q, normal, offset, edge = edge_offsets(picture, raster, frame, H, wide=False)
     if len(np.unique(edge)) < _FEWEST_EDGES:
         return 0.0, np.inf
-    at = apply(np.asarray(np.linalg.inv(H), dtype=np.float64), q)
-    growth = _STEP * _from_centre(at, edge_segments(raster)[edge], markers)
-    grown = (apply(H, at + growth) - apply(H, at - growth)) / (2 * _STEP)
+    points = apply(np.asarray(np.linalg.inv(H), dtype=np.float64), q)
+    growth = _STEP * _from_centre(points, edge_segments(raster)[edge], markers)
+    slopes = (apply(H, points + growth) - apply(H, points - growth)) / (2 * _STEP)
     scale = float(np.abs(frame.q_of(corners_px)).max())
-    J = np.column_stack([edge_slopes(q, normal, scale), np.einsum("ni,ni->n", grown, normal)])
+    J = np.column_stack([edge_slopes(q, normal, scale), np.einsum("ni,ni->n", slopes, normal)])
     try:
-        change, residuals, weight = robust_step(J, offset, _FREE, np.zeros(1))
+        change, residuals, weight = robust_step(J, offset, _PRIOR_SIGMA, np.zeros(1))
         bread = np.linalg.inv((J.T * weight) @ J)
     except np.linalg.LinAlgError:
         return 0.0, np.inf
@@ -47,10 +47,11 @@ def marker_excess(
     return float(change[-1]), float(np.linalg.norm(scores @ bread[-1]))
 
 
-def _from_centre(at: Array, segments: Array, markers: Array) -> Array:
-    """Ways (n, 2) mm from the centres of the markers that edge points belong to; zero where to none."""
+def _from_centre(points: Array, segments: Array, markers: Array) -> Array:
+    """Vectors (n, 2), mm, from the centre of its marker to each edge point; 0 for points of no marker."""
     middle = ((segments[:, :2] + segments[:, 2:4]) / 2)[:, None]
-    near = 1e-6 * np.ptp(markers)
-    inside = np.all((middle > markers[:, 0] - near) & (middle < markers[:, 1] + near), axis=2)
-    ways = at - markers.mean(1)[inside.argmax(1)]
-    return np.asarray(np.where(inside.any(1)[:, None], ways, 0.0))
+    slack = 1e-6 * np.ptp(markers)  # rounding
+    low, high = markers[:, 0] - slack, markers[:, 1] + slack
+    inside = np.all((middle > low) & (middle < high), axis=2)
+    vectors = points - markers.mean(1)[inside.argmax(1)]
+    return np.asarray(np.where(inside.any(1)[:, None], vectors, 0.0))
