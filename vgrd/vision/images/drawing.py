@@ -28,12 +28,13 @@ RED: Bgr = (40, 40, 220)
 _AXES: tuple[Bgr, Bgr, Bgr] = ((60, 60, 230), (60, 190, 60), (230, 120, 40))  # x, y, z
 _GREY: Bgr = (128, 128, 128)
 _SHIFT = 4  # OpenCV draws with this many bits of a pixel's fraction
-_BAR_PX = 46
+_BAR_PX = 46  # of the scale of residuals: half of it the colours, twice of it the numbers
+_LETTERS_PX = 30  # a line of OpenCV's letters at scale 1
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class TagMark:
-    """A tag to be drawn: corners_px (4, 2); axes_px (4, 2): origin and the ends of x, y, z, or None."""
+    """A tag to draw: corners_px (4, 2); axes_px (4, 2): origin and the ends of x, y, z, or None."""
 
     label: str
     corners_px: Array
@@ -178,7 +179,7 @@ def _fixed(points: Array) -> NDArray[np.int32]:
 
 def _label(out: Colour, text: str, place: Array, height_px: float, colour: Bgr) -> None:
     """Text on a dark plate, moved so that it stays inside the picture."""
-    scale = height_px / 30
+    scale = height_px / _LETTERS_PX
     thickness = max(1, round(scale * 1.6))
     (width, height), below = cv2.getTextSize(text, cv2.FONT_HERSHEY_SIMPLEX, scale, thickness)
     x = int(np.clip(place[0], 0, max(out.shape[1] - width - 2, 0)))
@@ -188,6 +189,5 @@ def _label(out: Colour, text: str, place: Array, height_px: float, colour: Bgr) 
 
 
 def _write(out: Colour, text: str, place: tuple[int, int], height_px: float) -> None:
-    cv2.putText(
-        out, text, place, cv2.FONT_HERSHEY_SIMPLEX, height_px / 30, (0, 0, 0), 1, cv2.LINE_AA
-    )
+    scale = height_px / _LETTERS_PX
+    cv2.putText(out, text, place, cv2.FONT_HERSHEY_SIMPLEX, scale, (0, 0, 0), 1, cv2.LINE_AA)

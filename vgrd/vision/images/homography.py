@@ -44,7 +44,7 @@ def from_points(points: Array, images: Array) -> Array:
 
 
 def motion_at(x: float, y: float) -> Array:
-    """Motion (2, 8) of a point of the scaled q plane by the parameters."""
+    """Motion (2, 8) of a point of the scaled q plane by the parameters (9 in docs/photometric.md)."""
     return np.array([[x, y, 1, 0, 0, 0, -x * x, -x * y], [0, 0, 0, x, y, 1, -x * y, -y * y]])
 
 
@@ -56,7 +56,7 @@ def moved(H: Array, change: Array, scale: float) -> Array:
 
 
 def to_pixels(frame: LocalFrame, q: Array, covariance: Array, scale: float) -> tuple[Array, Array]:
-    """Pixels (4, 2) of corners q (4, 2) and their covariance (8, 8), from that of the parameters."""
+    """Pixels (4, 2) of corners q (4, 2) and their covariance (8, 8), from that of the parameters (19)."""
     J = np.concatenate(
         [
             slope @ motion_at(*corner) * scale

@@ -8,8 +8,11 @@ from vgrd.geometry import Array
 from vgrd.vision.images.compiling import compiled
 
 _LEAST_VARIANCE = 1 / 12  # rounding to whole grey levels
-_FEW_PIXELS = 30
+_LEAST_PIXELS = 30  # of one colour: their variance is known to 26 %, sqrt(2 / 30)
+_UNKNOWN = 1.0  # variance where no colour has as many: a good camera in the dark
 _DIRTY = 25.0  # squared sigmas
+_ROUNDS = 3  # of leaving out dirt: the second has its sigma without the worst of it
+_OF_SECOND_DIFFERENCE = 6  # 1 + 4 + 1: its variance over that of a pixel
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -21,10 +24,10 @@ class Noise:
 
 
 def noise_in(flat: Array) -> Noise:
-    """Noise from flat pixels (n, 3): colour, level, second difference."""
-    found = [(level, variance) for level, variance, n in _noise_of(flat) if n >= _FEW_PIXELS]
+    """Noise from flat pixels (n, 3): colour, level, second difference (16 in docs/photometric.md)."""
+    found = [(level, variance) for level, variance, n in _noise_of(flat) if n >= _LEAST_PIXELS]
     if not found:
-        return Noise(0.0, 1.0)
+        return Noise(0.0, _UNKNOWN)
     (dark, variance), (bright, most) = found[0], found[-1]
     shot = max((most - variance) / max(bright - dark, 1.0), 0.0) if len(found) > 1 else 0.0
     return Noise(shot, max(variance - shot * dark, _LEAST_VARIANCE))
@@ -32,14 +35,14 @@ def noise_in(flat: Array) -> Noise:
 
 @compiled
 def _noise_of(flat: Array) -> Array:
-    """Mean level, variance of the noise, and number of the clean ones, of black and white flat pixels (2, 3).
+    """Mean level, variance of the noise, and number of the clean pixels, of black and of white: (2, 3).
 
-    The variance of a second difference is 1 + 4 + 1 times that of a pixel; what is five sigma off is dirt.
+    A second difference of more than five sigma is dirt.
     """
     found = np.zeros((2, 3))
     for colour in range(2):
         most = np.inf
-        for _ in range(3):
+        for _ in range(_ROUNDS):
             level, squares, n = 0.0, 0.0, 0
             for i in range(len(flat)):
                 square = flat[i, 2] * flat[i, 2]
@@ -48,5 +51,6 @@ def _noise_of(flat: Array) -> Array:
             if n == 0:
                 break
             most = _DIRTY * max(squares / n, 1.0)
-            found[colour, 0], found[colour, 1], found[colour, 2] = level / n, squares / (6 * n), n
+            variance = squares / (_OF_SECOND_DIFFERENCE * n)
+            found[colour, 0], found[colour, 1], found[colour, 2] = level / n, variance, n
     return found

@@ -13,8 +13,8 @@ from vgrd.errors import InputError
 
 SUFFIXES = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".bmp", ".pgm", ".webp")
 _AS_STORED = cv2.IMREAD_GRAYSCALE | cv2.IMREAD_ANYDEPTH | cv2.IMREAD_IGNORE_ORIENTATION
-_ORIENTATION_TAG = 0x0112
-_UPRIGHT = 1
+_ORIENTATION_TAG = 0x0112  # TIFF 6.0, Orientation
+_UPRIGHT = 1  # idem: row 0 at the top, column 0 at the left
 
 
 @dataclass(frozen=True, slots=True, eq=False)

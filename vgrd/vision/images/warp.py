@@ -1,7 +1,8 @@
 """Pixels, rays, and the local plane "q" in which a target is measured.
 
-q = F (ray - r0): undistorted coordinates that look like pixels around the target's middle. There,
-straight edges are straight and the blur is that of the pixels. Without a camera a ray is a pixel.
+q = F (ray - r0): undistorted coordinates that look like pixels around the target's middle (1 in
+docs/photometric.md). There, straight edges are straight and the blur is that of the pixels. Without a
+camera a ray is a pixel.
 Compiled functions take the lens as one vector `lens`: fx, fy, cx, cy, k1, k2, p1, p2, k3, k4, k5, k6.
 """
 
@@ -12,6 +13,10 @@ import numpy as np
 from vgrd.geometry import Array
 from vgrd.geometry.camera import CameraModel
 from vgrd.vision.images.compiling import compiled, inlined
+
+_SLOPE_STEP = 1e-5  # of a ray: 0.1 px at f 10,000 px, over which no lens bends
+_NEWTON_STEPS = 20  # at most; each doubles the digits
+_STILL_SQUARED = 1e-24  # of a step: 1e-8 px at f 10,000 px
 
 NO_LENS = np.array([1.0, 1.0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0])
 
@@ -58,7 +63,7 @@ def pixel_at(lens: Array, r0: Array, Fi: Array, qx: float, qy: float) -> tuple[f
 @compiled
 def slopes(lens: Array, x: float, y: float) -> tuple[float, float, float, float]:
     """Derivative of the pixel by the ray, row by row (central differences, exact to 1e-9)."""
-    h = 1e-5
+    h = _SLOPE_STEP
     a, b = project(lens, x + h, y)
     c, d = project(lens, x - h, y)
     e, f = project(lens, x, y + h)
@@ -70,14 +75,14 @@ def slopes(lens: Array, x: float, y: float) -> tuple[float, float, float, float]
 def ray(lens: Array, px: float, py: float) -> tuple[float, float]:
     """Ray of a pixel, by Newton's method from the undistorted guess."""
     x, y = (px - lens[2]) / lens[0], (py - lens[3]) / lens[1]
-    for _ in range(20):
+    for _ in range(_NEWTON_STEPS):
         u, v = project(lens, x, y)
         a, b, c, d = slopes(lens, x, y)
         det = a * d - b * c
         dx = (d * (px - u) - b * (py - v)) / det
         dy = (a * (py - v) - c * (px - u)) / det
         x, y = x + dx, y + dy
-        if dx * dx + dy * dy < 1e-24:
+        if dx * dx + dy * dy < _STILL_SQUARED:
             break
     return x, y
 
