@@ -11,8 +11,11 @@ from numpy.typing import ArrayLike
 from vgrd.errors import InputError
 from vgrd.geometry.pose import Array
 
-_NEWTON_STEPS = 20
-_COEFFICIENTS = (0, 4, 5, 8)
+_NEWTON_STEPS = 20  # at most; each doubles the digits
+_STILL = 1e-14  # of a step of a ray: rounding
+_ON_RAY = 1e-9  # of a ray: 1e-5 px at f 10,000 px; more where no ray maps to the pixel
+_NEAREST_MM = 1e-6  # in front of the camera; nearer points have no pixel
+_COEFFICIENTS = (0, 4, 5, 8)  # of OpenCV's models without thin prism and tilt
 INTRINSICS = ("fx", "fy", "cx", "cy", "k1", "k2")
 
 
@@ -92,7 +95,7 @@ class CameraModel:
     def normalize(self, pixels: ArrayLike) -> Array:
         """Undistorted x / z, y / z (n, 2) of pixels (n, 2); NaN where no ray maps to the pixel.
 
-        A fixed-point step, then Newton.
+        One fixed-point step, then Newton's method.
         """
         p = np.asarray(pixels, dtype=np.float64)
         wanted = np.column_stack(
@@ -108,9 +111,9 @@ class CameraModel:
             distorted, D = self._distort(xy)
             step = _solve2(D, wanted - distorted)
             xy = xy + step
-            if not np.abs(step).max(initial=0) > 1e-14:
+            if not np.abs(step).max(initial=0) > _STILL:
                 break
-        fits = np.abs(self._distort(xy)[0] - wanted).max(axis=1) < 1e-9
+        fits = np.abs(self._distort(xy)[0] - wanted).max(axis=1) < _ON_RAY
         return np.where(fits[:, None], xy, np.nan)
 
     def _coefficients(self) -> Array:
@@ -143,7 +146,7 @@ class CameraModel:
 
 
 def _normalized(points: Array) -> Array:
-    front = np.where(points[:, 2] > 1e-6, points[:, 2], np.nan)
+    front = np.where(points[:, 2] > _NEAREST_MM, points[:, 2], np.nan)
     return points[:, :2] / front[:, None]
 
 

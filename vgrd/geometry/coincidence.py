@@ -1,4 +1,4 @@
-"""Points on one line, poses that are one: what makes samples worthless together."""
+"""Points on one line, equal poses: samples that tell nothing new."""
 
 from collections.abc import Sequence
 
@@ -7,15 +7,17 @@ from numpy.typing import NDArray
 
 from vgrd.geometry.pose import Array, Pose
 
+_ONE_POINT_MM = 1e-9  # spread of points that are all one, which is a line too
+
 
 def are_in_line(points: Array, share: float) -> bool:
     """Whether points (n, k) spread beside a line by at most `share` of their spread along it."""
     spread = np.linalg.svd(points - points.mean(axis=0), compute_uv=False)
-    return bool(spread[1] <= share * max(float(spread[0]), 1e-9))
+    return bool(spread[1] <= share * max(float(spread[0]), _ONE_POINT_MM))
 
 
 def equal_poses(poses: Sequence[Pose], mm: float, rad: float) -> NDArray[np.bool_]:
-    """(n, n): which poses equal which, to mm and to `rad` in every entry of the rotation."""
+    """Matrix (n, n) of which poses are equal: origins within `mm`, entries of the rotation within `rad`."""
     t = np.array([pose.translation for pose in poses]).reshape(-1, 3)
     R = np.array([pose.rotation for pose in poses]).reshape(-1, 3, 3)
     apart_mm = np.linalg.norm(t[:, None] - t, axis=2)

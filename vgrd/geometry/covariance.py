@@ -14,6 +14,8 @@ from vgrd.geometry.chi2 import chi2_quantile
 from vgrd.geometry.pose import Array, Pose
 
 _NOISE_STANDS_OUT = 3.0  # columns of noise alone reach 1 + sqrt(columns / rows) < 2 of their rms
+_DEPENDENT = 1e-9  # of the largest singular value of unit columns: seven digits above rounding
+_MEAN_STEPS = 4  # of the mean of poses; each squares the error, which is their scatter at first
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -31,14 +33,14 @@ def observability(
 
     A direction counts when it moves the residuals by more than `tolerance` times the square root
     of the number of rows, in the unit of the residuals. noise: (n,) rms error of the entries of each
-    column, where they were measured: a direction then has to stand out of what that alone does.
+    column, if they were measured; a direction then counts only beyond three times what that noise does.
     """
     m, n = jacobian.shape
     _, s, Vt = np.linalg.svd(np.linalg.qr(jacobian * scales, mode="r"), full_matrices=True)
     least = np.full(len(s), tolerance)
     if noise is not None:
-        by_noise = np.linalg.norm(Vt[: len(s)] * noise * scales, axis=1)
-        least = np.maximum(least, _NOISE_STANDS_OUT * by_noise)
+        noise_length = np.linalg.norm(Vt[: len(s)] * noise * scales, axis=1)
+        least = np.maximum(least, _NOISE_STANDS_OUT * noise_length)
     counts = s > least * np.sqrt(max(m, 1))
     rank = len(s) if counts.all() else int(np.argmin(counts))
     return Observability(rank, Vt[rank:n])
@@ -53,7 +55,7 @@ def covariance_from(jacobian: Array) -> Array:
     scale[scale == 0] = 1.0
     s, Vt = np.linalg.svd(jacobian / scale, full_matrices=False)[1:]
     n = jacobian.shape[1]
-    rank = int(np.sum(s > 1e-9 * s[0])) if s.size else 0
+    rank = int(np.sum(s > _DEPENDENT * s[0])) if s.size else 0
     if rank < n:
         raise NotObservable(
             f"only {rank} of {n} unknowns are determined by the data", rank=rank, unknowns=n
@@ -102,7 +104,7 @@ def mean_pose(poses: Sequence[Pose], covariances: Sequence[Array]) -> tuple[Pose
     informations = [W.T @ W for W in sqrt_informations]
     covariance = np.linalg.inv(np.sum(informations, axis=0))
     mean = poses[0]
-    for _ in range(4):
+    for _ in range(_MEAN_STEPS):
         inverse = mean.inverse()
         logs = [(pose @ inverse).log() for pose in poses]
         step = covariance @ sum(info @ xi for info, xi in zip(informations, logs, strict=True))

@@ -13,7 +13,7 @@ State = TypeVar("State")
 
 _MAX_DAMPING = 1e12  # no shorter step is worth a trial: it changes no digit of the residuals
 _MIN_DAMPING = 1e-12  # of unit columns: their products are known to 1e-15 only
-_COSTS_TELL = 1e-6  # of (1 + cost): no sample minds a smaller difference, and it may be rounding
+_COST_RESOLUTION = 1e-6  # of (1 + cost): no sample minds a smaller difference; it may be rounding
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -47,9 +47,9 @@ def minimize(
     """Lowest sum of squares near `start`; `linearize` gives residuals (m,) and Jacobian (m, n).
 
     Residuals are best in units of their sigma. The iteration has converged where the undamped
-    Gauss-Newton step would change them by less than `tolerance` of (1 + their norm): where the
-    gradient is small, not where damping makes the steps short. A state with non-finite residuals is
-    never entered; DidNotConverge when `start` is one.
+    Gauss-Newton step would change them by less than `tolerance` of (1 + their norm). So a small gradient
+    counts, not a step that damping made short (docs/decisions/0009, which gives 1e-7 its reason). A
+    state with non-finite residuals is never entered; DidNotConverge when `start` is one.
     """
     here = _Point(start, *linearize(start))
     if not np.isfinite(here.cost):
@@ -116,5 +116,5 @@ class _Point(Generic[State]):
         """Whether the cost is lower, or as low as rounding can tell and the gradient smaller."""
         if not np.isfinite(self.cost):
             return False
-        is_as_low = self.cost - other.cost <= _COSTS_TELL * (1.0 + other.cost)
+        is_as_low = self.cost - other.cost <= _COST_RESOLUTION * (1.0 + other.cost)
         return self.cost < other.cost or (is_as_low and self.downhill < other.downhill)

@@ -16,10 +16,11 @@ from vgrd.errors import InputError
 
 Array = NDArray[np.float64]
 
-_SMALL_ANGLE = 1e-2
-_SMALL_ANGLE_FIFTH_ORDER = 0.1
-_ORTHONORMAL_TOLERANCE = 1e-6
-_TINY_SINE = 1e-9
+_SMALL_ANGLE = 1e-2  # below, series: their first neglected term is under 1e-16
+_SMALL_ANGLE_FIFTH_ORDER = 0.1  # idem; the closed form cancels six digits there
+_ORTHONORMAL_TOLERANCE = 1e-6  # of a row's products: 0.001 mm at a distance of 1 m
+_TINY_SINE = 1e-9  # below, atan2(s, w) / s is 1 / w to 1e-18
+_LAST_ROW_TOLERANCE = 1e-9  # of 0 0 0 1, which no file rounds
 _IDENTITY = np.eye(3)
 
 
@@ -36,8 +37,8 @@ def hat(vector: Array) -> Array:
 def _coefficients(angle: float) -> tuple[float, float, float, float]:
     """(sin a / a, (1 - cos a) / a^2, (a - sin a) / a^3, (a^2/2 - 1 + cos a) / a^4), by series near zero.
 
-    Eight-digit cancellation would start far above the machine epsilon, so the series takes over at 1e-2,
-    where its first neglected term is below 1e-16.
+    The closed forms cancel digits near zero: (a - sin a) / a^3 loses five of them at 1e-2. The series takes
+    over there, where its first neglected term is below 1e-16.
     """
     s = angle * angle
     if angle < _SMALL_ANGLE:
@@ -159,7 +160,7 @@ class Pose:
         M = np.asarray(matrix, dtype=np.float64)
         if M.shape != (4, 4) or not np.isfinite(M).all():
             raise InputError(f"a homogeneous matrix is finite and (4, 4), got shape {M.shape}")
-        if np.abs(M[3] - (0, 0, 0, 1)).max() > 1e-9:
+        if np.abs(M[3] - (0, 0, 0, 1)).max() > _LAST_ROW_TOLERANCE:
             raise InputError("the last row of a homogeneous matrix is 0 0 0 1")
         return cls(nearest_rotation(M[:3, :3]), M[:3, 3])
 

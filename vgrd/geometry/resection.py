@@ -11,9 +11,9 @@ from vgrd.geometry.covariance import covariance_from
 from vgrd.geometry.least_squares import Minimum, minimize
 from vgrd.geometry.pose import Array, Pose, hat
 
-_PLANAR = 1e-4
-_COLLINEAR = 1e-3
-_TOLERANCE_PX = 1e-7
+_PLANAR = 1e-4  # spread off a plane over that along it: 0.1 mm per metre; only the start minds
+_COLLINEAR = 1e-3  # spread beside a line over that along it: turns about it have 1000 x the noise
+_TOLERANCE_PX = 1e-7  # what is left of a step, in (1 + rms): below the digits of a pixel in a file
 
 
 @dataclass(frozen=True, slots=True, eq=False)

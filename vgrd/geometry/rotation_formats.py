@@ -17,7 +17,7 @@ from scipy.spatial.transform import Rotation
 from vgrd.errors import InputError
 from vgrd.geometry.pose import Array, Pose
 
-_UNIT_TOLERANCE = 1e-3
+_UNIT_TOLERANCE = 1e-3  # of a quaternion's length: numbers with four decimals are off by 1e-4
 
 _Axes = Literal["xyz", "XYZ", "ZYX", "ZYZ"]
 
@@ -109,15 +109,15 @@ def rotation_to(rotation: ArrayLike, fmt: RotationFormat) -> Array:
 
     Where an Euler format is singular the last angle is 0; a quaternion's scalar is not negative.
     """
-    turned = Rotation.from_matrix(np.asarray(rotation, dtype=np.float64))
+    matrix = Rotation.from_matrix(np.asarray(rotation, dtype=np.float64))
     if fmt in _EULER:
         axes, degrees = _EULER[fmt]
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", UserWarning)
-            return turned.as_euler(axes, degrees=degrees)
+            return matrix.as_euler(axes, degrees=degrees)
     if fmt in _SCALAR_FIRST:
-        return turned.as_quat(canonical=True, scalar_first=_SCALAR_FIRST[fmt])
-    return turned.as_rotvec(degrees=fmt is RotationFormat.ROTVEC_DEG)
+        return matrix.as_quat(canonical=True, scalar_first=_SCALAR_FIRST[fmt])
+    return matrix.as_rotvec(degrees=fmt is RotationFormat.ROTVEC_DEG)
 
 
 def pose_from(values: ArrayLike, fmt: RotationFormat, length_unit: str) -> Pose:
