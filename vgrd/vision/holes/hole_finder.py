@@ -157,7 +157,7 @@ def _only_one(view: PlaneView, expected: Circle, reach_mm: float) -> Rim:
         reason = _reason_against(rim, expected, reach_mm)
         if rim is None or reason:
             reasons.append(reason)
-        elif all(_apart(rim, other) > _SAME_HOLE_RADII * expected.radius for other in rims):
+        elif all(_distance_mm(rim, other) > _SAME_HOLE_RADII * expected.radius for other in rims):
             rims.append(rim)
     if len(rims) > 1:
         raise HoleNotSeen(
@@ -268,8 +268,9 @@ def _on_plane(camera_from_plane: Pose, ray: Array) -> Array:
     return np.array([x / z, y / z])
 
 
-def _apart(one: Rim, other: Rim) -> float:
-    return float(np.linalg.norm(one.circle.centre - other.circle.centre))
+def _distance_mm(rim: Rim, other: Rim) -> float:
+    """Between the centres of two rims."""
+    return float(np.linalg.norm(rim.circle.centre - other.circle.centre))
 
 
 def _widest_gap(good: NDArray[np.bool_]) -> float:

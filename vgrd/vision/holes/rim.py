@@ -101,7 +101,7 @@ def _approach(view: PlaneView, circle: Circle, width_px: float) -> Circle | None
         if edges.count < _FEWEST_SECTORS // 2:
             return None
         # A sharp edge seen through a blurred model seems to be twice as far off as it is.
-        shift = _least_absolute(band.slopes[edges.seen], edges.offsets[edges.seen]) / 2
+        shift = _least_absolute(band.slopes[edges.has_edge], edges.offsets[edges.has_edge]) / 2
         moved = float(np.abs(band.slopes @ shift).max())
         shift *= min(1.0, blur / moved) if moved > 0 else 1.0
         circle = Circle(circle.centre + shift[:2], circle.radius + float(shift[2]))
@@ -166,14 +166,14 @@ class _Edges:
     noise: float
 
     @property
-    def seen(self) -> NDArray[np.bool_]:
+    def has_edge(self) -> NDArray[np.bool_]:
         """Sectors (k,) that show an edge."""
         return np.isfinite(self.sigmas)
 
     @property
     def count(self) -> int:
         """Number of sectors that show an edge."""
-        return int(self.seen.sum())
+        return int(self.has_edge.sum())
 
 
 def _edges(band: _Band, blur: float, flat: float) -> tuple[_Edges, float]:
@@ -227,10 +227,10 @@ def _solve_sectors(columns: Array, band: _Band, weights: Array, count: int) -> t
 
 def _rim(band: _Band, edges: _Edges, circle: Circle, blur: float) -> tuple[Rim, float]:
     """Robust circle through the edges, and the largest motion of the rim, px."""
-    seen = edges.seen
-    J = band.slopes[seen] / edges.sigmas[seen, None]
-    r = edges.offsets[seen] / edges.sigmas[seen]
-    step = _least_absolute(band.slopes[seen], edges.offsets[seen])
+    used = edges.has_edge
+    J = band.slopes[used] / edges.sigmas[used, None]
+    r = edges.offsets[used] / edges.sigmas[used]
+    step = _least_absolute(band.slopes[used], edges.offsets[used])
     biweight = np.ones(len(r))
     for _ in range(_REWEIGHTINGS):
         residual = r - J @ step
@@ -239,8 +239,8 @@ def _rim(band: _Band, edges: _Edges, circle: Circle, blur: float) -> tuple[Rim, 
         root = np.sqrt(biweight)[:, None]
         step = np.asarray(np.linalg.lstsq(J * root, r * root[:, 0], rcond=None)[0], np.float64)
     chi2 = float((biweight * (r - J @ step) ** 2).sum() / max(biweight.sum() - 3, 1))
-    weights = np.zeros(len(seen))
-    weights[seen] = biweight
+    weights = np.zeros(len(used))
+    weights[used] = biweight
     rim = Rim(
         circle=Circle(circle.centre + step[:2], circle.radius + float(step[2])),
         covariance=np.asarray(

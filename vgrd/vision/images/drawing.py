@@ -77,16 +77,16 @@ def draw_residuals(picture: Pixels, residuals: Array, limit: float, unit: str) -
             f"residuals {residuals.shape} of a picture {picture.shape}: crop them alike"
         )
     scale = max(1, round(360 / max(picture.shape)))
-    seen = _enlarged(in_colour(picture), scale)
+    photo = _enlarged(in_colour(picture), scale)
     drawn = _enlarged(_diverging(residuals / limit), scale)
-    bar = _diverging(np.linspace(1, -1, seen.shape[0])[:, None].repeat(_BAR_PX // 2, axis=1))
-    gap = np.full((seen.shape[0], 8, 3), 255, np.uint8)
-    scale_text = np.full((seen.shape[0], 2 * _BAR_PX, 3), 255, np.uint8)
-    out = np.hstack([seen, gap, drawn, gap, bar, scale_text])
+    bar = _diverging(np.linspace(1, -1, photo.shape[0])[:, None].repeat(_BAR_PX // 2, axis=1))
+    gap = np.full((photo.shape[0], 8, 3), 255, np.uint8)
+    scale_text = np.full((photo.shape[0], 2 * _BAR_PX, 3), 255, np.uint8)
+    out = np.hstack([photo, gap, drawn, gap, bar, scale_text])
     left = out.shape[1] - 2 * _BAR_PX + 4
-    for text, y in ((f"{limit:+.3g}", 14), (f"{-limit:+.3g}", seen.shape[0] - 6)):
+    for text, y in ((f"{limit:+.3g}", 14), (f"{-limit:+.3g}", photo.shape[0] - 6)):
         _write(out, text, (left, y), 12)
-    _write(out, unit, (left, seen.shape[0] // 2 + 6), 12)
+    _write(out, unit, (left, photo.shape[0] // 2 + 6), 12)
     return out
 
 
