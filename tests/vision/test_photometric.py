@@ -156,13 +156,11 @@ def test_without_a_camera_the_corners_of_a_distant_lens_are_as_good():
 def test_pictures_that_may_be_written_and_those_that_may_not_share_the_compiled_loops():
     from numba.core.registry import CPUDispatcher
 
-    from vgrd.vision.alignment import edge_response as shares
-    from vgrd.vision.alignment import gathering, photometric
-    from vgrd.vision.alignment import normal_equations as kernels
-    from vgrd.vision.tags import tag_finder as tags
+    from vgrd.vision.alignment import edge_response, gathering, normal_equations, photometric
+    from vgrd.vision.tags import tag_finder
 
-    tags.warm_up()
-    modules = (edges, gathering, kernels, photometric, shares)
+    tag_finder.warm_up()
+    modules = (edges, gathering, normal_equations, photometric, edge_response)
     loops = {loop for m in modules for loop in vars(m).values() if isinstance(loop, CPUDispatcher)}
     before = {loop: len(loop.signatures) for loop in loops}
     assert sum(before.values()) > 3
