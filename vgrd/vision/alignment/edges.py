@@ -277,6 +277,7 @@ def _profiles(
             continue
         pieces = max(int((length - 2 * margin) / step), 1)
         nx, ny = -dy / length, dx / length
+        # The normal is turned to white: to where a point 0.001 mm from the edge is mapped.
         X, Y = segments[k, 0] + segments[k, 4] * 1e-3, segments[k, 1] + segments[k, 5] * 1e-3
         ax, ay = q_at(H, X, Y)
         if (ax - ends[k, 0]) * nx + (ay - ends[k, 1]) * ny < 0:
@@ -287,7 +288,7 @@ def _profiles(
             px, py = pixel_at(lens, r0, Fi, qx, qy)
             ux, uy = pixel_at(lens, r0, Fi, qx + nx, qy + ny)
             ux, uy = ux - px, uy - py
-            reach = width + 1.5
+            reach = width + 1.5  # for the bilinear samples, and a pixel that is not q's
             if px < reach or py < reach or px > columns - 2 - reach or py > height - 2 - reach:
                 continue
             shift = _shift(picture, px, py, ux, uy, profile)

@@ -49,16 +49,17 @@ def gather(
     rough_q, spot = np.empty((room, 2)), np.empty((room, 4), np.intp)
     flat = np.empty(room, np.intp)
     count = 0
-    for by in range(top, bottom, _BLOCK):
-        for bx in range(left, right, _BLOCK):
-            local = _local_map(lens, r0, F, bx + 0.5 * (_BLOCK - 1), by + 0.5 * (_BLOCK - 1))
+    for block_y in range(top, bottom, _BLOCK):
+        for block_x in range(left, right, _BLOCK):
+            middle_x, middle_y = block_x + 0.5 * (_BLOCK - 1), block_y + 0.5 * (_BLOCK - 1)
+            local = _local_map(lens, r0, F, middle_x, middle_y)
             kind = _kind(U, V, cells, local[0], local[1], _TO_CORNER * (_BLOCK - 1) + reach)
             if kind == _AWAY:
                 continue
-            for py in range(by, by + _BLOCK, _PART):
-                for px in range(bx, bx + _BLOCK, _PART):
-                    dx = px + 0.5 * (_PART - 1) - bx - 0.5 * (_BLOCK - 1)
-                    dy = py + 0.5 * (_PART - 1) - by - 0.5 * (_BLOCK - 1)
+            for py in range(block_y, block_y + _BLOCK, _PART):
+                for px in range(block_x, block_x + _BLOCK, _PART):
+                    dx = px + 0.5 * (_PART - 1) - block_x - 0.5 * (_BLOCK - 1)
+                    dy = py + 0.5 * (_PART - 1) - block_y - 0.5 * (_BLOCK - 1)
                     qx = local[0] + local[2] * dx + local[3] * dy
                     qy = local[1] + local[4] * dx + local[5] * dy
                     part_kind = kind

@@ -111,7 +111,7 @@ def _line_slopes(
         motion = (apply(H, points + step) - apply(H, points - step)) / 2e-3
         slope = np.einsum("ni,ni->n", motion, normal)
         for k, line in enumerate(inner):
-            is_on_line = across & (np.abs(segments[:, axis] - lines[line]) < 1e-9)
+            is_on_line = across & (np.abs(segments[:, axis] - lines[line]) < 1e-9)  # rounding
             J[is_on_line, first + k] = slope[is_on_line]
     return J
 

@@ -24,9 +24,7 @@ from vgrd.vision.holes.view import Circle, Outline, PlaneView, on_circle, turn_a
 RIM_HEIGHT_SIGMA_MM = 0.02  # assumed: a caliper's error; at a tilt of 20 degrees 0.007 mm
 RADIUS_TOLERANCE = 0.15  # of the radius; a hole 20 % larger is another one (the test of holes)
 _LEAST_RIM = 0.6  # share of the rim that must fit one circle
-_WIDEST_GAP_RAD = np.radians(
-    100
-)  # hidden at one side; the rest still holds the circle from three sides
+_WIDEST_GAP_RAD = np.radians(100)  # of a hidden side; the rest holds the circle from three sides
 _SAME_SIGN = 0.95  # of the sectors darker, or all brighter, inside; some may show a reflex
 _OUTLIER_PX = 1.5  # offset of a sector that fits no circle: scratches and shades move it less
 _WORST_CHI2 = 9.0  # of the sectors: three times as far from a circle as their noise

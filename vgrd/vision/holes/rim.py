@@ -27,6 +27,8 @@ _COARSE_EVERY = 3  # pixels; an approach needs a third of them
 _APPROACHES = 6  # steps per band at most; a step below a third of the blur ends them
 _BANDS = 6  # fits of the circle; it ends by _LINEAR_PX
 _BLUR_STEPS = 3  # per band; each corrects the blur by Gauss-Newton
+_OUTLINE_POINTS = 720  # whose chords are the rim's length to 1e-5
+_LEAST_DEVIATION_PX = 1e-3  # keeps the weights of least absolute deviations finite
 _LINEAR_PX = 0.03  # an offset that the linear model of an edge takes without any error
 _USUAL_BLUR_PX = 0.8  # to start from: a sharp lens, 0.7 px, and the pixel's square, 0.29 px
 _BLUR_RANGE_PX = (0.3, 4.0)  # the pixel's square alone; a band about as wide as the first approach
@@ -132,7 +134,7 @@ class _Band:
     ) -> "_Band | None":
         """Band around the image of a circle, of every n-th pixel; None where there is no picture."""
         outline = Outline.of(view, circle)
-        around = outline.at(turn_angles(720))
+        around = outline.at(turn_angles(_OUTLINE_POINTS))
         if not np.isfinite(around).all():
             return None
         length = float(np.abs(np.diff(around, append=around[:1])).sum())
@@ -266,7 +268,7 @@ def _least_absolute(slopes: Array, offsets: Array) -> Array:
         step = np.asarray(
             np.linalg.lstsq(slopes * root, offsets * root[:, 0], rcond=None)[0], np.float64
         )
-        weights = 1 / np.maximum(np.abs(offsets - slopes @ step), 1e-3)
+        weights = 1 / np.maximum(np.abs(offsets - slopes @ step), _LEAST_DEVIATION_PX)
     return step
 
 
