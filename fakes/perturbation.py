@@ -49,7 +49,7 @@ DOORS: Mapping[str, tuple[str, ...]] = {
     "vgrd.calibration.planning.next_sample:next_best": ("taught",),
     "vgrd.calibration.planning.next_sample:rank_samples": ("taught",),
     "vgrd.calibration.hand_eye.pose_pairs:calibrate_hand_eye": ("problem",),
-    "vgrd.calibration.hand_eye.published.registry:Method.solve": ("pairs",),
+    "vgrd.calibration.hand_eye.published.registry:PublishedMethod.solve": ("pairs",),
     "vgrd.calibration.hand_eye.points:calibrate_hand_eye_from_points": ("problem",),
     "vgrd.calibration.hand_eye.certificate:certified_start": ("flange_motions", "cameras"),
     "vgrd.calibration.hand_eye.certificate:rotation_cost": ("flange_motions", "cameras"),

@@ -15,7 +15,7 @@ from fakes.world.layout import Layout
 from fakes.world.poses import retracted_pose
 from fakes.world.world import Noise, World
 from vgrd.calibration.calibration import Calibration
-from vgrd.calibration.joint.state import Layout as Unknowns
+from vgrd.calibration.joint.state import StepLayout
 from vgrd.calibration.solve import calibrate_system
 from vgrd.cell.measuring import Sight
 from vgrd.cell.serving.answering import Limits, answer_request, check_request
@@ -195,7 +195,7 @@ def test_a_client_that_counts_in_clhb_is_not_refused(taught: Taught) -> None:
 def test_a_tcp_that_is_not_known_is_not_served(taught: Taught) -> None:
     solution = taught.calibration.solution
     left_open = np.zeros((len(solution.covariance), 1))
-    left_open[Unknowns.TCP] = 500.0
+    left_open[StepLayout.TCP] = 500.0
     unknown = replace(taught.calibration, solution=replace(solution, undetermined=left_open))
     assert unknown.tcp is None
     for options in (2, 3 << 8):
