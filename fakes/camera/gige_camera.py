@@ -24,7 +24,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drivers.aravis_library import Library, load
-from fakes.camera.sensor import Picture, Region
+from fakes.camera.sensor import Picture, PixelRegion
 
 PORT = 3956
 
@@ -74,7 +74,7 @@ class GigeCamera:
 
     def __init__(
         self,
-        image_source: Callable[[Region | None], Picture],
+        image_source: Callable[[PixelRegion | None], Picture],
         host: str,
         size_px: tuple[int, int],
         serial: str = "VGRD0001",
@@ -161,11 +161,11 @@ class GigeCamera:
             self._resend(*struct.unpack_from(">III", data))
         return None
 
-    def _region(self) -> Region | None:
+    def _region(self) -> PixelRegion | None:
         """What the client wants to see, None for the whole picture."""
         registers = self._registers
-        region = Region(*(registers[a] for a in (_OFFSET_X, _OFFSET_Y, _WIDTH, _HEIGHT)))
-        return None if region == Region(0, 0, *self._size_px) else region
+        region = PixelRegion(*(registers[a] for a in (_OFFSET_X, _OFFSET_Y, _WIDTH, _HEIGHT)))
+        return None if region == PixelRegion(0, 0, *self._size_px) else region
 
     def _target(self) -> tuple[str, int]:
         """Where the client wants the stream to go."""

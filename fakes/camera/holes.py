@@ -7,7 +7,15 @@ import numpy as np
 from fakes.camera.blur import Blur
 from fakes.camera.patterns import Disc
 from fakes.camera.raster import coverage
-from fakes.camera.sensor import Picture, Plane, Region, light, quantised, region_around, with_noise
+from fakes.camera.sensor import (
+    Picture,
+    PixelRegion,
+    Plane,
+    light,
+    quantised,
+    region_around,
+    with_noise,
+)
 from fakes.world.layout import Layout
 from vgrd.geometry import Pose
 
@@ -19,7 +27,7 @@ _CHAMFER_LEVEL, _HOLE_LEVEL = 214.0, 26.0
 class _Hole:
     """Levels (height, width) in a region, and the share of each pixel that is not the hole's."""
 
-    region: Region
+    region: PixelRegion
     levels: Plane
     free: Plane
 
@@ -34,7 +42,7 @@ class HoleDrawer:
         self._holes: list[_Hole] = []
 
     def draw(
-        self, picture: Picture, angle_rad: float, rng: np.random.Generator, within: Region
+        self, picture: Picture, angle_rad: float, rng: np.random.Generator, within: PixelRegion
     ) -> None:
         """Draw all holes that reach into `within`, with fresh noise."""
         if angle_rad != self._angle_rad:

@@ -21,8 +21,8 @@ from fakes.camera.sensor import (
     SHOT,
     WHITE,
     Picture,
+    PixelRegion,
     Plane,
-    Region,
     light,
     quantised,
     region_around,
@@ -46,7 +46,7 @@ class Band:
     to_px: float = np.inf
     softness_px: float = 1.0
 
-    def share(self, region: Region) -> Plane:
+    def share(self, region: PixelRegion) -> Plane:
         """How much of each pixel is in the band (height, width)."""
         x, y = _from_middle(region)
         along = np.cos(self.direction_rad) * x + np.sin(self.direction_rad) * y
@@ -64,7 +64,7 @@ class Spot:
     y_px: float = 0.0
     sigma_px: float = 40.0
 
-    def levels_in(self, region: Region) -> Plane:
+    def levels_in(self, region: PixelRegion) -> Plane:
         """Grey levels (height, width)."""
         x, y = _from_middle(region)
         squared = (x - self.x_px) ** 2 + (y - self.y_px) ** 2
@@ -131,7 +131,7 @@ class RegionPicture:
     """
 
     pixels: Picture
-    region: Region
+    region: PixelRegion
     camera: Optics
 
     def in_frame(self, size_px: tuple[int, int], level: int = 90) -> Picture:
@@ -172,8 +172,8 @@ def clean_levels(
     look: Look,
     *,
     margin_px: float = 10.0,
-    region: Region | None = None,
-) -> tuple[Plane, Region]:
+    region: PixelRegion | None = None,
+) -> tuple[Plane, PixelRegion]:
     """Grey levels (height, width) that reach the sensor, without noise, and their region."""
     figures = [replace(each, figure=_made(each.figure, look)) for each in placed]
     if region is None:
@@ -213,7 +213,7 @@ def sense(levels: Plane, look: Look, rng: np.random.Generator) -> Picture:
     return pixels
 
 
-def camera_of(camera: Optics, region: Region) -> Optics:
+def camera_of(camera: Optics, region: PixelRegion) -> Optics:
     """The camera that sees only a region."""
     matrix = camera.matrix.copy()
     matrix[:2, 2] -= region.x, region.y
@@ -236,7 +236,7 @@ def _outline(camera: Optics, placed: Placed) -> Array:
     return camera.project(placed.camera_from_plane.apply(corners))
 
 
-def _from_middle(region: Region) -> tuple[Plane, Plane]:
+def _from_middle(region: PixelRegion) -> tuple[Plane, Plane]:
     """Distances x (1, width) and y (height, 1) from the middle of a region, px."""
     x = np.arange(region.width, dtype=np.float32) - (region.width - 1) / 2
     y = np.arange(region.height, dtype=np.float32) - (region.height - 1) / 2

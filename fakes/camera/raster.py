@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from fakes.camera.blur import Blur
 from fakes.camera.patterns import Disc, Figure, Pattern
-from fakes.camera.sensor import BLOCK, Plane, Region
+from fakes.camera.sensor import BLOCK, PixelRegion, Plane
 from fakes.world.optics import Optics
 from vgrd.geometry import Array, Pose
 
@@ -23,7 +23,7 @@ _CORNER_SPLIT = 12  # a box with a corner in it is cut into so many, squared
 
 
 def coverage(
-    camera: Optics, camera_from_plane: Pose, figure: Figure, region: Region, blur: Blur
+    camera: Optics, camera_from_plane: Pose, figure: Figure, region: PixelRegion, blur: Blur
 ) -> Plane:
     """Share of white (height, width) that each pixel of a region receives from a figure on a plane.
 
@@ -32,7 +32,7 @@ def coverage(
     """
     pad = blur.reach_px
     samples = blur.samples
-    around = Region(
+    around = PixelRegion(
         region.x - pad, region.y - pad, region.width + 2 * pad, region.height + 2 * pad
     )
     fine = blur(_fine_shares(camera, camera_from_plane, figure, around, samples), samples)
@@ -44,7 +44,7 @@ def coverage(
 
 
 def _fine_shares(
-    camera: Optics, camera_from_plane: Pose, figure: Figure, region: Region, samples: int
+    camera: Optics, camera_from_plane: Pose, figure: Figure, region: PixelRegion, samples: int
 ) -> Plane:
     """Shares of white (height * samples, width * samples) of the boxes of all samples."""
     drawn: _PatternBlocks | _DiscBlocks
@@ -66,7 +66,7 @@ def _fine_shares(
     return fine
 
 
-def _on_plane(camera: Optics, camera_from_plane: Pose, region: Region, block: int) -> Array:
+def _on_plane(camera: Optics, camera_from_plane: Pose, region: PixelRegion, block: int) -> Array:
     """Homogeneous points (rows + 1, columns + 1, 3) of the plane at the corners of the blocks, mm."""
     x = region.x - 0.5 + block * np.arange(region.width // block + 1)
     y = region.y - 0.5 + block * np.arange(region.height // block + 1)

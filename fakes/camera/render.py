@@ -17,8 +17,8 @@ from fakes.camera.sensor import (
     BLACK,
     WHITE,
     Picture,
+    PixelRegion,
     Plane,
-    Region,
     light,
     quantised,
     region_around,
@@ -55,14 +55,14 @@ class Renderer:
         """Judge how the camera sees tag "a" or "b"."""
         return visible(self.layout, name, snapshot)
 
-    def render(self, snapshot: WorldSnapshot, region: Region | None = None) -> Picture:
+    def render(self, snapshot: WorldSnapshot, region: PixelRegion | None = None) -> Picture:
         """Draw the picture (height, width) of a snapshot, or a region of it.
 
         The same snapshot and region give the same picture.
         """
         rng = np.random.default_rng(snapshot.exposure)
         scenery = self._scenery
-        within = region or Region(0, 0, *self.layout.optics.size_px)
+        within = region or PixelRegion(0, 0, *self.layout.optics.size_px)
         if not snapshot.lights:
             return np.ascontiguousarray(scenery.darkness()[within.slices])
         picture = scenery.background()
@@ -90,7 +90,7 @@ class Renderer:
         tag: TagSpec,
         base_from_tag: Pose,
         rng: np.random.Generator,
-        within: Region,
+        within: PixelRegion,
     ) -> None:
         camera_from_tag = self._camera_from_base.compose(base_from_tag)
         toward_camera = camera_from_tag.rotation[:, 2] @ camera_from_tag.translation
@@ -116,7 +116,7 @@ def _plate_outline(tag: TagSpec) -> Array:
     return half * np.array([[-1, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0.0]])
 
 
-def _polygon_share(outline: Array, region: Region, sigma: float) -> Plane:
+def _polygon_share(outline: Array, region: PixelRegion, sigma: float) -> Plane:
     """Blurred share (height, width), 0 to 1, of a polygon's inside."""
     mask = np.zeros((region.height, region.width), np.uint8)
     corners = np.rint((outline - (region.x, region.y)) * 256).astype(np.int32)

@@ -5,7 +5,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 from fakes.camera.render import Renderer
-from fakes.camera.sensor import Picture, Region
+from fakes.camera.sensor import Picture, PixelRegion
 from fakes.world.layout import Layout
 from fakes.world.world import World, WorldSnapshot
 from vgrd.clock import SystemClock
@@ -32,7 +32,7 @@ class SnapshotWriter:
         self._ring.close()
 
 
-Draw = Callable[[Region | None], Picture]
+Draw = Callable[[PixelRegion | None], Picture]
 
 
 def pictures(snapshots: Path | None, layout: Layout | None = None) -> Draw:
@@ -49,7 +49,7 @@ def pictures(snapshots: Path | None, layout: Layout | None = None) -> Draw:
         return lambda region: renderer.render(world.snapshot(time.monotonic()), region)
     reader, clock = RingReader.open(snapshots, KIND), SystemClock()
 
-    def draw(region: Region | None) -> Picture:
+    def draw(region: PixelRegion | None) -> Picture:
         asked_s = clock.monotonic()
         while True:
             try:

@@ -9,7 +9,7 @@ from collections.abc import Sequence
 import cv2
 import numpy as np
 
-from fakes.camera.sensor import Picture, Region, light, quantised, with_noise
+from fakes.camera.sensor import Picture, PixelRegion, light, quantised, with_noise
 from fakes.world.layout import DISC_RADIUS_MM, Layout
 from fakes.world.visibility import Body
 from vgrd.geometry import Array, Pose
@@ -137,7 +137,7 @@ class Scenery:
         strip = 128
         for top in range(0, picture.shape[0], strip):
             rows = picture[top : top + strip]
-            region = Region(0, top, rows.shape[1], rows.shape[0])
+            region = PixelRegion(0, top, rows.shape[1], rows.shape[0])
             rows[:] = quantised(with_noise(rows * light(self._layout.optics.size_px, region), rng))
         return picture
 

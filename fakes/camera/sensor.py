@@ -16,7 +16,7 @@ SHOT, READ = 0.0209, 0.5  # variance per grey level and sigma: 40 dB at white
 
 
 @dataclass(frozen=True, slots=True)
-class Region:
+class PixelRegion:
     """A rectangle of the picture, px."""
 
     x: int
@@ -29,7 +29,7 @@ class Region:
         """Rows and columns."""
         return slice(self.y, self.y + self.height), slice(self.x, self.x + self.width)
 
-    def meets(self, other: "Region") -> bool:
+    def meets(self, other: "PixelRegion") -> bool:
         """Whether two regions have a pixel in common."""
         return (
             self.x < other.x + other.width
@@ -39,7 +39,9 @@ class Region:
         )
 
 
-def region_around(outline: Array, size_px: tuple[int, int], margin_px: float) -> Region | None:
+def region_around(
+    outline: Array, size_px: tuple[int, int], margin_px: float
+) -> PixelRegion | None:
     """Whole blocks around an outline (n, 2), cut to the picture; None when nothing is left."""
     low = np.floor(outline.min(0) - margin_px).astype(int)
     high = np.ceil(outline.max(0) + margin_px).astype(int)
@@ -48,12 +50,12 @@ def region_around(outline: Array, size_px: tuple[int, int], margin_px: float) ->
     width, height = (high - low).tolist()
     if width < BLOCK or height < BLOCK:
         return None
-    return Region(int(low[0]), int(low[1]), width, height)
+    return PixelRegion(int(low[0]), int(low[1]), width, height)
 
 
 def light(
     size_px: tuple[int, int],
-    region: Region,
+    region: PixelRegion,
     vignetting: float = 0.25,
     slope: tuple[float, float] = (0.10, -0.06),
 ) -> Plane:

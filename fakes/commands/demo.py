@@ -20,7 +20,7 @@ from fakes.demo.comparison import misses_by_method
 from fakes.demo.report import Report
 from fakes.demo.show import Show
 from fakes.world.layout import Layout
-from fakes.world.world import Noise, World
+from fakes.world.world import CellNoise, World
 from vgrd.errors import VgrdError
 
 
@@ -37,7 +37,7 @@ def main(
     console = Console()
     console.print("vgrd demo: simulated robot and images; real ur-rtde and Modbus", style="bold")
     started = time.monotonic()
-    noise = Noise.none() if perfect else Noise()
+    noise = CellNoise.none() if perfect else CellNoise()
     world = World(Layout(), seed, noise, speed_mm_s=SPEED_MM_S, turn_rad_s=TURN_RAD_S)
     place = folder or Path(tempfile.mkdtemp(prefix="demo-", dir=Path.cwd()))
     try:

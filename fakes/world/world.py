@@ -24,7 +24,7 @@ TagName = Literal["a", "b"]
 
 
 @dataclass(frozen=True, slots=True)
-class Noise:
+class CellNoise:
     """How imperfect the world is; all zero is a perfect world.
 
     Touches: normal per axis, truncated (paper: 0.233 in +-0.7 mm). repeatability_mm: rms deviation
@@ -39,7 +39,7 @@ class Noise:
     reading_mm: float = 0.0
 
     @classmethod
-    def none(cls) -> "Noise":
+    def none(cls) -> "CellNoise":
         """Make a perfect arm and a perfect operator."""
         return cls(0.0, 0.7, 0.0, 0.0, 0.0)
 
@@ -108,12 +108,12 @@ class World:
         self,
         layout: Layout,
         seed: int,
-        noise: Noise | None = None,
+        noise: CellNoise | None = None,
         *,
         speed_mm_s: float = 250.0,
         turn_rad_s: float = 1.0,
     ) -> None:
-        noise = noise or Noise()
+        noise = noise or CellNoise()
         self._turn_rad_s = turn_rad_s
         self.layout = layout
         self.noise = noise

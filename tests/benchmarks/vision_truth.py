@@ -7,7 +7,7 @@ import numpy as np
 
 from fakes.camera.patterns import Figure
 from fakes.camera.pictures import Look, Placed, clean_levels, draw, pinhole
-from fakes.camera.sensor import Region
+from fakes.camera.sensor import PixelRegion
 from fakes.world.optics import Optics
 from vgrd.geometry import Array, Pose
 from vgrd.geometry.camera import CameraModel
@@ -115,7 +115,7 @@ def corner_bound(
     return np.asarray(motion @ covariance[:6, :6] @ motion.T)
 
 
-def _inside(camera: Optics, pose: Pose, region: Region, inside: Array) -> Array:
+def _inside(camera: Optics, pose: Pose, region: PixelRegion, inside: Array) -> Array:
     """Which pixels (height, width) of a region see the rectangle `inside` of the plane."""
     x, y = np.meshgrid(region.x + np.arange(region.width), region.y + np.arange(region.height))
     rays = camera.rays(np.stack([x, y], -1).astype(np.float64))

@@ -11,7 +11,7 @@ from fakes.cell.rehearsal import Rehearsal, facts_of
 from fakes.testing import ManualClock
 from fakes.world.layout import Layout
 from fakes.world.simulation import Simulation
-from fakes.world.world import Noise, World
+from fakes.world.world import CellNoise, World
 from vgrd.calibration.planning.advice import advise_session
 from vgrd.calibration.planning.reach import Reach
 from vgrd.cell.recording.recorder import Recorder
@@ -28,7 +28,7 @@ from vgrd.store.sessions import SampleKind
 
 @pytest.fixture(scope="module")
 def rehearsed(tmp_path_factory: pytest.TempPathFactory) -> Recording:
-    world = World(Layout(), 5, Noise())
+    world = World(Layout(), 5, CellNoise())
     facts = facts_of(world, tmp_path_factory.mktemp("rehearsed"))
     return Rehearsal(world, facts).teach(looks=4, spins=3, tilted=3, points=0)
 

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 
 from fakes.cell.rehearsal import facts_of
 from fakes.world.layout import Layout
-from fakes.world.world import Noise, World
+from fakes.world.world import CellNoise, World
 from vgrd.geometry import Pose
 from vgrd.model import CellFacts, Motion, TagSpec, Target, frozen_array
 from vgrd.solving.differences import MAY_CHANGE, MAY_GROW, fact_differences, file_key
@@ -23,7 +23,7 @@ from vgrd.store.encoding import decode, encode
 @pytest.fixture(scope="module")
 def facts(tmp_path_factory: pytest.TempPathFactory) -> CellFacts:
     """With no field left None, so that each can be changed."""
-    found = facts_of(World(Layout(), 5, Noise.none()), tmp_path_factory.mktemp("facts"))
+    found = facts_of(World(Layout(), 5, CellNoise.none()), tmp_path_factory.mktemp("facts"))
     targets = {
         name: replace(
             target, base_from_work=frozen_array(np.eye(3), 3, 3), hole_diameter_mm=target.id + 5.0

@@ -9,7 +9,7 @@ import pytest
 
 from fakes.cell.rehearsal import facts_of
 from fakes.world.layout import Layout
-from fakes.world.world import Noise, World
+from fakes.world.world import CellNoise, World
 from vgrd.config.cell_file import load_config
 from vgrd.config.resolved import (
     Resolved,
@@ -42,7 +42,7 @@ def test_every_key_comes_back_as_it_was_checked(checked: Resolved, tmp_path: Pat
 
 
 def test_the_facts_of_the_resolved_file_are_those_of_the_users_file(tmp_path: Path) -> None:
-    facts_of(World(Layout(), 5, Noise.none()), tmp_path)
+    facts_of(World(Layout(), 5, CellNoise.none()), tmp_path)
     (path,) = tmp_path.glob("*.toml")
     config = load_config(path)
     resolved = load_resolved(save_resolved(Resolved(config, str(path), 0.0), tmp_path))

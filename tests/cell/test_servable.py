@@ -7,7 +7,7 @@ import pytest
 
 from fakes.cell.rehearsal import Rehearsal, facts_of
 from fakes.world.layout import Layout
-from fakes.world.world import Noise, World
+from fakes.world.world import CellNoise, World
 from vgrd.calibration.solve import calibrate_system
 from vgrd.clock import SystemClock
 from vgrd.model import Plan, Policy, Recording
@@ -19,7 +19,7 @@ from vgrd.store.sessions import SampleKind, SessionWriter
 
 @pytest.fixture(scope="module")
 def recording(tmp_path_factory: pytest.TempPathFactory) -> Recording:
-    world = World(Layout(), 5, Noise.none())
+    world = World(Layout(), 5, CellNoise.none())
     facts = facts_of(world, tmp_path_factory.mktemp("facts"))
     return Rehearsal(world, facts).teach(looks=5, spins=4, tilted=0, points=0)
 

@@ -13,7 +13,7 @@ from fakes.cell.rehearsal import Rehearsal, facts_of
 from fakes.testing import ManualClock
 from fakes.world.layout import Layout
 from fakes.world.poses import retracted_pose
-from fakes.world.world import Noise, World
+from fakes.world.world import CellNoise, World
 from vgrd.calibration.calibration import Calibration
 from vgrd.calibration.joint.state import StepLayout
 from vgrd.calibration.solve import calibrate_system
@@ -56,7 +56,7 @@ class Taught:
     """One perfect rehearsed cell, shared by the tests of this file."""
 
     def __init__(self, folder: Path) -> None:
-        self.world = World(Layout(), 5, Noise.none())
+        self.world = World(Layout(), 5, CellNoise.none())
         self.rehearsal = Rehearsal(self.world, facts_of(self.world, folder))
         recording = self.rehearsal.teach(looks=5, spins=4, points=0)
         self.calibration = calibrate_system(recording)

@@ -9,7 +9,7 @@ from fakes.cell.rehearsal import Rehearsal, facts_of
 from fakes.world.layout import Layout
 from fakes.world.poses import retracted_pose
 from fakes.world.samples import Samples
-from fakes.world.world import Noise, World
+from fakes.world.world import CellNoise, World
 from vgrd.calibration.calibration import expected_coordinate
 from vgrd.calibration.solve import calibrate_system
 from vgrd.cell.serving.vouching import (
@@ -54,7 +54,7 @@ def test_the_displacement_is_that_of_the_point_that_went_farthest(then, now, poi
 @pytest.fixture(scope="module")
 def taught(tmp_path_factory):
     """A rehearsed cell whose targets lie all on one side of its tag."""
-    world = World(Layout(), 5, Noise.none())
+    world = World(Layout(), 5, CellNoise.none())
     rehearsal = Rehearsal(world, facts_of(world, tmp_path_factory.mktemp("taught")))
     return rehearsal, calibrate_system(rehearsal.teach(looks=5, spins=4, points=0))
 

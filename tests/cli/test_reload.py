@@ -9,7 +9,7 @@ import pytest
 from fakes.cell.rehearsal import facts_of
 from fakes.world.layout import Layout
 from fakes.world.samples import Samples
-from fakes.world.world import Noise, World
+from fakes.world.world import CellNoise, World
 from vgrd.commands import reloading
 from vgrd.config.cell_file import load_config
 from vgrd.config.resolved import Resolved, changed_keys
@@ -21,7 +21,7 @@ from vgrd.store.calibrations import CalibrationStore
 
 @pytest.fixture
 def checked(tmp_path: Path) -> Resolved:
-    facts_of(World(Layout(), 5, Noise.none()), tmp_path)
+    facts_of(World(Layout(), 5, CellNoise.none()), tmp_path)
     path = tmp_path / "cell.toml"
     return Resolved(load_config(path), str(path), 1.0)
 

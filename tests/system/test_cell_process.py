@@ -19,7 +19,7 @@ from filelock import FileLock
 from fakes.cell.rehearsal import facts_of
 from fakes.world.layout import Layout
 from fakes.world.samples import Samples
-from fakes.world.world import Noise, World
+from fakes.world.world import CellNoise, World
 from vgrd.cell.serving.latches import LATCH_FILE
 from vgrd.config.cell_file import load_config
 from vgrd.config.resolved import Resolved, save_resolved
@@ -39,7 +39,7 @@ class CellProcess:
     """`python -m vgrd.cell` on a file of its own; the test is its gate."""
 
     def __init__(self, folder: Path) -> None:
-        self.facts = facts_of(World(Layout(), 5, Noise.none()), folder)
+        self.facts = facts_of(World(Layout(), 5, CellNoise.none()), folder)
         (path,) = folder.glob("*.toml")
         config = load_config(path)
         self.runtime, self.state = Path(config.cell.runtime_dir), Path(config.cell.state_dir)

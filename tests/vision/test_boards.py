@@ -11,7 +11,7 @@ from vgrd.errors import InputError, TagNotSeen
 from vgrd.geometry import Pose
 from vgrd.geometry.camera import CameraModel
 from vgrd.model import TagSpec
-from vgrd.vision.alignment.refinement import Method
+from vgrd.vision.alignment.refinement import RefinementMethod
 from vgrd.vision.boards.fit import fit_board
 from vgrd.vision.boards.inspection import inspect_board
 from vgrd.vision.images.pictures import Picture
@@ -71,7 +71,7 @@ def test_poses_are_true_within_their_covariance(board):
         pose = pose_of(board, seed)
         report = inspect_board(picture_of(board, pose, NOISY, seed), "b", board, CAMERA)
         assert codes(report) == []
-        assert report.fit.refined.method is Method.PHOTOMETRIC
+        assert report.fit.refined.method is RefinementMethod.PHOTOMETRIC
         assert report.pose.distance(pose)[0] < 0.02
         errors.append(squared_error(report, pose))
     assert 1.5 < np.mean(errors) < 10

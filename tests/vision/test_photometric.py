@@ -17,7 +17,7 @@ from vgrd.model import TagSpec
 from vgrd.orphans import die_with
 from vgrd.vision.alignment import edges
 from vgrd.vision.alignment.quality import disturbance
-from vgrd.vision.alignment.refinement import Method, refine
+from vgrd.vision.alignment.refinement import RefinementMethod, refine
 from vgrd.vision.boards.fit import fit_charuco, fit_tag_board
 from vgrd.vision.images.homography import apply
 from vgrd.vision.images.warp import lens_vector
@@ -64,7 +64,7 @@ def test_corners_are_as_good_as_their_covariance_says_and_to_thousandths(tilt):
     squares, errors = [], []
     for seed in range(6):
         refined, error, _ = measured(tilted_pose(tilt, seed), seed=seed)
-        assert refined.method is Method.PHOTOMETRIC
+        assert refined.method is RefinementMethod.PHOTOMETRIC
         assert 0.9 < refined.fit.chi2 < 1.1
         squares.append(error @ np.linalg.solve(refined.covariance, error))
         errors.append(error)
@@ -127,7 +127,7 @@ def test_a_charuco_board_is_measured_as_one_target():
     pixels, camera = shot(pose, figure=charuco_pattern(board))
     fit = fit_charuco(pixels, board, camera)
     mm, rad = fit.poses[0].pose.distance(pose)
-    assert fit.refined.method is Method.PHOTOMETRIC
+    assert fit.refined.method is RefinementMethod.PHOTOMETRIC
     assert mm < 0.006
     assert rad < np.radians(0.003)
 

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from vgrd.vision.alignment.photometric import align
-from vgrd.vision.alignment.refinement import Method, refine
+from vgrd.vision.alignment.refinement import RefinementMethod, refine
 from vgrd.vision.images.warp import NO_LENS
 from vgrd.vision.print.raster import tag_raster
 from vgrd.vision.tags.detection import find_tags
@@ -54,7 +54,7 @@ def test_corners_stay_those_of_the_square_when_inner_lines_are_a_dot_off(diction
         picture, truth = seen(dictionary, number, number)
         (tag,) = find_tags(picture, [family])
         refined = refine(picture, tag_raster(tag.family, tag.id, 1.0), tag.corners_px, NO_LENS)
-        assert refined.method is Method.PHOTOMETRIC
+        assert refined.method is RefinementMethod.PHOTOMETRIC
         off.append(rms(refined.corners_px, truth))
     assert np.median(off) < 0.01
     assert max(off) < 0.06

@@ -7,7 +7,7 @@ from fakes.camera.blur import Blur
 from fakes.camera.patterns import tag_pattern
 from fakes.camera.raster import coverage
 from fakes.camera.render import Renderer
-from fakes.camera.sensor import BLACK, Region
+from fakes.camera.sensor import BLACK, PixelRegion
 from fakes.world.layout import Layout
 from fakes.world.poses import frozen_snapshot, retracted_pose, touch_pose
 from fakes.world.world import World, WorldSnapshot
@@ -51,7 +51,7 @@ def test_paper_and_ink_have_their_levels_and_shot_noise(renderer):
     camera_from_tag = camera_from_tag_a(pose)
     centre = LAYOUT.optics.project(camera_from_tag @ np.array([-11.2, 0.0, 0.0]))
     x, y = (np.round(centre).astype(int) - 4).tolist()
-    flat = Region(x, y, 8, 8)
+    flat = PixelRegion(x, y, 8, 8)
     assert drawn(camera_from_tag, flat).max() < 1e-3
     patches = [
         renderer.render(WorldSnapshot(frozen_snapshot(pose).flange, 0.0, exposure=i))[flat.slices]
@@ -88,7 +88,7 @@ def test_an_out_of_focus_tag_is_blurred():
         camera_from_tag = camera_from_tag_a(type(pose)(pose.rotation, pose.translation + toward))
         outline = LAYOUT.optics.project(camera_from_tag @ np.array([-12.5, 0.0, 0.0]))
         x, y = (np.round(outline).astype(int) // 4 * 4 - 12).tolist()
-        shares = drawn(camera_from_tag, Region(x, y, 24, 24))
+        shares = drawn(camera_from_tag, PixelRegion(x, y, 24, 24))
         return np.abs(np.diff(shares, axis=1)).max()
 
     in_focus = LAYOUT.optics.focus_mm - camera_from_tag_a(retracted_pose()).translation[2]

@@ -17,7 +17,7 @@ from fakes.camera.patterns import (
 )
 from fakes.camera.pictures import Band, Look, Placed, Spot, clean_levels, draw, pinhole, sense
 from fakes.camera.raster import coverage
-from fakes.camera.sensor import Region
+from fakes.camera.sensor import PixelRegion
 from vgrd.geometry import Pose
 from vgrd.model import TagSpec
 from vgrd.vision.print.boards import Charuco
@@ -25,7 +25,7 @@ from vgrd.vision.print.boards import Charuco
 MATRIX = np.array([[6000.0, 0, 320], [0, 6000.0, 240], [0, 0, 1]])
 CAMERA = pinhole(MATRIX, np.zeros(0), (640, 480))
 BENT = pinhole(MATRIX, np.array([-0.08, 0.1, 2e-4, -1e-4, 0.0]), (640, 480))
-REGION = Region(284, 220, 72, 48)
+REGION = PixelRegion(284, 220, 72, 48)
 SIGMA = 0.7
 
 
@@ -86,7 +86,7 @@ def test_a_corner_is_the_integral_of_a_bivariate_normal(yaw, tilt):
     quarter = Pattern(corner[:1], corner[1:2], np.float32([[1, 1], [1, 0]]))
     spot = np.round(CAMERA.project(pose @ corner[None])[0]).astype(int)
     origin = spot // 4 * 4 - 4
-    region = Region(int(origin[0]), int(origin[1]), 12, 12)
+    region = PixelRegion(int(origin[0]), int(origin[1]), 12, 12)
     drawn = 1 - coverage(CAMERA, pose, quarter, region, Blur(SIGMA))
     lines = [image_line(pose, corner, way) for way in 0.1 * np.eye(3)[:2]]
     inside = CAMERA.project(pose @ (corner + np.array([0.1, 0.1, 0]))[None])[0]
@@ -109,7 +109,7 @@ def test_distortion_bends_what_is_drawn_as_it_bends_points():
     line = BENT.project(
         pose @ np.stack([np.zeros(401), np.linspace(-5, 5, 401), np.zeros(401)], 1)
     )
-    region = Region(400, 300, 64, 64)
+    region = PixelRegion(400, 300, 64, 64)
     drawn = coverage(BENT, pose, half, region, Blur(SIGMA))
     x, y = np.meshgrid(np.arange(64) + 400.0, np.arange(64) + 300.0)
     places = np.stack([x, y], -1)
@@ -191,7 +191,7 @@ def test_gamma_and_exposure_follow_their_laws():
 
 
 def test_blurs_spread_light_by_their_second_moments():
-    pose, region = tilted(), Region(288, 208, 64, 64)
+    pose, region = tilted(), PixelRegion(288, 208, 64, 64)
     dot = Disc(np.zeros(2), 0.2)
     place = np.arange(64.0)
 

@@ -3,34 +3,34 @@ import pytest
 
 from fakes.world.layout import FIXED_POINT, Layout
 from fakes.world.poses import WORK_ROTATION, retracted_pose, touch_pose
-from fakes.world.world import Noise, World, WorldSnapshot
+from fakes.world.world import CellNoise, World, WorldSnapshot
 
 LAYOUT = Layout()
 
 
 def test_in_a_perfect_world_a_touch_misses_nothing():
-    world = World(LAYOUT, 1, Noise.none())
+    world = World(LAYOUT, 1, CellNoise.none())
     arrival = world.jog_onto("P3", WORK_ROTATION, 0.0)
     assert np.abs(world.miss("P3", arrival)).max() < 1e-9
     assert world.reported_flange(arrival).distance(touch_pose(LAYOUT, "P3"))[0] < 1e-9
 
 
 def test_in_a_perfect_world_a_move_to_the_turned_target_misses_nothing():
-    world = World(LAYOUT, 1, Noise.none())
+    world = World(LAYOUT, 1, CellNoise.none())
     stands = world.turn_table(1.1, 0.0)
     arrival = world.move_flange(touch_pose(LAYOUT, "P5", 1.1), stands)
     assert np.abs(world.miss("P5", arrival)).max() < 1e-9
 
 
 def test_a_move_with_the_pendants_tcp_ends_beside_the_target():
-    world = World(LAYOUT, 1, Noise.none())
+    world = World(LAYOUT, 1, CellNoise.none())
     wrong = touch_pose(LAYOUT, "P1") @ LAYOUT.wrist_from_pendant_tcp.inverse()
     arrival = world.move_tcp(wrong, 0.0)
     assert np.linalg.norm(world.miss("P1", arrival)) > 20
 
 
 def test_touch_noise_is_the_papers_truncated_normal():
-    world = World(LAYOUT, 1, Noise(repeatability_mm=0.0, field_mm=0.0))
+    world = World(LAYOUT, 1, CellNoise(repeatability_mm=0.0, field_mm=0.0))
     misses = []
     now = 0.0
     for _ in range(600):
@@ -41,7 +41,7 @@ def test_touch_noise_is_the_papers_truncated_normal():
 
 
 def test_a_jogged_touch_misses_by_touch_noise_only_however_bad_the_arm():
-    sharp = World(LAYOUT, 1, Noise(touch_sigma_mm=0.0, repeatability_mm=1.0, field_mm=2.0))
+    sharp = World(LAYOUT, 1, CellNoise(touch_sigma_mm=0.0, repeatability_mm=1.0, field_mm=2.0))
     arrival = sharp.jog_onto(FIXED_POINT, WORK_ROTATION, 0.0)
     assert np.abs(sharp.miss(FIXED_POINT, arrival)).max() < 1e-6
 
@@ -66,7 +66,7 @@ def test_targets_and_tag_b_turn_with_the_table_about_its_axis():
 
 
 def test_a_slipped_tag_moves_on_the_object_and_the_targets_stay():
-    world = World(LAYOUT, 1, Noise.none())
+    world = World(LAYOUT, 1, CellNoise.none())
     before = world.snapshot(0.0).base_from_tag("b", LAYOUT)
     world.shift_tag_b(0.3, -0.4)
     after = world.snapshot(0.0).base_from_tag("b", LAYOUT)

@@ -15,7 +15,7 @@ from vgrd.geometry import Array
 from vgrd.vision.alignment.gathering import Cells, gather
 from vgrd.vision.alignment.normal_equations import BLOOM, LIGHT, SHAPE, accumulate
 from vgrd.vision.images.homography import apply, inverse, moved, normalised, to_pixels
-from vgrd.vision.images.noise import Noise, noise_in
+from vgrd.vision.images.noise import CameraNoise, noise_in
 from vgrd.vision.images.warp import LocalFrame
 from vgrd.vision.print.raster import Raster
 
@@ -59,7 +59,7 @@ class PhotometricFit:
     bloom_px: float
     gain: Array
     offset: Array
-    noise: Noise
+    noise: CameraNoise
     outside: float
     residuals: Array
     q: Array
@@ -106,7 +106,7 @@ def align(
     raster: Raster,
     frame: LocalFrame,
     q_from_target: Array,
-    noise: Noise | None = None,
+    noise: CameraNoise | None = None,
     sigma_px: float = _SIGMA_PX,
 ) -> PhotometricFit | None:
     """Align a raster from a start good to about a pixel; None when the iteration finds no minimum.
@@ -129,7 +129,7 @@ class _Iteration:
         frame: LocalFrame,
         H: Array,
         scale: float,
-        noise: Noise | None,
+        noise: CameraNoise | None,
         sigma_px: float,
     ) -> None:
         self.picture, self.raster, self.frame = picture, raster, frame

@@ -11,7 +11,7 @@ from vgrd.vision.alignment.edges import EdgeFit, coarse_homography, fit_edges, h
 from vgrd.vision.alignment.photometric import PhotometricFit, align
 from vgrd.vision.alignment.printed_lines import with_printed_lines
 from vgrd.vision.images.homography import apply, from_points
-from vgrd.vision.images.noise import Noise
+from vgrd.vision.images.noise import CameraNoise
 from vgrd.vision.images.warp import LocalFrame
 from vgrd.vision.print.raster import Raster
 
@@ -21,7 +21,7 @@ _USEFUL_CELL = 0.1  # of a cell: the sigma of a corner that is better than a sta
 WORST_MISFIT = 0.02  # of the contrast: what real prints and lenses leave beyond the noise
 
 
-class Method(StrEnum):
+class RefinementMethod(StrEnum):
     """Which fit the corners come from."""
 
     PHOTOMETRIC = "photometric"
@@ -38,7 +38,7 @@ class Refined:
 
     corners_px: Array
     covariance: Array
-    method: Method
+    method: RefinementMethod
     fit: PhotometricFit | None
     edges_seen: float
 
@@ -48,7 +48,7 @@ def refine(
     raster: Raster,
     corners_px: Array,
     lens: Array,
-    noise: Noise | None = None,
+    noise: CameraNoise | None = None,
     *,
     lines_are_sure: bool = False,
 ) -> Refined | None:
@@ -72,13 +72,13 @@ def refine(
         fit = _as_printed(picture, raster, fit, noise)
     if fit is not None and trusted(fit):
         covariance = fit.covariance * max(fit.chi2, 1.0)
-        return Refined(fit.corners_px, covariance, Method.PHOTOMETRIC, fit, edge_share)
+        return Refined(fit.corners_px, covariance, RefinementMethod.PHOTOMETRIC, fit, edge_share)
     edges = fit_edges(picture, raster, frame, start)
     if edges is None or not _is_useful(edges, raster):
         return None
     if has_strayed(edges.q_from_target, raster, apply(start, raster.corners)):
         return None
-    return Refined(edges.corners_px, edges.covariance, Method.EDGES, fit, edges.used)
+    return Refined(edges.corners_px, edges.covariance, RefinementMethod.EDGES, fit, edges.used)
 
 
 def read_only(picture: Grey) -> Grey:
@@ -89,7 +89,7 @@ def read_only(picture: Grey) -> Grey:
 
 
 def _as_printed(
-    picture: Grey, raster: Raster, fit: PhotometricFit, noise: Noise | None
+    picture: Grey, raster: Raster, fit: PhotometricFit, noise: CameraNoise | None
 ) -> PhotometricFit:
     """The fit with the inner lines where they were printed, if that explains the picture better."""
     printed = with_printed_lines(picture, raster, fit.frame, fit.q_from_target)

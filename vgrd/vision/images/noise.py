@@ -16,21 +16,21 @@ _OF_SECOND_DIFFERENCE = 6  # 1 + 4 + 1: its variance over that of a pixel
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Noise:
+class CameraNoise:
     """Variance of a grey level I: shot * I + read."""
 
     shot: float
     read: float
 
 
-def noise_in(flat: Array) -> Noise:
+def noise_in(flat: Array) -> CameraNoise:
     """Noise from flat pixels (n, 3): colour, level, second difference (16 in docs/photometric.md)."""
     found = [(level, variance) for level, variance, n in _noise_of(flat) if n >= _LEAST_PIXELS]
     if not found:
-        return Noise(0.0, _UNKNOWN)
+        return CameraNoise(0.0, _UNKNOWN)
     (dark, variance), (bright, most) = found[0], found[-1]
     shot = max((most - variance) / max(bright - dark, 1.0), 0.0) if len(found) > 1 else 0.0
-    return Noise(shot, max(variance - shot * dark, _LEAST_VARIANCE))
+    return CameraNoise(shot, max(variance - shot * dark, _LEAST_VARIANCE))
 
 
 @compiled

@@ -20,7 +20,7 @@ from vgrd.geometry import Array
 from vgrd.geometry.camera import CameraModel
 from vgrd.model import Finding, TagObservation, TagSpec, frozen_array
 from vgrd.vision.alignment.quality import disturbance
-from vgrd.vision.alignment.refinement import Method, Refined, refine
+from vgrd.vision.alignment.refinement import Refined, RefinementMethod, refine
 from vgrd.vision.images.pictures import as_8_bit
 from vgrd.vision.images.warp import lens_vector
 from vgrd.vision.print.codes import SQUARE_FAMILIES, code_count, square_corners
@@ -32,7 +32,7 @@ _REGION_MARGIN = 0.25  # of a tag's extent, around its last place: two cells of 
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Sighting:
+class TagSighting:
     """A tag in a picture: its observation, None where it is not trustworthy, and remarks."""
 
     observation: TagObservation | None
@@ -42,7 +42,9 @@ class Sighting:
     @property
     def is_of_all_pixels(self) -> bool:
         """True for an observation that the photometric fit made."""
-        is_photometric = self.refined is not None and self.refined.method is Method.PHOTOMETRIC
+        is_photometric = (
+            self.refined is not None and self.refined.method is RefinementMethod.PHOTOMETRIC
+        )
         return self.observation is not None and is_photometric
 
 
@@ -112,7 +114,7 @@ class TagDetector:
         pixels: Pixels,
         around: Mapping[int, TagObservation] | None = None,
         region: Region | None = None,
-    ) -> dict[int, Sighting]:
+    ) -> dict[int, TagSighting]:
         """As `detect`, for every tag that is to be seen, with the reasons why one is left out."""
         if self._threads is None:
             raise InputError("the tag detector was closed")
@@ -162,7 +164,7 @@ class TagDetector:
         frame[region.y : region.y + region.height, region.x : region.x + region.width] = part
         return frame
 
-    def _track(self, grey: Grey, earlier: TagObservation) -> Sighting | None:
+    def _track(self, grey: Grey, earlier: TagObservation) -> TagSighting | None:
         """Look for a tag at its earlier place: measure it from there, else search around.
 
         A moved tag can lead the fit of edges to a wrong place, so only the photometric fit counts.
@@ -178,7 +180,7 @@ class TagDetector:
 
     def _search(
         self, grey: Grey, part: Grey, origin_px: tuple[int, int], wanted: set[tuple[str, int]]
-    ) -> dict[int, Sighting]:
+    ) -> dict[int, TagSighting]:
         """Look for tags everywhere in the part of a picture that there is."""
         found = [
             replace(tag, corners_px=tag.corners_px + origin_px)
@@ -196,7 +198,7 @@ class TagDetector:
             }
         return sightings
 
-    def _measured(self, grey: Grey, tag: TagSpec, corners_px: Array) -> Sighting | None:
+    def _measured(self, grey: Grey, tag: TagSpec, corners_px: Array) -> TagSighting | None:
         """Measure a tag from rough corners; None when there is no such tag at that place."""
         refined = refine(grey, self._rasters[tag.id], corners_px, self._lens)
         if refined is None:
@@ -209,19 +211,19 @@ class TagDetector:
         )
         return self._judged(tag, refined, poses)
 
-    def _judged(self, tag: TagSpec, refined: Refined, poses: Sequence[PlanarPose]) -> Sighting:
+    def _judged(self, tag: TagSpec, refined: Refined, poses: Sequence[PlanarPose]) -> TagSighting:
         """The observation, unless no pose fits or two do."""
         trouble = disturbance(refined)
         findings = () if trouble is None else (Finding(*trouble),)
         if not poses:
-            return Sighting(None, refined, (*findings, *_unfit().findings))
+            return TagSighting(None, refined, (*findings, *_unfit().findings))
         best = poses[0]
         rms = best.misfit_px(self._camera, square_corners(tag.size_mm), refined.corners_px)
         if rms > MOST_MISFIT_PX:
-            return Sighting(None, refined, (*findings, *_unfit().findings))
+            return TagSighting(None, refined, (*findings, *_unfit().findings))
         if is_ambiguous(poses):
             two = Finding("ambiguous", "two poses fit it: tilt it by 10 degrees")
-            return Sighting(None, refined, (*findings, two))
+            return TagSighting(None, refined, (*findings, two))
         observation = TagObservation(
             tag,
             best.pose,
@@ -230,7 +232,7 @@ class TagDetector:
             rms,
             1.0 if refined.fit is None else refined.fit.chi2,
         )
-        return Sighting(observation, refined, findings)
+        return TagSighting(observation, refined, findings)
 
 
 def warm_up() -> None:
@@ -257,19 +259,19 @@ def _raster(tag: TagSpec) -> Raster:
     return tag_raster(tag.family, tag.id, tag.size_mm)
 
 
-def _not_readable(tag: FoundTag, times: int) -> Sighting:
+def _not_readable(tag: FoundTag, times: int) -> TagSighting:
     """Why a tag that was found is not measured."""
     if times > 1:
         repeated = f"in the picture {times} times: cover or remove the others"
-        return Sighting(None, None, (Finding("repeated", repeated),))
+        return TagSighting(None, None, (Finding("repeated", repeated),))
     damaged = (
         f"{tag.hamming} cells of its code read wrongly: clean it, uncover it or print it anew"
     )
-    return Sighting(None, None, (Finding("damaged", damaged),))
+    return TagSighting(None, None, (Finding("damaged", damaged),))
 
 
-def _unfit() -> Sighting:
+def _unfit() -> TagSighting:
     message = (
         "its corners do not fit a flat square: is it bent, half hidden, or the camera file wrong?"
     )
-    return Sighting(None, None, (Finding("misfit", message),))
+    return TagSighting(None, None, (Finding("misfit", message),))
