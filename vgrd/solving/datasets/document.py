@@ -4,8 +4,7 @@ from typing import Annotated
 
 from pydantic import Field
 
-from vgrd.documents.tables import NamedTable, Number, Table, one_of
-from vgrd.geometry.rotation_formats import RotationFormat
+from vgrd.documents.tables import NamedTable, Number, Table
 
 
 class CameraTable(Table):
@@ -14,13 +13,6 @@ class CameraTable(Table):
     matrix: Annotated[list[Number], Field(min_length=4, max_length=4)]
     distortion: list[Number] = Field(default=[])
     refine: bool = False
-
-
-class PosesTable(Table):
-    """How the flange poses are written."""
-
-    unit: Annotated[str, one_of(("mm", "m"))]
-    rotation: Annotated[str, one_of(tuple(RotationFormat))]
 
 
 class FeatureTable(NamedTable):

@@ -12,22 +12,18 @@ from vgrd.documents.toml import one_word, read_toml, unknown_keys
 from vgrd.errors import ConfigError, InputError
 from vgrd.geometry import Array, Pose
 from vgrd.geometry.camera import CameraModel
-from vgrd.geometry.coincidence import equal_poses
 from vgrd.geometry.rotation_formats import RotationFormat, pose_from
-from vgrd.judging.thresholds import SAME_TEXT_MM, SAME_TEXT_RAD
 from vgrd.model import Mount
 from vgrd.solving.datasets.boards import read_target
-from vgrd.solving.datasets.document import CameraTable, PosesTable, SampleTable
+from vgrd.solving.datasets.document import CameraTable, SampleTable
 from vgrd.solving.datasets.features import Places, read_features
 from vgrd.solving.datasets.points import read_points
+from vgrd.solving.flange_poses import MIN_SAMPLES, PosesTable, arm_faults, equal_pose_faults
 from vgrd.vision.print.boards import BoardObservation, TargetSpec
 
-MIN_SAMPLES = 3  # the least of a hand-eye calibration
 _TABLES = ("mount", "camera", "poses", "target", "feature", "sample")
 _SOURCES = ("image", "points", "camera_from_target")
 _MM_PER = {"mm": 1.0, "m": 1000.0}
-_REACH_MM = 20_000.0  # no arm reaches 20 m: it is another unit
-_SMALLEST_ARM_MM = 10.0  # no arm stays within 10 mm: it is another unit
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -81,7 +77,7 @@ def load_dataset(path: Path) -> Dataset:
     if poses is not None:
         faults += arm_faults([(s.name, s.base_from_wrist) for s in good], poses.unit, "sample")
         seen = [(s.name, s.seen) for s in good if isinstance(s.seen, Pose)]
-        faults += _repeats(seen, "sample.camera_from_target", "camera")
+        faults += equal_pose_faults(seen, "sample.camera_from_target", "camera")
     if faults or mount is None or poses is None:
         raise ConfigError(str(path), faults)
     return Dataset(
@@ -209,40 +205,3 @@ class _SampleReader:
             return Pose.from_matrix(matrix)
         except InputError as error:
             raise InputError(f"{error}; 16 numbers, row by row") from error
-
-
-def arm_faults(named: Sequence[tuple[str, Pose]], unit: str, table: str) -> list[str]:
-    """What is wrong with flange poses together: unit, repeats, a stream that never changed."""
-    if len(named) < MIN_SAMPLES:
-        return []
-    faults = []
-    reach = max(float(np.abs(pose.translation).max()) for _, pose in named)
-    if reach > _REACH_MM:
-        faults.append(
-            f"poses.unit: in {unit} the flange is {reach / 1000:.0f} m from the base: is it mm?"
-        )
-    elif reach < _SMALLEST_ARM_MM:
-        faults.append(
-            f"poses.unit: in {unit} no flange is more than {reach:.2g} mm from the base: is it m?"
-        )
-    return faults + _repeats(named, f"{table}.pose", "robot")
-
-
-def _repeats(named: Sequence[tuple[str, Pose]], key: str, source: str) -> list[str]:
-    if not named:
-        return []
-    groups: dict[int, list[str]] = {}
-    equal = equal_poses([pose for _, pose in named], SAME_TEXT_MM, SAME_TEXT_RAD)
-    for (name, _), first in zip(named, np.argmax(equal, axis=1), strict=True):
-        groups.setdefault(int(first), []).append(name)
-    if len(named) > 1 and len(groups) == 1:
-        return [
-            f"{key}: all {len(named)} are equal: the {source} was not read again between "
-            "the samples; record anew"
-        ]
-    return [
-        f"{key}: {', '.join(repr(name) for name in names)} hold the same pose: the {source} "
-        "did not move or was not read again; keep one of them"
-        for names in groups.values()
-        if len(names) > 1
-    ]

@@ -15,9 +15,10 @@ from vgrd.geometry.resection import checked_points
 from vgrd.solving.datasets.fitting import Fitter, PointFitter, PoseFitter
 from vgrd.solving.datasets.half_turns import turn_alike
 from vgrd.solving.datasets.judging import DatasetEvidence, Miss, doubtful, judge, suspects
-from vgrd.solving.datasets.loading import MIN_SAMPLES, Dataset, DatasetSample, load_dataset
+from vgrd.solving.datasets.loading import Dataset, DatasetSample, load_dataset
 from vgrd.solving.datasets.named_method import NamedMethodFitter, check_method
 from vgrd.solving.datasets.solution import DatasetSolution, LeaveOneOut, SampleReport
+from vgrd.solving.flange_poses import MIN_SAMPLES
 from vgrd.vision.print.boards import BoardObservation, TargetSpec, detect_board, has_direction
 
 Progress = Callable[[int, int], None]

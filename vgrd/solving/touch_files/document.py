@@ -28,8 +28,7 @@ from vgrd.geometry import Array, Pose
 from vgrd.geometry.coincidence import are_in_line
 from vgrd.geometry.rotation_formats import RotationFormat, pose_from
 from vgrd.judging.thresholds import LINE
-from vgrd.solving.datasets.document import PosesTable
-from vgrd.solving.datasets.loading import arm_faults
+from vgrd.solving.flange_poses import PosesTable, arm_faults
 
 DEFAULT_SIGMA_MM = 0.233  # the paper's touches, experiment B
 _TABLES = ("kind", "poses", "touch", "plane", "sphere")
