@@ -1,4 +1,7 @@
-"""Poses, rotation formats, camera model: numpy and scipy only."""
+"""Poses, rotation formats, camera model: numpy and scipy only.
+
+Imports errors only.
+"""
 
 from vgrd.geometry.pose import Array, Pose, exp_rotation, hat, log_rotation, nearest_rotation
 

@@ -1,1 +1,4 @@
-"""Data and commands between the processes: rings in memory-mapped files, JSON lines on sockets."""
+"""Data and commands between the processes: rings in memory-mapped files, JSON lines on sockets.
+
+Imports errors, clock and permissions only: gate and devices must stay small.
+"""

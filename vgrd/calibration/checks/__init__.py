@@ -1,4 +1,7 @@
-"""Checks of a recording by its own data: what is missing, what was meant otherwise, what moved."""
+"""Checks of a recording by its own data: what is missing, what was meant otherwise, what moved.
+
+May import the methods, touches, judging and model.
+"""
 
 from vgrd.calibration.checks.cad_mistakes import VariedWrists, misinterpretation
 from vgrd.calibration.checks.conventions import cannot_tell, mistaken_unit

@@ -1,4 +1,7 @@
-"""Hand-eye data that others recorded: a DATASET.toml in, a solution with a verdict out."""
+"""Hand-eye data that others recorded: a DATASET.toml in, a solution with a verdict out.
+
+May import documents, vision, calibration and judging.
+"""
 
 from vgrd.solving.datasets.loading import Dataset, load_dataset
 from vgrd.solving.datasets.solution import DatasetSolution

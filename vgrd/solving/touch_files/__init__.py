@@ -1,4 +1,7 @@
-"""Touches in a TOML file, TCP out: `vgrd tcp`."""
+"""Touches in a TOML file, TCP out: `vgrd tcp`.
+
+May import documents, calibration and judging.
+"""
 
 from vgrd.solving.touch_files.document import TouchFile, TouchKind, load_touches
 from vgrd.solving.touch_files.solving import TouchSolution, solve_touches
