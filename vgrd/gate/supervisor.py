@@ -17,7 +17,8 @@ from vgrd.ipc.health import health_path
 from vgrd.ipc.messages import HEALTH_KIND, Health, ProcessReport
 from vgrd.ipc.ring import RingReader
 
-FIRST_DELAY_S: Final = 0.25  # chosen: little beside the 1.6 s of a start; doubled each time
+FIRST_DELAY_S: Final = 0.25  # little beside the 1.6 s of a start
+GROWTH: Final = 1.5  # of the delay: the fourth end in a row still waits less than a second
 LAST_DELAY_S: Final = 2.0  # with 1.6 s for its start, a device that is back serves within 5 s
 REFUSED_DELAY_S: Final = 5.0  # what somebody has to mend first
 GOOD_AFTER_S: Final = 30.0  # a process that lived so long begins with the first delay again
@@ -115,7 +116,7 @@ class Managed:
             with suppress(TimeoutError):
                 async with asyncio.timeout(wait_s):
                     await self._stopping.wait()
-            delay_s = min(2 * delay_s, LAST_DELAY_S)
+            delay_s = min(GROWTH * delay_s, LAST_DELAY_S)
         self._state = "stopped"
         if not self._stopping.is_set():
             log.error("process_given_up", child=self.spec.name, exit_code=self._exit_code)
