@@ -9,10 +9,10 @@ from fakes.world.noise import FINE, Vision
 from fakes.world.simulation import WORK_ROTATION, Simulation
 from vgrd.calibration.joint.estimate import calibrate_joint
 from vgrd.calibration.joint.expected import expected_by_joint, predict, work_orientation
+from vgrd.calibration.joint.marginal import solution_of
 from vgrd.calibration.joint.problem import EvidenceKind, HolePixel, Turntable
 from vgrd.calibration.joint.rows import arm_jacobian, linearize
 from vgrd.calibration.joint.samples import gather
-from vgrd.calibration.joint.solution import solution_of
 from vgrd.errors import InputError, NotObservable, TagNotSeen, TooFewObservations
 from vgrd.geometry import Pose, exp_rotation
 from vgrd.model import ArmModel, Motion, Mount, Policy

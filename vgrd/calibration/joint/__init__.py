@@ -19,6 +19,7 @@ from vgrd.calibration.joint.fit import (
     variance_inflation,
     whiten_arm,
 )
+from vgrd.calibration.joint.marginal import solution_of
 from vgrd.calibration.joint.problem import (
     EvidenceKind,
     HolePixel,
@@ -29,7 +30,7 @@ from vgrd.calibration.joint.problem import (
     target_of,
 )
 from vgrd.calibration.joint.rows import arm_jacobian, linearize, object_motions
-from vgrd.calibration.joint.solution import JointSolution, Prediction, solution_of
+from vgrd.calibration.joint.solution import JointSolution, Prediction
 from vgrd.calibration.joint.state import JointState, StepLayout
 
 __all__ = [

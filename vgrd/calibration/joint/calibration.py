@@ -8,9 +8,10 @@ from vgrd.calibration.acceptance import accept
 from vgrd.calibration.joint.estimate import calibrate_joint, residuals_of
 from vgrd.calibration.joint.expected import work_orientation
 from vgrd.calibration.joint.fit import JointFit
+from vgrd.calibration.joint.marginal import solution_of
 from vgrd.calibration.joint.problem import EvidenceKind, HolePixel
 from vgrd.calibration.joint.rows import left_jacobian
-from vgrd.calibration.joint.solution import JointSolution, solution_of
+from vgrd.calibration.joint.solution import JointSolution
 from vgrd.calibration.joint.state import StepLayout
 from vgrd.calibration.outcome import Outcome
 from vgrd.calibration.turntable import without_useless_spins

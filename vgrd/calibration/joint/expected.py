@@ -5,13 +5,9 @@ from dataclasses import replace
 import numpy as np
 
 from vgrd.calibration.joint.fit import JointFit
+from vgrd.calibration.joint.marginal import kept_columns, solution_of
 from vgrd.calibration.joint.problem import target_of
-from vgrd.calibration.joint.solution import (
-    JointSolution,
-    Prediction,
-    kept_columns,
-    solution_of,
-)
+from vgrd.calibration.joint.solution import JointSolution, Prediction
 from vgrd.calibration.touches import touched_orientation
 from vgrd.errors import InputError, TagNotSeen
 from vgrd.geometry import Array
