@@ -90,7 +90,7 @@ def is_covered(
     return bool(readings) and readings[-1].stamp_s >= stamp_s + after_s
 
 
-def mean_pose(poses: Sequence[Pose]) -> Pose:
+def mean_rest_pose(poses: Sequence[Pose]) -> Pose:
     """Arithmetic mean of translations and projected mean of rotations, for poses close together."""
     rotation = nearest_rotation(
         np.mean([pose.rotation for pose in poses], axis=0), tolerance=MEAN_TOLERANCE
@@ -134,7 +134,7 @@ def _agreed(window: Sequence[FlangeReading], period_s: float, limits: RestLimits
             f"the robot moved {spread_mm:.2f} mm, {1e3 * spread_rad:.1f} mrad around the picture: "
             "wait until it stands still"
         )
-    return mean_pose(poses)
+    return mean_rest_pose(poses)
 
 
 def _spread(poses: Sequence[Pose]) -> tuple[float, float]:

@@ -1,6 +1,7 @@
 """Points on one line, equal poses: samples that tell nothing new."""
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,3 +24,19 @@ def equal_poses(poses: Sequence[Pose], mm: float, rad: float) -> NDArray[np.bool
     apart_mm = np.linalg.norm(t[:, None] - t, axis=2)
     apart = np.abs(R[:, None] - R).max(axis=(2, 3), initial=0.0)
     return np.asarray((apart_mm < mm) & (apart < rad))
+
+
+@dataclass(frozen=True, slots=True)
+class Difference:
+    """From where on two measured poses differ: chi-square of 6, and mm or rad that matter."""
+
+    squared: float
+    mm: float
+    rad: float
+
+    def is_between(self, pose: Pose, other: Pose, covariance: Array) -> bool:
+        """Whether noise, (6, 6) of both together (left tangent), does not explain the two."""
+        mm, rad = pose.distance(other)
+        xi = (pose @ other.inverse()).log()
+        squared = float(xi @ np.linalg.solve(covariance, xi))
+        return squared > self.squared and (mm > self.mm or rad > self.rad)

@@ -2,17 +2,14 @@
 
 from collections.abc import Iterator, Sequence
 
-import numpy as np
-
 from vgrd.calibration.hand_eye import first_of_same, sightings_of_tag_a
 from vgrd.calibration.touches import moved_touches
-from vgrd.geometry import Array, Pose
+from vgrd.geometry.coincidence import Difference
 from vgrd.judging.findings import finding
 from vgrd.model import Finding, Recording
 
-_SIGMAS_SQUARED = 60.0  # chi-square of 6: never by noise
-_MOVED_MM = 0.5  # what a robot that was not read again certainly does
-_MOVED_RAD = 5e-3  # the same
+# Never by noise, and what a robot that was not read again certainly does.
+_MOVED = Difference(squared=60.0, mm=0.5, rad=5e-3)
 
 
 def repeated_poses(recording: Recording) -> Iterator[Finding]:
@@ -24,7 +21,7 @@ def repeated_poses(recording: Recording) -> Iterator[Finding]:
     for i, k in enumerate(first):
         if i == k:
             continue
-        moved = _differ(
+        moved = _MOVED.is_between(
             samples[i].camera_from_target,
             samples[k].camera_from_target,
             samples[i].covariance + samples[k].covariance,
@@ -64,13 +61,6 @@ def moved_object(recording: Recording) -> Finding | None:
         return None
     names = ", ".join(str(i + 1) for i in moved)
     return finding("object_moved", f"the object stood elsewhere in touch {names}", fatal=True)
-
-
-def _differ(pose: Pose, other: Pose, covariance: Array) -> bool:
-    mm, rad = pose.distance(other)
-    xi = (pose @ other.inverse()).log()
-    squared = float(xi @ np.linalg.solve(covariance, xi))
-    return squared > _SIGMAS_SQUARED and (mm > _MOVED_MM or rad > _MOVED_RAD)
 
 
 def _pairs(pairs: Sequence[tuple[str, str]]) -> str:

@@ -7,12 +7,12 @@ import numpy as np
 
 from vgrd.errors import TooFewObservations
 from vgrd.geometry import Array, Pose
+from vgrd.geometry.coincidence import Difference
 from vgrd.geometry.covariance import mean_pose
 from vgrd.model import TagObservation, Touch, frozen_array
 
-_MOVED_SQUARED = 40.0  # chi-square of 6: 1 in 2 million still tags
-_MOVED_MM = 0.05  # smaller is no motion that matters, whatever the stated noise
-_MOVED_RAD = 1e-3  # the same, 0.05 mm at 50 mm from the tag
+# 1 in 2 million still tags; smaller is no motion that matters, whatever the stated noise.
+_MOVED = Difference(squared=40.0, mm=0.05, rad=1e-3)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -60,7 +60,7 @@ def moved_touches(touches: Sequence[Touch]) -> tuple[int, ...]:
     return tuple(
         i
         for i, tag in tags
-        if _differs(
+        if _MOVED.is_between(
             tag.camera_from_tag, middle.camera_from_tag, tag.covariance + middle.covariance
         )
     )
@@ -82,10 +82,3 @@ def _most_central(poses: Sequence[Pose]) -> int:
     cosine = (np.einsum("aij,bij->ab", R, R) - 1) / 2
     distance = 0.01 * mm + np.arccos(np.clip(cosine, -1, 1))
     return int(np.argmin(np.median(distance, axis=1)))
-
-
-def _differs(pose: Pose, other: Pose, covariance: Array) -> bool:
-    mm, rad = pose.distance(other)
-    xi = (pose @ other.inverse()).log()
-    squared = float(xi @ np.linalg.solve(covariance, xi))
-    return squared > _MOVED_SQUARED and (mm > _MOVED_MM or rad > _MOVED_RAD)
