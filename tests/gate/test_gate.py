@@ -269,7 +269,7 @@ def test_a_device_that_dies_is_restarted_later_each_time(tmp_path):
             )
         )
         gaps = [float(b) - float(a) for a, b in pairwise(starts)]
-        assert all(gap > delay for gap, delay in zip(gaps, (0.25, 0.5, 1.0), strict=False))
+        assert all(gap > delay for gap, delay in zip(gaps, DELAYS_S, strict=False))
         assert gate.row("camera").starts == 1
         assert gate.row("camera").exit_code == 69
 
