@@ -17,6 +17,7 @@ import pytest
 from fakes.cell.processes import is_alive
 from fakes.controllers.raw_modbus import RawModbus
 from vgrd.errors import IpcError
+from vgrd.gate.supervisor import FIRST_DELAY_S, GROWTH
 from vgrd.ipc.messages import GATE_KIND, GATE_RING, GateReport, ProcessReport
 from vgrd.ipc.ring import RingReader
 from vgrd.orphans import dying_with_us
@@ -24,6 +25,7 @@ from vgrd.registers import RESPONSE, Command, State, Status
 
 HERE = Path(__file__).parent
 DEADLINE_S = 0.25
+DELAYS_S = [FIRST_DELAY_S * GROWTH**k for k in range(3)]
 # What a fault may take beyond the deadline on a busy machine.
 MARGIN_S = 0.35
 COMES_WITHIN_S = 60.0

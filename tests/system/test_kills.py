@@ -170,7 +170,8 @@ def test_a_process_that_dies_never_makes_the_robot_read_a_wrong_coordinate(
     assert_every_view_is_honest(cell, witness)
     stopwatch.judge("longest gap of the registers", longest_gap_s(witness), LONGEST_GAP_S)
     stale = [v.sent_s - struck for v in witness.views if v.valid and struck < v.sent_s < reborn]
-    if stale or process == "cell":  # a request in work may outlive a device that is soon back
+    # A request may outlive the camera, which is soon back: it waits (BUSY) and nobody is told.
+    if process == "cell" or (stale and process == "robot"):
         assert told & {int(v.values["STATUS"]) for v in witness.views if v.sent_s > struck}
     if process == "cell":
         assert all(since_s < DEADLINE_S for since_s in stale)
