@@ -114,12 +114,24 @@ def test_what_is_not_a_number_never_agrees() -> None:
 latencies = st.lists(st.floats(0.001, 5.0), min_size=1, max_size=20)
 
 
+def learnt(latencies_s):
+    """Without single stalls: pictures that came after their successor was due, the next one in time."""
+    out, stalled = [], False
+    for latency_s in latencies_s:
+        known_s = min(max(out[-5:], default=0.1), SLOWEST_S)
+        late = latency_s > max(0.1, known_s) + known_s + MARGIN_S
+        if not late or stalled or not out:
+            out.append(latency_s)
+        stalled = late
+    return out
+
+
 @given(latencies, st.booleans())
 def test_a_picture_speaks_for_interval_latency_and_margin(latencies_s, whole) -> None:
     vouch = Vouch(0.1)
     for latency_s in latencies_s:
         vouch.learn(10.0, 10.0 + latency_s, whole=whole)
-    slowest_s = min(max(latencies_s[-5:]), SLOWEST_S)
+    slowest_s = min(max(learnt(latencies_s)[-5:]), SLOWEST_S)
     assert vouch.latency_s == pytest.approx(slowest_s)
     vouch.see(20.0, whole=whole)
     assert vouch.until_s == pytest.approx(20.0 + max(0.1, slowest_s) + slowest_s + MARGIN_S)
@@ -136,3 +148,17 @@ def test_whole_pictures_count_only_where_the_camera_sends_no_regions() -> None:
     vouch.learn(0.0, 0.04, whole=False)
     vouch.learn(0.0, 0.6, whole=True)
     assert vouch.latency_s == 0.04
+
+
+def test_one_picture_that_stalled_lengthens_no_answer_and_two_tell_a_slow_camera():
+    vouch = Vouch(0.1)
+    for _ in range(3):
+        vouch.learn(10.0, 10.04, whole=False)
+    span_s = vouch.span_s
+    vouch.learn(11.0, 12.5, whole=False)  # triggered before an outage, sent after it
+    assert vouch.span_s == pytest.approx(span_s)
+    vouch.learn(12.6, 12.64, whole=False)
+    assert vouch.span_s == pytest.approx(span_s)
+    for now_s in (13.5, 14.0):
+        vouch.learn(now_s - 0.5, now_s, whole=False)
+    assert vouch.span_s == pytest.approx(0.5 + 0.5 + MARGIN_S)

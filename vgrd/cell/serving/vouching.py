@@ -90,6 +90,7 @@ class Vouch:
         self.period_s = period_s
         self.until_s = -math.inf
         self._latencies_s = {whole: deque[float](maxlen=LATENCIES) for whole in (False, True)}
+        self._is_stalled = {False: False, True: False}
 
     @property
     def latency_s(self) -> float:
@@ -115,8 +116,16 @@ class Vouch:
         return min(max(latencies_s), SLOWEST_S)
 
     def learn(self, stamp_s: float, now_s: float, *, whole: bool) -> None:
-        """A picture, exposed at `stamp_s`, was evaluated now."""
-        self._latencies_s[whole].append(now_s - stamp_s)
+        """A picture, exposed at `stamp_s`, was evaluated now.
+
+        One that came after its successor was due tells of a stall, not of the camera: it counts
+        only if the next one is as late. Answers after an outage would stand too long otherwise.
+        """
+        latency_s = now_s - stamp_s
+        is_late = latency_s > _span_s(self.period_s, self._latency_s(whole=whole))
+        if not is_late or self._is_stalled[whole] or not self._latencies_s[whole]:
+            self._latencies_s[whole].append(latency_s)
+        self._is_stalled[whole] = is_late
 
     def begin(self, now_s: float) -> None:
         """An answer was given now: the first watch picture is on its way."""
