@@ -4,7 +4,7 @@ Imports geometry only. Units: mm, rad, s; poses are named `target_from_source`.
 """
 
 from vgrd.model.arm import ArmKnowledge, ArmModel
-from vgrd.model.arrays import frozen_array
+from vgrd.model.arrays import frozen_array, frozen_copy
 from vgrd.model.calibration import (
     ExpectedCoordinate,
     Finding,
@@ -38,4 +38,5 @@ __all__ = [
     "Touch",
     "Verdict",
     "frozen_array",
+    "frozen_copy",
 ]

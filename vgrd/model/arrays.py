@@ -13,3 +13,8 @@ def frozen_array(values: object, *shape: int) -> Array:
         raise ValueError(msg)
     array.setflags(write=False)
     return array
+
+
+def frozen_copy(array: Array) -> Array:
+    """Read-only copy of an array that has its shape already, checked as by `frozen_array`."""
+    return frozen_array(array, *array.shape)

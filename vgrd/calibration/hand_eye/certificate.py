@@ -35,7 +35,7 @@ class CertifiedStart:
 class RotationCost:
     """Cost of a rotation X: `|root @ (vec R_X, 1)|^2`, rows of R_X one after the other.
 
-    free: (k, 6), as of `certified_start`.
+    null_space: (k, 6), as of `certified_start`.
     """
 
     root: Array

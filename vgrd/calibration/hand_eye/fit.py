@@ -67,7 +67,7 @@ class HandEyeSample:
 class Fit:
     """covariance: of all unknowns, enlarged by noise_scale^2 where that is above 1.
 
-    free: (k, 6), as of `open_translations`: the state and the covariance have no part along it.
+    null_space: (k, 6), as of `open_translations`: the state and the covariance have no part along it.
     """
 
     state: HandEye
@@ -91,7 +91,7 @@ def fit_hand_eye(
     """Maximum likelihood; robust: samples that fit no common pose are left out with the reason.
 
     `start` says what is refined beside the two poses; where it holds none, they start from the
-    certified optimum of a simpler cost. may_be_free: how many translations may stay open.
+    certified optimum of a simpler cost. allow_unobservable: how many translations may stay open.
     """
     check_distinct([s.name for s in samples], [s.base_from_wrist for s in samples])
     engine = _Engine(mount, samples, robot_sigma_mm, robot_sigma_rad)

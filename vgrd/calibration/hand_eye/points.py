@@ -43,7 +43,7 @@ class PointHandEyeProblem:
     the target, which the robot's motion measures. sigma_px: noise of one pixel coordinate, None
     takes it from the pictures. robot_sigma_mm, robot_sigma_rad: of one flange pose, per axis.
     robust: pictures that fit no common pose are left out and named. start: an earlier result to
-    start from (leave-one-out), instead of the certified one. may_be_free: as of `HandEyeProblem`.
+    start from (leave-one-out), instead of the certified one. allow_unobservable: as of `HandEyeProblem`.
     places: of features, where known.
     """
 

@@ -40,7 +40,7 @@ class HandEyeProblem:
     """Looks with pose covariances; robot_sigma_*: noise of one flange pose, per axis.
 
     estimate_scale: the size of the target, which scales all its distances, is estimated too.
-    start: an earlier result to start from, instead of the certified one. may_be_free: how many
+    start: an earlier result to start from, instead of the certified one. allow_unobservable: how many
     translations may stay open: 1 for a 4-axis robot, 3 for one that turns nothing.
     """
 
@@ -78,7 +78,7 @@ class HandEyeResult:
     tangents of the two, in this order. noise_scale: residuals over what the sigmas promise (the
     covariance is enlarged by it where it is above 1). camera: as refined; target_scale: 1 unless
     it was estimated. certificate: that the start was the best of all rotations; None where an
-    earlier result was the start. free: (k, 6), orthonormal directions of (t of mount_from_camera, t
+    earlier result was the start. null_space: (k, 6), orthonormal directions of (t of mount_from_camera, t
     of mount_from_target) that stay open: the target's origin is taken to have no part (0 mm) along
     them, the camera lies accordingly, and the covariance says nothing about them. features: places
     (3,) in the target, mm, of the points that pictures showed beside it.

@@ -57,7 +57,7 @@ class PriorSigmas:
 class Seen:
     """n tags as refined: rotations (n, 3, 3), translations (n, 3).
 
-    by_refined: (n, 6, e), left tangents; shifts: (n, 6, 6), tangents as measured to refined ones.
+    J_refined: (n, 6, e), left tangents; shifts: (n, 6, 6), tangents as measured to refined ones.
     """
 
     rotations: Array

@@ -5,8 +5,7 @@ import numpy as np
 from vgrd.calibration.joint.fit import JointFit, whiten_arm
 from vgrd.calibration.joint.solution import JointSolution
 from vgrd.calibration.joint.state import Columns, StepLayout
-from vgrd.geometry import Array
-from vgrd.model import ArmKnowledge, frozen_array
+from vgrd.model import ArmKnowledge, frozen_array, frozen_copy
 
 
 def solution_of(fit: JointFit) -> JointSolution:
@@ -22,8 +21,8 @@ def solution_of(fit: JointFit) -> JointSolution:
         axis=fit.layout.axis,
         object_motions=fit.layout.object_motions,
         has_point=fit.layout.has_point,
-        covariance=_frozen(fit.covariance[np.ix_(columns, columns)]),
-        undetermined=_frozen(fit.undetermined[columns]),
+        covariance=frozen_copy(fit.covariance[np.ix_(columns, columns)]),
+        undetermined=frozen_copy(fit.undetermined[columns]),
         arm=_arm_knowledge(fit, columns),
     )
 
@@ -37,27 +36,22 @@ def kept_columns(layout: StepLayout) -> Columns:
 
 
 def _arm_knowledge(fit: JointFit, columns: Columns) -> ArmKnowledge:
-    """What the residuals of the arm tell; kept: columns of the unknowns."""
+    """What the residuals of the arm tell; columns: of the unknowns that are kept."""
     model = fit.data.arm
     if model.field_mm == 0:
-        nothing = np.zeros((0, 0))
         return ArmKnowledge(
             model,
-            frozen_array(np.zeros((0, 3)), 0, 3),
-            frozen_array(np.zeros(0), 0),
-            frozen_array(np.zeros((0, len(columns))), 0, len(columns)),
-            frozen_array(nothing, 0, 0),
+            frozen_copy(np.zeros((0, 3))),
+            frozen_copy(np.zeros(0)),
+            frozen_copy(np.zeros((0, len(columns)))),
+            frozen_copy(np.zeros((0, 0))),
         )
     G = whiten_arm(fit.arm_factor, fit.J_deviations)
     k = len(G)
     return ArmKnowledge(
         model,
-        _frozen(fit.data.flange_at),
-        _frozen(G.T @ fit.whitened[:k]),
-        _frozen((G.T @ fit.jacobian[:k])[:, columns]),
-        _frozen(G.T @ G),
+        frozen_copy(fit.data.flange_at),
+        frozen_copy(G.T @ fit.whitened[:k]),
+        frozen_copy((G.T @ fit.jacobian[:k])[:, columns]),
+        frozen_copy(G.T @ G),
     )
-
-
-def _frozen(array: Array) -> Array:
-    return frozen_array(array, *array.shape)

@@ -88,7 +88,7 @@ class HolePixel:
 class Tags:
     """n sightings of a tag: rotations (n, 3, 3), translations (n, 3), whiteners (n, 6, 6).
 
-    by_refined: (n, 6, e), left tangent by which they are seen elsewhere as tag sizes and intrinsics
+    J_refined: (n, 6, e), left tangent by which they are seen elsewhere as tag sizes and intrinsics
     are refined; None where they are held.
     """
 
@@ -126,7 +126,7 @@ class Tags:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Looks:
-    """Tag A and the flange poses (n, 3, 3), (n, 3) it was seen from; stands: (n,)."""
+    """Tag A and the flange poses (n, 3, 3), (n, 3) it was seen from; stations: (n,)."""
 
     tags: Tags
     rotations: Array
@@ -176,8 +176,8 @@ class Holes:
 class JointData:
     """All evidence, samples in an order that does not depend on the recording's.
 
-    Stands are where the arm stood, one per sample: flange_at (s, 3); cad: (m, 3), one per touch.
-    center: of the turntable in CAD, or None. names: of the samples of every kind. optics: what is
+    Stations are where the arm stood, one per sample: flange_at (s, 3); cad: (m, 3), one per touch.
+    center: of the turntable in CAD, or None. names: of the samples of every kind. corrections: what is
     refined of tag sizes and intrinsics; refined_at: (e,) values of it at which tags are seen here.
     """
 

@@ -18,7 +18,7 @@ _BERNOULLI = (1 / 12, -1 / 720, 1 / 30240)  # B_2k / (2k)!, k = 1, 2, 3: exact t
 class ObjectMotions:
     """How the object moved, in the camera: (n, 3, 3), (n, 3), and what that depends on.
 
-    by_axis (n, 6, a), by_move (n, 6, k): left derivatives by the axis and by the planar motion.
+    J_axis (n, 6, a), J_motion (n, 6, k): left derivatives by the axis and by the planar motion.
     """
 
     rotations: Array
@@ -182,7 +182,7 @@ def _reference(state: JointState, data: JointData, layout: StepLayout) -> tuple[
 def object_motions(
     camera_from_axis: Pose, table_motion: Array, layout: StepLayout
 ) -> ObjectMotions:
-    """How the object moved since it was touched; planar: (n, 3) x, y, angle."""
+    """How the object moved since it was touched; table_motion: (n, 3) x, y, angle."""
     G = camera_from_axis
     c, s = np.cos(table_motion[:, 2]), np.sin(table_motion[:, 2])
     P = np.zeros((len(c), 3, 3))
@@ -201,7 +201,7 @@ def object_motions(
 def moved_tag(
     camera_from_tag_b: Pose, tags: Tags, moved: ObjectMotions, layout: StepLayout
 ) -> tuple[Array, Array, Array]:
-    """Residuals (n, 6) of tag B on the moved object, derivatives by the unknowns and the moves.
+    """Residuals (n, 6) of tag B on the moved object, derivatives by the unknowns and the motions.
 
     (n, 6, unknowns) without, and (n, 6, k) of each one's own motion.
     """

@@ -28,6 +28,7 @@ from vgrd.model import (
     TaughtPoint,
     TcpEstimate,
     frozen_array,
+    frozen_copy,
 )
 
 _EYE = np.eye(3)
@@ -184,7 +185,7 @@ class JointSolution:
 
     def _block(self, part: slice) -> Array:
         unknown = self.undetermined[part]
-        return _frozen(self.covariance[part, part] + unknown @ unknown.T)
+        return frozen_copy(self.covariance[part, part] + unknown @ unknown.T)
 
     def _check_determined(self, J_unknowns: Array) -> None:
         moved = np.linalg.norm(J_unknowns @ self.undetermined, axis=0)
@@ -197,10 +198,6 @@ class JointSolution:
                 rank=self.layout.size - moved.size,
                 unknowns=self.layout.size,
             )
-
-
-def _frozen(array: Array) -> Array:
-    return frozen_array(array, *array.shape)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -97,7 +97,7 @@ def layout_of(data: JointData) -> StepLayout:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class JointState:
-    """Values of all unknowns; planar: (n, 3) x, y in mm and angle in rad of every spin.
+    """Values of all unknowns; table_motion: (n, 3) x, y in mm and angle in rad of every spin.
 
     refined: (e,) tag sizes and intrinsics, in sigmas from what was assumed.
     """

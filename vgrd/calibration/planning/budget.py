@@ -76,7 +76,7 @@ _SAMPLES: Mapping[EvidenceKind, Source] = {
 class Systematic:
     """Errors that all pictures share, and those of time.
 
-    optics: sigmas of print and intrinsics; what `JointFit` refined counts as it was refined.
+    corrections: sigmas of print and intrinsics; what `JointFit` refined counts as it was refined.
     drift_mm: sigma per axis of what moved since the calibration, or while the answer was used.
     """
 

@@ -15,7 +15,15 @@ from vgrd.calibration.universal import (
 from vgrd.errors import InputError, NotObservable, TooFewObservations
 from vgrd.geometry import Array, hat, log_rotation
 from vgrd.judging.thresholds import SAME_ORIENTATION_RAD
-from vgrd.model import Recording, Target, TaughtPoint, TcpEstimate, Touch, frozen_array
+from vgrd.model import (
+    Recording,
+    Target,
+    TaughtPoint,
+    TcpEstimate,
+    Touch,
+    frozen_array,
+    frozen_copy,
+)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -52,7 +60,7 @@ class FittedTouches:
                 covariance=frozen_array(together[:3, :3], 3, 3),
             )
             if self.tcp is not None or with_pivot:
-                covariances[name] = frozen_array(together, *together.shape)
+                covariances[name] = frozen_copy(together)
         return points, covariances
 
 
