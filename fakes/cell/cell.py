@@ -56,9 +56,10 @@ class FakeCell:
     def __enter__(self) -> Self:
         self.folder.mkdir(parents=True, exist_ok=True)
         with contextlib.ExitStack() as undo:
-            undo.callback(self._end_controller)
+            undo.callback(self._loop.close)
             self._snapshots = SnapshotWriter(self.folder / SNAPSHOT_RING)
             undo.callback(self._snapshots.close)
+            undo.callback(self._end_controller)  # before the ring closes, which it writes
             self._publish()
             self._thread.start()
             if not self._ready.wait(START_TIMEOUT_S):
@@ -114,8 +115,7 @@ class FakeCell:
     def _end_controller(self) -> None:
         if self._thread.is_alive():
             self._loop.call_soon_threadsafe(self._stop.set)
-            self._thread.join(5)
-        self._loop.close()
+            self._thread.join(START_TIMEOUT_S)
 
     def _serve(self) -> None:
         try:
