@@ -120,6 +120,8 @@ def learnt(latencies_s):
     for latency_s in latencies_s:
         known_s = min(max(out[-5:], default=0.1), SLOWEST_S)
         late = latency_s > max(0.1, known_s) + known_s + MARGIN_S
+        if stalled and not late and len(out) == 1:
+            out = []
         if not late or stalled or not out:
             out.append(latency_s)
         stalled = late
@@ -162,3 +164,11 @@ def test_one_picture_that_stalled_lengthens_no_answer_and_two_tell_a_slow_camera
     for now_s in (13.5, 14.0):
         vouch.learn(now_s - 0.5, now_s, whole=False)
     assert vouch.span_s == pytest.approx(0.5 + 0.5 + MARGIN_S)
+
+
+def test_a_first_picture_that_stalled_counts_until_the_next_one_comes_in_time():
+    vouch = Vouch(0.1)
+    vouch.learn(10.0, 12.0, whole=False)  # the cell process starts while the camera comes back
+    assert vouch.latency_s == SLOWEST_S
+    vouch.learn(12.1, 12.14, whole=False)
+    assert vouch.latency_s == pytest.approx(0.04)

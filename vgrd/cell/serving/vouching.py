@@ -120,11 +120,15 @@ class Vouch:
 
         One that came after its successor was due tells of a stall, not of the camera: it counts
         only if the next one is as late. Answers after an outage would stand too long otherwise.
+        The first picture of all counts until the next one comes in time.
         """
         latency_s = now_s - stamp_s
+        latencies_s, was_stalled = self._latencies_s[whole], self._is_stalled[whole]
         is_late = latency_s > _span_s(self.period_s, self._latency_s(whole=whole))
-        if not is_late or self._is_stalled[whole] or not self._latencies_s[whole]:
-            self._latencies_s[whole].append(latency_s)
+        if was_stalled and not is_late and len(latencies_s) == 1:
+            latencies_s.clear()
+        if not is_late or was_stalled or not latencies_s:
+            latencies_s.append(latency_s)
         self._is_stalled[whole] = is_late
 
     def begin(self, now_s: float) -> None:
