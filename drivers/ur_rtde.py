@@ -25,7 +25,7 @@ _STATUS = ("robot_mode", "safety_status_bits", "actual_digital_input_bits")
 _RUNNING = 7  # robot_mode, UR's RTDE guide: RUNNING
 _NORMAL_OR_REDUCED = 0b11  # safety_status_bits: normal mode, reduced mode; nothing else may be set
 _FASTEST_HZ = 500.0  # e-Series; CB3 sends 125
-_POSE_NUMBERS = 6
+_POSE_NUMBERS = 6  # VECTOR6D of UR's RTDE guide: x y z and a rotation vector
 _ROUNDING_RAD = 1e-9  # of a full turn in doubles
 
 

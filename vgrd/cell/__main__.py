@@ -36,7 +36,7 @@ from vgrd.store.calibrations import CalibrationStore
 from vgrd.store.sessions import list_sessions, recover_session, session_directory
 from vgrd.vision.tags.tag_finder import TagDetector
 
-HEALTH_S = 0.02
+HEALTH_S = 0.02  # five in each look of the gate (0.1 s), so that a late one is no silence
 
 log = structlog.get_logger()
 

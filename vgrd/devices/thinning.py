@@ -15,8 +15,7 @@ from vgrd.devices import FlangeReading
 from vgrd.devices.stillness import ROTATIONS_PER_STEP, RestLimits
 from vgrd.geometry import Pose
 
-# One reading a second says that the arm still stands there and that the robot still answers.
-REST_S = 1.0
+REST_S = 1.0  # one reading a second says that the arm still stands and the robot still answers
 AWAKE_S = 1.0  # an arm that came to rest settles within this
 AROUND_S = 1.0  # the longest window in which rest is judged: three readings of the slowest robot
 HOLD_S = 4.0  # a picture is told at most this late: evaluation 2 s, catching up 1.4 s

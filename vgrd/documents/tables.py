@@ -9,7 +9,7 @@ from pydantic_core import ErrorDetails
 from vgrd.documents.toml import hint
 
 Number = Annotated[float, Field(allow_inf_nan=False)]
-LengthMm = Annotated[float, Field(ge=0.1, le=5000, allow_inf_nan=False)]
+LengthMm = Annotated[float, Field(ge=0.1, le=5000, allow_inf_nan=False)]  # catches 25 mm in m, um
 Hint = Callable[[str, Collection[str]], str]
 Location = tuple[int | str, ...]
 

@@ -8,7 +8,7 @@ from typing import Any
 
 from vgrd.errors import ConfigError
 
-_ALIKE = 0.6
+_ALIKE = 0.6  # difflib's own cutoff: finds a slip of the fingers, no other word
 
 
 def read_toml(path: Path, kind: str) -> dict[str, Any]:

@@ -10,7 +10,7 @@ from vgrd.errors import ControlError, InternalError, VgrdError
 from vgrd.ipc.messages import decode_line, encode_line
 
 Arguments = Mapping[str, Any]
-_CHUNK_BYTES = 1 << 16
+_CHUNK_BYTES = 1 << 16  # as `request_bytes`: one read takes the longest request
 _LONGEST_ID = 100  # characters; it comes back with the reply
 _SHOWN = 60  # characters of a wrong value in a message
 

@@ -31,7 +31,7 @@ from vgrd.geometry import Array, exp_rotation
 from vgrd.solving.advisor import policy_called
 from vgrd.store.sessions import SampleKind, list_sessions, session_directory
 
-SOLVE_TIMEOUT_S = 280.0
+SOLVE_TIMEOUT_S = 280.0  # below the 300 s of `vgrd solve`, which so gets this reason
 
 
 class Operations:

@@ -25,8 +25,7 @@ if TYPE_CHECKING:
 PICTURE_TIMEOUT_S = 5.0  # chosen: a device that was lost serves again within 5 s
 STEADY_PX = 0.5  # of a corner: the noise of a good tag is a tenth of it
 PICTURES_AT_MOST = 4  # chosen: with three more tries a busy machine covers one with readings
-# Samples that a session should have (`missing` in every reply). Chosen; fewer looks are solved too.
-WANTED: Mapping[Plan, Mapping[SampleKind, int]] = {
+WANTED: Mapping[Plan, Mapping[SampleKind, int]] = {  # chosen; fewer looks are solved too
     Plan.UNIVERSAL: {SampleKind.LOOK: 8, SampleKind.TOUCH: 6},
     Plan.SPECIAL: {SampleKind.LOOK: 8, SampleKind.SPIN: 4, SampleKind.TOUCH: 6},
     Plan.CONVENTIONAL: {SampleKind.LOOK: 8, SampleKind.POINT: 8, SampleKind.TOUCH: 6},

@@ -47,7 +47,7 @@ class Limits:
     max_u95_mm: float
     warn_u95_mm: float
     moved_mm: float
-    timeout_s: float = 2.0
+    timeout_s: float = 2.0  # as `serving.timeout_s` of the cell file
     hold: Hold = NO_HOLD
 
 

@@ -19,10 +19,8 @@ from vgrd.geometry import Array, Pose
 from vgrd.model import TagObservation
 from vgrd.registers import Answer, Status
 
-# Pictures of tag B: the one that a request is answered from, and earlier ones to agree with it.
-SIGHTS_KEPT = 4
-# In periods of the pictures taken unasked: an older one may show another place by chance.
-EARLIER_PERIODS = 2.5
+SIGHTS_KEPT = 4  # of tag B: the one that is answered from, and earlier ones to agree with it
+EARLIER_PERIODS = 2.5  # of unasked pictures: an older one may show another place by chance
 
 log = structlog.get_logger()
 
