@@ -36,8 +36,7 @@ def _json_able(settings: dict[str, Any]) -> dict[str, Any]:
 Settings = Annotated[dict[str, Any], AfterValidator(_json_able)]
 Name = Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_.-]{0,40}$")]
 
-# A key without its unit, or with another, has few letters in common with the right one.
-_hint = partial(hint, list_name="known here", alike=0.5)
+_hint = partial(hint, list_name="known here", alike=0.5)  # another unit shares few letters
 
 
 class CellSection(Table):
@@ -63,7 +62,7 @@ class RobotSection(Table):
 
     driver: str
     id: str = ""
-    sigma_mm: Positive = Field(
+    sigma_mm: Positive = Field(  # a guess: 0.03 mm of it repeat, the rest is absolute
         default=0.1, description="what its absolute position is good for, 1 sigma"
     )
     settings: Settings = Field(default={})
@@ -75,16 +74,18 @@ class CameraSection(Table):
     driver: str
     id: str = ""
     mount: Literal["eye-to-hand"] = "eye-to-hand"
-    rate_hz: float = Field(
+    rate_hz: float = Field(  # a guess: whole ones take 0.1 s (decision 7), a fifth of the time
         default=2.0, gt=0, le=60, description="pictures taken unasked, to watch the cell"
     )
-    watch_rate_hz: float = Field(
+    watch_rate_hz: float = Field(  # a region takes 0.03 s (decision 7); a slower one has room
         default=10.0,
         gt=0,
         le=60,
         description="pictures of tag B (a region, where the camera sends one) while an answer stands",
     )
-    bits: Literal[8, 16] = Field(default=8, description="of a pixel: 16 for Mono10 to Mono16")
+    bits: Literal[8, 16] = Field(  # 16 take twice the link
+        default=8, description="of a pixel: 16 for Mono10 to Mono16"
+    )
     matrix: Annotated[list[float], Field(min_length=4, max_length=4)]
     distortion: Annotated[list[float], Field(max_length=8)] = Field(default=[])
     size_px: Annotated[list[Annotated[int, Field(gt=0)]], Field(min_length=2, max_length=2)]
@@ -173,7 +174,7 @@ class ObjectSection(Table):
         default=None, description="a point of the turntable's axis, CAD"
     )
     hole_sigma_mm: Positive = Field(
-        default=0.03,
+        default=0.03,  # a guess: a milled hole is within 0.1 mm, which is 3 sigma
         description="how well the part's holes are where CAD says, 1 sigma per coordinate",
     )
     targets: Annotated[list[TargetSection], Field(min_length=1)]
@@ -192,18 +193,18 @@ class ObjectSection(Table):
 class TouchSection(Table):
     """How well the operator touches: standard deviations across and along the tool axis."""
 
-    lateral_sigma_mm: Positive = 0.25
-    axial_sigma_mm: Annotated[float, Field(gt=0)] = 0.25
+    lateral_sigma_mm: Positive = 0.25  # the paper's 0.233 mm, rounded up
+    axial_sigma_mm: Annotated[float, Field(gt=0)] = 0.25  # as across: the paper tells one
 
 
 class RecordingSection(Table):
     """Sessions on the disk: how much they may take, and what must stay free."""
 
     quota_gb: Positive = Field(
-        default=50.0,
+        default=50.0,  # a guess: 10,000 pictures of 12 megapixels (5 MB each)
         description="all sessions; beyond it the oldest are removed, none that a calibration cites",
     )
-    keep_free_gb: float = Field(
+    keep_free_gb: float = Field(  # a guess: room for logs and calibrations while it pauses
         default=1.0,
         ge=0,
         allow_inf_nan=False,
@@ -215,7 +216,7 @@ class ServingSection(Table):
     """The registers: where, for whom, and what an answer must satisfy."""
 
     host: str = Field(default="127.0.0.1", description="address to listen at, one of this machine")
-    port: int = Field(
+    port: int = Field(  # Modbus' own 502 and 1000: below 1024 it needs privileges
         default=1502, ge=1, le=65535, description="below 1024: with config/vgrd.socket"
     )
     allow: list[str] = Field(
@@ -224,34 +225,36 @@ class ServingSection(Table):
     policy: Literal["fixed", "follow"] = Field(
         default="fixed", description="how the wrist will stand"
     )
-    max_age_s: float = Field(
+    max_age_s: float = Field(  # a guess: time to set off; pictures end it sooner (decision 7)
         default=3.0, gt=0, le=60, description="an answer expires this long after its picture"
     )
-    deadline_s: float = Field(
+    deadline_s: float = Field(  # as DEADLINE_S: a dozen of the images that come every 20 ms
         default=0.25, ge=0.05, le=1.0, description="a silent cell process is lost after this"
     )
-    timeout_s: float = Field(
+    timeout_s: float = Field(  # as REQUEST_TIMEOUT_S: a device waits so long for a picture
         default=2.0, gt=0, le=60, description="a request without an answer ends with 106"
     )
-    max_u95_mm: Positive = Field(
+    max_u95_mm: Positive = Field(  # a guess: four sigmas of a touch; jobs differ
         default=1.0, description="less certain answers are refused with 504"
     )
-    warn_u95_mm: Positive = Field(default=0.5, description="less certain answers are OK_DEGRADED")
-    moved_mm: Positive = Field(
+    warn_u95_mm: Positive = Field(  # half of `max_u95_mm`: told before answers are refused
+        default=0.5, description="less certain answers are OK_DEGRADED"
+    )
+    moved_mm: Positive = Field(  # what pictures of a region tell from noise (decision 7)
         default=0.3, description="an object that moves farther ends the answer with 206"
     )
     hidden_tag: Literal["invalid", "hold"] = Field(
         default="invalid",
         description="an answer whose tag B is hidden: ends at once, or stands for hold_s near the target",
     )
-    hold_s: float = Field(
+    hold_s: float = Field(  # a guess: the last 60 mm at 60 mm/s, as `approach_mm`
         default=1.0, gt=0, le=10, description="hidden_tag hold: so long since tag B was seen"
     )
-    approach_mm: Positive = Field(
+    approach_mm: Positive = Field(  # a guess: from here the arm goes straight to its target
         default=60.0,
         description="hidden_tag hold: only while the flange is so near to the coordinate",
     )
-    drift_mm: Positive = Field(
+    drift_mm: Positive = Field(  # a guess: beyond the worst answer that is served (1 mm)
         default=1.5, description="tag A farther off than this, three times: 503"
     )
     int16_scale: Literal["mrad", "centidegree", "fine"] = Field(

@@ -26,8 +26,8 @@ if TYPE_CHECKING:  # at run time the sections are those of `vgrd.config.resolved
 CONTROL_SOCKET = "control.sock"
 # The processes share the cores among themselves; libraries that start a thread per core fight over them.
 ONE_THREAD = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
-DEVICE_HANG_S = 5.0
-CELL_HANG_S = 5.0
+DEVICE_HANG_S = 5.0  # longer than a picture may take (2 s), or a slow camera would be killed
+CELL_HANG_S = 5.0  # its loop tells every 20 ms: only one that is stuck is silent so long
 
 
 def cell_facts(config: "CellConfig", wrist_from_tcp: Pose | None = None) -> CellFacts:
