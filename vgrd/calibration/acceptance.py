@@ -9,7 +9,7 @@ from vgrd.judging.findings import finding
 from vgrd.model import Finding
 
 _DIRECTIONS = 3.0  # of a position, where the covariance is not known
-_95 = 0.95
+_95 = 0.95  # all radii are told at this confidence (u95)
 
 
 def accept(

@@ -13,7 +13,7 @@ from vgrd.model import ExpectedCoordinate, Finding, Policy, Touch
 
 _MARGIN = 1.5  # on what 95 % of the misses stay within: a good one fails 1 in 300 (one direction) to 1,900
 _EXACT_MM = 1e-6  # nothing is known better than that: keeps an exact direction invertible
-_95 = 0.95
+_95 = 0.95  # all radii are told at this confidence (u95)
 
 
 def verify(

@@ -11,8 +11,8 @@ from vgrd.geometry import Array
 if TYPE_CHECKING:
     from matplotlib.figure import Figure as Drawing
 
-_SMALLEST = 0.01
-_WRITTEN = 0.06
+_SMALLEST = 0.01  # of a bar: a thinner part cannot be told from its neighbours
+_WRITTEN = 0.06  # of a bar: two digits in font size 8 have room in it
 _LIGHT = "#cccccc"
 _HATCHES = ("", "///", "...")
 

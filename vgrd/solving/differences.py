@@ -13,8 +13,7 @@ import numpy as np
 from vgrd.geometry import Pose, log_rotation
 from vgrd.model import CellFacts
 
-# Rounding of another processor or numerical library, far below what any device resolves (mm, px, rad).
-ROUNDING = 1e-9
+ROUNDING = 1e-9  # of another processor or library; devices resolve far less (mm, px, rad)
 
 MAY_CHANGE: Mapping[str, str] = {
     "wrist_from_tcp": (

@@ -23,7 +23,7 @@ from vgrd.vision.holes.hole_finder import HoleSighting, HoleSpec, sight_holes
 from vgrd.vision.holes.view import ring, turn_angles
 
 SAME_PLACE_PX = 0.5  # between two searches
-PICTURES, SEARCHES = 8, 64
+PICTURES, SEARCHES = 8, 64  # more tell little: CAD's tolerance is the same in all
 _FEWEST_PICTURES = 2  # one alone may be wrong
 _OUTLINE = 64  # points drawn on a rim
 _TOOL_WITHIN = 2.0  # diameters of the hole

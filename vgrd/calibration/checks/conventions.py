@@ -28,7 +28,7 @@ _SIGMAS = 6.0  # of the typical noise: good files are never doubted
 _LEAST_DEG = 0.5  # no convention is so small a mistake
 _LEAST_MM = 2.0  # the same
 _UNIT_RATIO = 1.3  # the tag's size may be wrong by so much and the unit is still told
-_UNITS: Mapping[float, str] = MappingProxyType(
+_UNITS: Mapping[float, str] = MappingProxyType(  # mm that a unit measures
     {
         1000.0: "metres that were read as millimetres",
         0.001: "millimetres that were read as metres",

@@ -53,8 +53,8 @@ class PointHandEyeProblem:
     refine_intrinsics: bool = False
     estimate_scale: bool = False
     sigma_px: float | None = None
-    robot_sigma_mm: float = 0.1
-    robot_sigma_rad: float = 2e-4
+    robot_sigma_mm: float = 0.1  # as `robot.sigma_mm` of the cell file
+    robot_sigma_rad: float = 2e-4  # the same over REACH_MM (500 mm)
     robust: bool = True
     start: HandEyeResult | None = None
     allow_unobservable: int = 0

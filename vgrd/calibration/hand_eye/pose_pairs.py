@@ -46,8 +46,8 @@ class HandEyeProblem:
 
     mount: Mount
     samples: Sequence[PoseSample]
-    robot_sigma_mm: float = 0.1
-    robot_sigma_rad: float = 2e-4
+    robot_sigma_mm: float = 0.1  # as `robot.sigma_mm` of the cell file
+    robot_sigma_rad: float = 2e-4  # the same over REACH_MM (500 mm)
     robust: bool = True
     estimate_scale: bool = False
     start: "HandEyeResult | None" = None

@@ -27,7 +27,7 @@ from vgrd.model import Policy
 
 QUARTERS = (0.0, 0.5 * np.pi, np.pi, 1.5 * np.pi)  # of a turn: where errors of an axis show most
 _FREEDOMS = np.linspace(1.0, 3.0, 501)  # of a position: 1 where it can miss along one line only
-_QUANTILES = np.array([chi2_quantile(0.95, freedom) for freedom in _FREEDOMS])
+_QUANTILES = np.array([chi2_quantile(0.95, freedom) for freedom in _FREEDOMS])  # u95
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -27,7 +27,7 @@ from vgrd.geometry.covariance import sqrt_information
 from vgrd.model import TagObservation, TagSpec, frozen_array
 
 _NONE = np.zeros(0, dtype=np.intp)
-_TAG, _TOUCH = 6, 3
+_TAG, _TOUCH = 6, 3  # rows: a pose has six, a point three
 _WIDTH = _TAG + _TOUCH + _TAG
 _AT_ONCE = 32  # candidates in one product, so that its arrays stay small
 

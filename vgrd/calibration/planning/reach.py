@@ -18,7 +18,7 @@ _LIFT_MM = 100.0  # above the target, so that the way there is seen
 _PLACES = 6  # farthest from each other: more proposals nobody compares
 _INCIDENCE = 0.35  # cosine of 70 degrees: a flatter tag is not found
 _DISTINCT_YAWS = 3  # fewer do not tell that an arm only yaws
-_CIRCLE = tuple(float(a) for a in np.arange(12) * np.pi / 6)
+_CIRCLE = tuple(float(a) for a in np.arange(12) * np.pi / 6)  # nearer turns tell much the same
 
 
 @dataclass(frozen=True, slots=True)
@@ -81,8 +81,8 @@ class Reach:
     InputError for angles below 0 or beyond 180 degrees.
     """
 
-    max_tilt_rad: float = float(np.radians(30))
-    max_yaw_rad: float = float(np.radians(90))
+    max_tilt_rad: float = float(np.radians(30))  # a guess: cables and neighbours rarely allow more
+    max_yaw_rad: float = float(np.radians(90))  # a guess: half a turn in all
     axis_in_base: Array | None = None
     boxes: Sequence[Box] = ()
     within_joints: Callable[[Pose], bool] | None = None
@@ -114,7 +114,7 @@ class Reach:
 
     def orientations(
         self, straight: Array, tool_axis: Array, tilts: Sequence[float] = (0.5, 1.0)
-    ) -> list[Array]:
+    ) -> list[Array]:  # half-way between, since errors grow smoothly with tilt
         """Wrists (3, 3): upright, and tilted by shares of the most to eight sides, at all yaws."""
         turn = straight
         if self.axis_in_base is not None:

@@ -26,7 +26,7 @@ from vgrd.judging.findings import finding
 from vgrd.judging.thresholds import PIVOT_APART_MM, REACH_MM, UNKNOWN_MM
 from vgrd.model import Finding, Observation, Recording, frozen_array
 
-_APART_SIGMA, _APART_MM = 5.0, 0.1
+_APART_SIGMA, _APART_MM = 5.0, 0.1  # beyond both the holes are believed (decision 6)
 
 
 def calibrate_in_steps(

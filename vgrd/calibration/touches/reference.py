@@ -11,8 +11,7 @@ from vgrd.geometry.coincidence import Difference
 from vgrd.geometry.covariance import mean_pose
 from vgrd.model import TagObservation, Touch, frozen_array
 
-# 1 in 2 million still tags; smaller is no motion that matters, whatever the stated noise.
-_MOVED = Difference(squared=40.0, mm=0.05, rad=1e-3)
+_MOVED = Difference(squared=40.0, mm=0.05, rad=1e-3)  # 1 in 2 million; less does not matter
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -24,7 +24,7 @@ from vgrd.vision.print.targets import TagGrid
 if TYPE_CHECKING:
     from vgrd.vision.intrinsics.pictures import Board
 
-Count = Annotated[int, Field(ge=2, le=1000)]
+Count = Annotated[int, Field(ge=2, le=1000)]  # one row is no raster; more is a slip
 
 
 class CharucoTable(Table):

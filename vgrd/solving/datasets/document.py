@@ -22,7 +22,10 @@ class FeatureTable(NamedTable):
     """
 
     point_mm: Annotated[list[Number], Field(min_length=3, max_length=3)] | None = None
-    sigma_mm: Annotated[float, Field(ge=1e-3, le=100, allow_inf_nan=False)] = 0.1
+    sigma_mm: Annotated[
+        float,
+        Field(ge=1e-3, le=100, allow_inf_nan=False),  # finer is no part; coarser says nothing
+    ] = 0.1  # a guess: a place that was measured by hand
 
 
 class SampleTable(NamedTable):

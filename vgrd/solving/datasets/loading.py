@@ -23,7 +23,7 @@ from vgrd.vision.print.boards import BoardObservation, TargetSpec
 
 _TABLES = ("mount", "camera", "poses", "target", "feature", "sample")
 _SOURCES = ("image", "points", "camera_from_target")
-_MM_PER = {"mm": 1.0, "m": 1000.0}
+_MM_PER = {"mm": 1.0, "m": 1000.0}  # by definition
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -69,13 +69,12 @@ class SphereTable(Table):
     radius_mm: LengthMm
 
 
-# Touches needed without and with the surface's own table.
 _NEEDED: Mapping[TouchKind, tuple[int, int]] = MappingProxyType(
-    {
-        TouchKind.UNIVERSAL: (4, 4),
-        TouchKind.FIXED_POINT: (3, 3),
-        TouchKind.PLANE: (6, 3),
-        TouchKind.SPHERE: (7, 6),
+    {  # touches, without and with the surface's own table
+        TouchKind.UNIVERSAL: (4, 4),  # 9 unknowns by 3 equations each, and one touch to check them
+        TouchKind.FIXED_POINT: (3, 3),  # two orientations leave the TCP open along their axis
+        TouchKind.PLANE: (6, 3),  # one equation each: TCP 3, plane 3
+        TouchKind.SPHERE: (7, 6),  # TCP 3, centre 3, radius 1
     }
 )
 

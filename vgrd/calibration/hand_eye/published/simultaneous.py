@@ -139,7 +139,7 @@ def _isoclinic(M: Array) -> tuple[Array, Array]:
 
 
 _UNITS = np.eye(4)
-_PRODUCTS = np.einsum("aik,bkj->abij", left(_UNITS), right(_UNITS)) / 4
+_PRODUCTS = np.einsum("aik,bkj->abij", left(_UNITS), right(_UNITS)) / 4  # squared norm of each
 
 
 def gwak(motions: Motions) -> Pose:
