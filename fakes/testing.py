@@ -10,9 +10,8 @@ import threading
 
 from vgrd.orphans import dying_with_us
 
-# Long enough for a machine with ten times as much work as it has processors.
-_START_S = 120.0
-_ANSWER_S = 60.0
+_START_S = 120.0  # for ten times as much work as processors; far less else
+_ANSWER_S = 60.0  # idem: a fake answers in milliseconds
 
 
 def free_loopback(port: int) -> str:
@@ -105,7 +104,9 @@ class FakeProcess:
 class ManualClock:
     """A clock that stands still until a test moves it."""
 
-    def __init__(self, monotonic_s: float = 1000.0, wall_s: float = 1.7e9) -> None:
+    def __init__(  # any times, far apart: which clock was meant, shows
+        self, monotonic_s: float = 1000.0, wall_s: float = 1.7e9
+    ) -> None:
         self.now_s = monotonic_s
         self._wall_minus_monotonic_s = wall_s - monotonic_s
 

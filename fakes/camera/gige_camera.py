@@ -26,26 +26,27 @@ from numpy.typing import NDArray
 from drivers.aravis_library import Library, load
 from fakes.camera.sensor import Picture, PixelRegion
 
-PORT = 3956
+PORT = 3956  # of GVCP
 
-_DISCOVERY, _RESEND = 0x0002, 0x0040
-_READ_REGISTER, _WRITE_REGISTER, _READ_MEMORY, _WRITE_MEMORY = 0x0080, 0x0082, 0x0084, 0x0086
-_DISCOVERY_BYTES = 0xF8
-_IP, _CAPABILITY, _PRIVILEGE = 0x0024, 0x0934, 0x0A00
-_STREAM_PORT, _STREAM_PACKET, _STREAM_IP = 0x0D00, 0x0D04, 0x0D18
-_FIRE_TEST = 1 << 31
-_CAN_RESEND = 1 << 2
-_WIDTH, _HEIGHT, _SENSOR_HEIGHT, _SENSOR_WIDTH = 0x100, 0x104, 0x118, 0x11C
-_OFFSET_X, _OFFSET_Y = 0x130, 0x134
-_PIXEL_FORMAT = 0x128
-_MONO8, _MONO12, _MONO16 = 0x01080001, 0x01100005, 0x01100007
-_LEADER, _TRAILER, _PAYLOAD = 1, 2, 3
+_DISCOVERY, _RESEND = 0x0002, 0x0040  # commands of GVCP (GigE Vision)
+_READ_REGISTER, _WRITE_REGISTER = 0x0080, 0x0082  # idem
+_READ_MEMORY, _WRITE_MEMORY = 0x0084, 0x0086  # idem
+_DISCOVERY_BYTES = 0xF8  # of the answer to a discovery (idem)
+_IP, _CAPABILITY, _PRIVILEGE = 0x0024, 0x0934, 0x0A00  # bootstrap registers of GigE Vision
+_STREAM_PORT, _STREAM_PACKET, _STREAM_IP = 0x0D00, 0x0D04, 0x0D18  # SCP0, SCPS0, SCDA0 (idem)
+_FIRE_TEST = 1 << 31  # bit of SCPS0: send a test packet
+_CAN_RESEND = 1 << 2  # bit of the GVCP capability: packets are sent again
+_WIDTH, _HEIGHT, _SENSOR_HEIGHT, _SENSOR_WIDTH = 0x100, 0x104, 0x118, 0x11C  # as ArvFakeCamera
+_OFFSET_X, _OFFSET_Y = 0x130, 0x134  # as Aravis' ArvFakeCamera
+_PIXEL_FORMAT = 0x128  # as Aravis' ArvFakeCamera
+_MONO8, _MONO12, _MONO16 = 0x01080001, 0x01100005, 0x01100007  # GenICam's PFNC
+_LEADER, _TRAILER, _PAYLOAD = 1, 2, 3  # packet formats of GVSP
 _HEADERS_BYTES = 20 + 8 + 8  # IP, UDP, GVSP
 _FIRST_FRAME = 65400  # soon over the wrap of 16 bits
-_SEND_BUFFER = 1 << 22
-_WAKE_S = 0.1
-_LINK_BYTES_PER_S = 250e6
-_BURST_S = 0.25e-3
+_SEND_BUFFER = 1 << 22  # 4 MiB: hundreds of packets, so that the sender seldom waits
+_WAKE_S = 0.1  # then a thread looks whether it is to end; no test notices so short a wait
+_LINK_BYTES_PER_S = 250e6  # twice gigabit Ethernet: 12 megapixels take 50 ms
+_BURST_S = 0.25e-3  # 62 kB: what is ahead of the link fits into a receiver's buffer
 
 
 @dataclass(slots=True)

@@ -16,7 +16,7 @@ from vgrd.vision.print.boards import BOARD_DICTIONARIES, Charuco
 
 APRILTAG_FAMILIES = ("16h5", "25h9", "36h11")
 _ARUCO_NAMED = ("original", "mip_36h12")
-_SAME_LINE_MM = 1e-7
+_SAME_LINE_MM = 1e-7  # rounding of sums of cells; no printer draws lines so near
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -31,7 +31,7 @@ from fakes.camera.sensor import (
 from fakes.world.optics import Optics
 from vgrd.geometry import Array, Pose
 
-_FULL_SCALE = 255.0
+_FULL_SCALE = 255.0  # of 8 bits
 
 
 @dataclass(frozen=True, slots=True)
@@ -59,10 +59,10 @@ class Band:
 class Spot:
     """A highlight: a Gaussian of so many grey levels, px from the middle of the region."""
 
-    levels: float = 90.0
+    levels: float = 90.0  # of 255: a highlight that clips paper and not ink
     x_px: float = 0.0
     y_px: float = 0.0
-    sigma_px: float = 40.0
+    sigma_px: float = 40.0  # about a cell of the fake cell's tags (34 px)
 
     def levels_in(self, region: PixelRegion) -> Plane:
         """Grey levels (height, width)."""
@@ -86,14 +86,14 @@ class Look:
     gains of R, G, G, B behind a mosaic that is then interpolated to grey.
     """
 
-    psf_px: float = 0.7
+    psf_px: float = 0.7  # as of `Optics`
     white: float = WHITE
     black: float = BLACK
-    vignetting: float = 0.25
-    slope: tuple[float, float] = (0.10, -0.06)
+    vignetting: float = 0.25  # as of `light`
+    slope: tuple[float, float] = (0.10, -0.06)  # as of `light`
     shot: float = SHOT
     read: float = READ
-    around: float = 0.45
+    around: float = 0.45  # grey, so that the paper's edge shows against it
     paper_mm: float | None = None
     ink_mm: float = 0.0
     scale: float = 1.0
@@ -103,10 +103,10 @@ class Look:
     motion_px: float = 0.0
     motion_rad: float = 0.0
     shadow: Band | None = None
-    shadow_depth: float = 0.45
+    shadow_depth: float = 0.45  # paper in shadow stays brighter than ink in light
     glare: Spot | None = None
     in_front: Band | None = None
-    in_front_level: float = 60.0
+    in_front_level: float = 60.0  # between ink and paper, as a sleeve or a cable
     bayer: tuple[float, float, float, float] | None = None
 
     @property
@@ -134,7 +134,11 @@ class RegionPicture:
     region: PixelRegion
     camera: Optics
 
-    def in_frame(self, size_px: tuple[int, int], level: int = 90) -> Picture:
+    def in_frame(
+        self,
+        size_px: tuple[int, int],
+        level: int = 90,  # as the darkest of the bench (`fakes.camera.scenery`)
+    ) -> Picture:
         """The whole picture, even grey outside of the region."""
         frame = np.full(size_px[::-1], level, np.uint8)
         frame[self.region.slices] = self.pixels
@@ -154,7 +158,7 @@ def draw(
     look: Look | None = None,
     *,
     seed: int | np.random.Generator = 0,
-    margin_px: float = 10.0,
+    margin_px: float = 10.0,  # a sharp picture's blur reaches 5 px
 ) -> RegionPicture:
     """Draw figures, which must not overlap, in the smallest region that holds them.
 
@@ -171,7 +175,7 @@ def clean_levels(
     placed: Sequence[Placed],
     look: Look,
     *,
-    margin_px: float = 10.0,
+    margin_px: float = 10.0,  # a sharp picture's blur reaches 5 px
     region: PixelRegion | None = None,
 ) -> tuple[Plane, PixelRegion]:
     """Grey levels (height, width) that reach the sensor, without noise, and their region."""

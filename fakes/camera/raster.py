@@ -17,7 +17,7 @@ from fakes.camera.sensor import BLOCK, PixelRegion, Plane
 from fakes.world.optics import Optics
 from vgrd.geometry import Array, Pose
 
-_SMALLER_BLOCKS = (4, 2, 1)
+_SMALLER_BLOCKS = (4, 2, 1)  # px, the largest first: fewer blocks are faster
 _LINES = 2  # of each direction, that a block can hold
 _CORNER_SPLIT = 12  # a box with a corner in it is cut into so many, squared
 

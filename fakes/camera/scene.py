@@ -13,8 +13,8 @@ from vgrd.errors import IpcError
 from vgrd.ipc.ring import RingReader, RingWriter
 
 KIND = "snapshot"
-_SLOTS, _SLOT_BYTES = 8, 4096
-_WAIT_S = 0.5
+_SLOTS, _SLOT_BYTES = 8, 4096  # a snapshot has up to 400 bytes; readers want the newest
+_WAIT_S = 0.5  # 25 of the snapshots that come at least every 20 ms
 
 
 class SnapshotWriter:

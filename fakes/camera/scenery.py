@@ -14,10 +14,16 @@ from fakes.world.layout import DISC_RADIUS_MM, Layout
 from fakes.world.visibility import Body
 from vgrd.geometry import Array, Pose
 
-_SHADES = {"forearm": 78, "wrist": 58, "bracket": 36, "tool": 92, "tip": 70}
-_SPIKE_FOOT_RADIUS_MM = 7.0
+_SHADES = {  # grey levels that are told apart by eye
+    "forearm": 78,
+    "wrist": 58,
+    "bracket": 36,
+    "tool": 92,
+    "tip": 70,
+}
+_SPIKE_FOOT_RADIUS_MM = 7.0  # a slim cone, only for the looks
 _SHIFT = 6  # fractional bits of cv2's drawing coordinates
-_NOISE_TILE = 2**20
+_NOISE_TILE = 2**20  # fewer draws than pixels (12 million); random starts hide it
 
 
 class Scenery:

@@ -18,9 +18,9 @@ from fakes.testing import FakeProcess, free_loopback
 from fakes.world.layout import Layout
 from fakes.world.world import World
 
-CAMERA_PACKET_BYTES = 16000
+CAMERA_PACKET_BYTES = 16000  # loopback carries them; fewer than jumbo frames (9000) make
 SNAPSHOT_RING = "world.ring"
-SNAPSHOT_PERIOD_S = 0.004
+SNAPSHOT_PERIOD_S = 0.004  # two cycles of the controller; pictures wait for the next one
 START_TIMEOUT_S = (
     60.0  # of a thread; takes milliseconds unless the machine has far more to do than it can
 )

@@ -16,10 +16,9 @@ from vgrd.ipc.messages import HEALTH_KIND, Health
 from vgrd.ipc.ring import RingReader
 from vgrd.orphans import dying_with_us
 
-# It takes 4 s, and 34 s were seen on a machine with five times as much work as processors.
-START_TIMEOUT_S = 120.0
-STOP_TIMEOUT_S = 30.0
-REPLY_TIMEOUT_S = 60.0
+START_TIMEOUT_S = 120.0  # takes 4 s; 34 s were seen with five times as much work as processors
+STOP_TIMEOUT_S = 30.0  # far more than an end takes; then it is killed, so that nothing hangs
+REPLY_TIMEOUT_S = 60.0  # a sample needs two pictures; on a busy machine each may take seconds
 
 
 def has_devices(status: dict[str, object]) -> bool:

@@ -7,7 +7,7 @@ from collections import deque
 from pathlib import Path
 from typing import NamedTuple
 
-TICK_S = 0.005
+TICK_S = 0.005  # a twentieth of BUSY_LATE_S; 200 looks a second are no load themselves
 KEPT = 20_000  # of the moments when this process came late; an hour of a bad machine
 BUSY_LATE_S = 0.1  # a process that only wants to wake up waits less than 20 ms on a machine with time to spare
 BUSY_SHARE = 0.6  # the fake cell and its daemon by themselves make tasks wait for a processor 10 to 40 % of the time

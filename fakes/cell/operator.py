@@ -23,10 +23,10 @@ from vgrd.errors import ControlError
 from vgrd.geometry import Array, Pose, exp_rotation
 from vgrd.ipc.control import ControlClient
 
-SETTLE_S = 0.1
-LIFT_MM = 30.0
+SETTLE_S = 0.1  # twice what rest is asked for before a picture (`RestLimits.before_s`)
+LIFT_MM = 30.0  # a guess: clear of the object before the arm turns, and soon done
 SPEED_MM_S, TURN_RAD_S = 700.0, 3.0  # a brisk cell: nobody wants to wait for a simulated arm
-PRESSES, PRESS_AGAIN_S = 20, 0.3
+PRESSES, PRESS_AGAIN_S = 20, 0.3  # some 6 s in all: a lost device serves again within 5 s
 REPLY_TIMEOUT_S = 60.0  # a sample needs two pictures; on a busy machine each may take seconds
 # The daemon asks to wait and try again; nothing has happened yet.
 PASSING = ("NotSteady", "TooOld", "DeviceUnavailable")

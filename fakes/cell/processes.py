@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 MARK = "VGRD_STARTED_BY"
-_LOOK_S = 0.05
+_LOOK_S = 0.05  # a look reads all of /proc: more often it would be load itself
 
 
 def descendants(pid: int) -> Iterator[int]:

@@ -94,7 +94,7 @@ class Rehearsal:
 
     def teach(
         self, *, looks: int = 8, spins: int = 10, tilted: int = 6, points: int = 10
-    ) -> Recording:
+    ) -> Recording:  # as many as `fakes.demo.show`
         """Record what the demo records."""
         layout, seed = self.world.layout, self.world.seed
         seen_looks = [self._after(pose) for pose in look_poses(layout, looks, seed=seed)]

@@ -8,8 +8,8 @@ from fakes.controllers.robot_program import Reply, RobotProgram, Stopped
 from fakes.world.poses import retracted_pose
 from fakes.world.world import World
 
-BACK_S = 60.0
-MISS_MM = 1.0
+BACK_S = 60.0  # a killed process is back in seconds, on a busy machine much later
+MISS_MM = 1.0  # as `max_u95_mm`: a short session is coarse, a wrong one is far off
 
 
 def teach(operator: Operator, world: World) -> None:

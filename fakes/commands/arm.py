@@ -10,7 +10,7 @@ from fakes.commands.console import Action, numbers
 from fakes.controllers.rtde import RtdeState
 from vgrd.geometry import Pose
 
-_PERIOD_S = 10.0
+_PERIOD_S = 10.0  # of a circle: slow enough to watch by eye
 
 
 @dataclass(slots=True)
@@ -18,10 +18,10 @@ class ScriptedArm:
     """A flange that stands still, or circles horizontally with `radius_mm` in ten seconds."""
 
     radius_mm: float = 0.0
-    base_from_wrist: Pose = field(
+    base_from_wrist: Pose = field(  # in front of the foot, tool down
         default_factory=lambda: Pose.from_rotvec((0.0, math.pi, 0.0), (400.0, -100.0, 350.0))
     )
-    wrist_from_tcp: Pose = field(
+    wrist_from_tcp: Pose = field(  # of an ordinary tool, turned and off the axis
         default_factory=lambda: Pose.from_rotvec((0.0, 0.0, 0.4), (12.0, -3.0, 152.0))
     )
     digital_inputs: int = 0

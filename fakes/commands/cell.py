@@ -23,7 +23,9 @@ from vgrd.geometry import Pose
 
 
 def main(
-    port: Annotated[int, typer.Option(help="of the registers on 127.0.0.1")] = 1502,
+    port: Annotated[
+        int, typer.Option(help="of the registers on 127.0.0.1")
+    ] = 1502,  # as in the cell file
     seed: Annotated[int, typer.Option(help="of noise, arm and scripted operator")] = 1,
     folder: Annotated[
         Path, typer.Option(help="where state stays from one run to the next")

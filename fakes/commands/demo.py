@@ -26,7 +26,9 @@ from vgrd.errors import VgrdError
 
 def main(
     seed: Annotated[int, typer.Option(help="of noise, arm and scripted operator")] = 1,
-    requests: Annotated[int, typer.Option(help="robot requests at new table angles")] = 30,
+    requests: Annotated[
+        int, typer.Option(help="robot requests at new table angles")
+    ] = 30,  # as in the README's table
     folder: Annotated[Path | None, typer.Option(help="where to leave the files")] = None,
     camera: Annotated[str | None, typer.Option(help="aravis or fakes.camera.pylon_camera")] = None,
     *,

@@ -37,7 +37,9 @@ async def _serve(arm: ScriptedArm, profile: str, host: str, port: int) -> None:
 def main(
     profile: Annotated[str, typer.Option(help="name in config/robots, or a TOML file")] = "ur",
     host: Annotated[str, typer.Option(help="address to listen at")] = "127.0.0.4",
-    port: Annotated[int, typer.Option(help="Modbus wants 502, which needs privileges")] = 5020,
+    port: Annotated[
+        int, typer.Option(help="Modbus wants 502, which needs privileges")
+    ] = 5020,  # this one needs none
     circle_mm: Annotated[float, typer.Option(help="radius of a gentle motion")] = 0.0,
 ) -> None:
     """Fake robot whose own Modbus server shows its pose, until Ctrl-C; type at it, a line each.

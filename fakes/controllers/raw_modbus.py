@@ -9,7 +9,7 @@ from typing import Self
 class RawModbus:
     """One connection; `call` sends a PDU and returns the answer's PDU."""
 
-    def __init__(self, host: str, port: int, timeout_s: float = 5.0) -> None:
+    def __init__(self, host: str, port: int, timeout_s: float = 5.0) -> None:  # then it hangs
         self.socket = socket.create_connection((host, port), timeout_s)
         self.socket.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
         self._transaction = 0
@@ -43,7 +43,7 @@ class RawModbus:
         self.send(pdu, unit)
         return self.receive()[2]
 
-    def read(self, address: int, count: int, function: int = 3) -> bytes:
+    def read(self, address: int, count: int, function: int = 3) -> bytes:  # Read Holding Registers
         """Return registers; ValueError with the exception code when the server refuses."""
         answer = self.call(struct.pack(">BHH", function, address, count))
         if answer[0] != function:

@@ -16,11 +16,11 @@ from fakes.world.world import World
 from vgrd.geometry import Array, Pose
 from vgrd.registers import REQUEST, RESPONSE, Command, PolicyCode, State, Status
 
-POLL_S = 0.01
-HEARTBEAT_LOST_S = 0.5
-ANSWER_TIMEOUT_S = 5.0
-APPROACH_MM = 25.0
-LINK_TIMEOUT_S = 1.0
+POLL_S = 0.01  # half of the 20 ms in which the registers change: none is missed
+HEARTBEAT_LOST_S = 0.5  # five of HB's steps of 100 ms
+ANSWER_TIMEOUT_S = 5.0  # beyond the daemon's own 2 s: then it does not answer at all
+APPROACH_MM = 25.0  # the tool comes along its axis, and is clear of the object before
+LINK_TIMEOUT_S = 1.0  # a gate that lives answers in milliseconds
 # What passes by itself on a busy machine: the program stops, goes back and asks again.
 PASSING = (
     Status.TIMEOUT,
@@ -139,7 +139,12 @@ class RobotProgram:
             raise Stopped(f"the request was refused: {written}")
         return asked_s
 
-    def ask_until_good(self, point: int, within_s: float, pause_s: float = 0.05) -> Reply:
+    def ask_until_good(
+        self,
+        point: int,
+        within_s: float,
+        pause_s: float = 0.05,  # leaves the daemon its time; short beside an answer (0.5 s)
+    ) -> Reply:
         """Ask again as long as the reason may pass by itself, at most `within_s`; then Stopped."""
         end_s = time.monotonic() + within_s
         while True:

@@ -19,14 +19,14 @@ from functools import lru_cache
 from fakes.controllers.rtde_fields import FORMATS, OUTPUT_TYPES
 from vgrd.geometry import Pose
 
-PORT = 30004
-CYCLE_S = 0.002
-_MAX_BACKLOG_S = 0.5
+PORT = 30004  # of RTDE, fixed in ur-rtde
+CYCLE_S = 0.002  # of an e-Series controller (500 Hz, UR's RTDE guide)
+_MAX_BACKLOG_S = 0.5  # a server that was held up longer leaves cycles out, it sends no flood
 _VERSION, _CONTROLLER, _TEXT, _DATA, _OUTPUTS, _INPUTS, _START, _PAUSE = b"VvMUOISP"
-_ROBOT_RUNNING = 7
-_NORMAL, _PROTECTIVE_STOP = 1, 3
-_STOPPED, _PLAYING = 1, 2
-_POWER_ON, _PROGRAM_RUNNING = 1, 2
+_ROBOT_RUNNING = 7  # robot_mode RUNNING, UR's RTDE guide
+_NORMAL, _PROTECTIVE_STOP = 1, 3  # safety_mode, idem
+_STOPPED, _PLAYING = 1, 2  # runtime_state, idem
+_POWER_ON, _PROGRAM_RUNNING = 1, 2  # bits of robot_status_bits, idem
 _WARNING = 1
 
 Value = float | Sequence[float]
@@ -115,7 +115,7 @@ class RtdeServer:
         state_source: Callable[[float], RtdeState],
         host: str,
         port: int = PORT,
-        version: tuple[int, int, int, int] = (5, 11, 0, 0),
+        version: tuple[int, int, int, int] = (5, 11, 0, 0),  # PolyScope 5.11, an e-Series
     ) -> None:
         self.state_source = state_source
         self.host = host
