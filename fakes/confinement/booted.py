@@ -33,17 +33,18 @@ _DEVICES: Final = ("null", "zero", "full", "random", "urandom", "tty")
 _INIT: Final = "/lib/systemd/systemd"
 _START_S: Final = 120.0  # a second, on a machine that is not busy
 _libc = ctypes.CDLL(None, use_errno=True)
-_NEWNS, _NEWCGROUP, _NEWUTS, _NEWIPC, _NEWPID = (
+_NEWNS, _NEWCGROUP, _NEWUTS, _NEWIPC, _NEWPID = (  # CLONE_* of sched.h
     0x20000,
     0x2000000,
     0x4000000,
     0x8000000,
     0x20000000,
 )
-_MS_READ_ONLY, _MS_REMOUNT, _MS_BIND, _MS_REC, _MS_PRIVATE = 1, 32, 0x1000, 0x4000, 0x40000
-_PIVOT_ROOT: Final = {"x86_64": 155, "aarch64": 41}
-_DETACH: Final = 2
-_SET_PDEATHSIG: Final = 1
+_MS_READ_ONLY, _MS_REMOUNT, _MS_BIND = 1, 32, 0x1000  # sys/mount.h
+_MS_REC, _MS_PRIVATE = 0x4000, 0x40000  # idem
+_PIVOT_ROOT: Final = {"x86_64": 155, "aarch64": 41}  # asm/unistd.h
+_DETACH: Final = 2  # MNT_DETACH of sys/mount.h
+_SET_PDEATHSIG: Final = 1  # PR_SET_PDEATHSIG of sys/prctl.h
 _NOT_ALLOWED: Final = (errno.EPERM, errno.EACCES, errno.EROFS, errno.ENODEV, errno.ENOSYS)
 
 

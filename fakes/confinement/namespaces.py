@@ -70,12 +70,12 @@ _PLACES: Final = (
 )
 _HOMES: Final = ("/home", "/root", "/run/user")
 _DEVICES: Final = ("null", "zero", "full", "random", "urandom", "tty")
-# sched.h, sys/mount.h, linux/mount.h, sys/prctl.h
-_NEWNS, _NEWUTS, _NEWUSER = 0x20000, 0x4000000, 0x10000000
-_MS_NOSUID, _MS_NODEV, _MS_BIND, _MS_REC, _MS_PRIVATE = 2, 4, 0x1000, 0x4000, 0x40000
-_AT_FDCWD, _AT_RECURSIVE, _READ_ONLY = -100, 0x8000, 1
+_NEWNS, _NEWUTS, _NEWUSER = 0x20000, 0x4000000, 0x10000000  # CLONE_* of sched.h
+_MS_NOSUID, _MS_NODEV, _MS_BIND = 2, 4, 0x1000  # sys/mount.h
+_MS_REC, _MS_PRIVATE = 0x4000, 0x40000  # idem
+_AT_FDCWD, _AT_RECURSIVE, _READ_ONLY = -100, 0x8000, 1  # fcntl.h, linux/mount.h
 _MOUNT_SETATTR: Final = 442  # the same number on all architectures
-_CAPBSET_DROP, _SET_DUMPABLE, _SET_NO_NEW_PRIVS = 24, 4, 38
+_CAPBSET_DROP, _SET_DUMPABLE, _SET_NO_NEW_PRIVS = 24, 4, 38  # PR_* of sys/prctl.h
 _libc = ctypes.CDLL(None, use_errno=True)
 
 

@@ -9,20 +9,25 @@ from typing import Final
 
 from fakes.confinement.unit_file import Directives, SyscallFilter, is_on, last, syscall_filter
 
-# seccomp.h of libseccomp 2.5
-_KILL_PROCESS: Final = 0x80000000
-_ALLOW: Final = 0x7FFF0000
-_NE, _LE, _EQ, _GT, _MASKED_EQ = 1, 3, 4, 6, 7
+_KILL_PROCESS: Final = 0x80000000  # SCMP_ACT_KILL_PROCESS of seccomp.h, libseccomp 2.5
+_ALLOW: Final = 0x7FFF0000  # SCMP_ACT_ALLOW, idem
+_NE, _LE, _EQ, _GT, _MASKED_EQ = 1, 3, 4, 6, 7  # SCMP_CMP_*, idem
 _CTL_NNP: Final = 3  # attribute: libseccomp shall leave no_new_privs to us
 _LAST_FAMILY: Final = 63  # far beyond AF_MAX of any kernel
-# sched.h
-_NEW_NAMESPACES: Final = (0x80, 0x20000, 0x2000000, 0x4000000, 0x8000000, 0x10000000, 0x20000000)
-_NEW_NAMESPACES_AND_CGROUP: Final = (*_NEW_NAMESPACES, 0x40000000)
-_SCHED_OTHER, _SCHED_BATCH, _SCHED_IDLE = 0, 3, 5
-_SUID_SGID: Final = (0o4000, 0o2000)
-_O_CREAT: Final = 0o100
-# Which argument holds a mode, and which the flags that make it count.
-_MODES: Final = (
+_NEW_NAMESPACES: Final = (  # CLONE_NEW* of sched.h: TIME, NS, CGROUP, UTS, IPC, USER, PID
+    0x80,
+    0x20000,
+    0x2000000,
+    0x4000000,
+    0x8000000,
+    0x10000000,
+    0x20000000,
+)
+_NEW_NAMESPACES_AND_CGROUP: Final = (*_NEW_NAMESPACES, 0x40000000)  # CLONE_NEWNET
+_SCHED_OTHER, _SCHED_BATCH, _SCHED_IDLE = 0, 3, 5  # sched.h
+_SUID_SGID: Final = (0o4000, 0o2000)  # S_ISUID and S_ISGID of sys/stat.h
+_O_CREAT: Final = 0o100  # of fcntl.h (x86_64, aarch64)
+_MODES: Final = (  # arguments: of the mode, and of the flags that make it count
     ("chmod", 1, None),
     ("fchmod", 1, None),
     ("fchmodat", 2, None),
