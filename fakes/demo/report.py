@@ -13,8 +13,10 @@ from fakes.demo.show import Shown, true_tip_error_mm
 from fakes.world.layout import Layout
 from vgrd.geometry import Array
 
-MEAN_XY_BAR_MM, PERFECT_XY_BAR_MM = 0.25, 0.05
-GATE_BAR_MIB, TREE_BAR_MIB = 40.0, 1536.0
+MEAN_XY_BAR_MM = 0.25  # three times what is measured: 0.08 mm (README)
+PERFECT_XY_BAR_MM = 0.05  # 0.001 is measured: more is a mistake in a formula, not rounding
+GATE_BAR_MIB = 40.0  # as tests/gate ask: a gate that imports nothing heavy
+TREE_BAR_MIB = 1536.0  # a guess: a computer of 2 GB has room for the whole cell
 
 
 class Report:

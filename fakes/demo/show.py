@@ -18,11 +18,10 @@ from fakes.world.world import World
 from vgrd.geometry import Array, Pose
 from vgrd.store.calibrations import CalibrationStore
 
-LOOKS, SPINS, FIXED_POINTS = 8, 10, 10
-TILTED_TOUCHES = 6
-ATTEMPTS, PAUSE_S = 30, 0.5
-# What a machine with ten times as much work as processors needs; none of these is a figure of the demo.
-SOLVE_S, FOLLOW_S, RECOVERY_S = 600.0, 60.0, 120.0
+LOOKS, SPINS, FIXED_POINTS = 8, 10, 10  # as the paper's operator (table 4)
+TILTED_TOUCHES = 6  # each target once
+ATTEMPTS, PAUSE_S = 30, 0.5  # some 15 s of pauses: a killed or lost device is back before
+SOLVE_S, FOLLOW_S, RECOVERY_S = 600.0, 60.0, 120.0  # for ten times as much work as processors
 
 
 @dataclass(slots=True)

@@ -20,9 +20,9 @@ from fakes.studies.study import REFUSED, Parameters, Row, Study, Trials
 from vgrd.errors import CalibrationError, DeviceUnavailable, InputError
 from vgrd.orphans import die_with
 
-_CHUNKS_PER_WORKER = 16
-_LARGEST_CHUNK = 50
-_CONNECT_TIMEOUT_S = 10
+_CHUNKS_PER_WORKER = 16  # so that workers end together, whatever the trials take
+_LARGEST_CHUNK = 50  # trials: progress is told after each chunk
+_CONNECT_TIMEOUT_S = 10  # a scheduler that runs answers in milliseconds
 Report = Callable[[int, int], None]
 
 

@@ -9,8 +9,8 @@ import numpy as np
 from fakes.world.simulation import Simulation
 from vgrd.model import Plan, Recording
 
-TILT_RAD = np.radians(25)
-STEP_MINUTES: Mapping[str, float] = MappingProxyType(
+TILT_RAD = np.radians(25)  # within the 30 degrees that an operator reaches
+STEP_MINUTES: Mapping[str, float] = MappingProxyType(  # the paper's table 4: minutes by samples
     {"TCP": 8 / 10, "hand-eye": 2 / 8, "turntable": 1.5 / 10, "touches": 5 / 6}
 )
 
@@ -23,7 +23,7 @@ class Session:
     points: int = 0
     looks: int = 0
     spins: int = 0
-    touches: int = 6
+    touches: int = 6  # each target once
     tilted: int = 0
 
     def record(self, cell: Simulation) -> Recording:
@@ -40,7 +40,7 @@ class Session:
         )
 
 
-SESSIONS: Mapping[str, Session] = MappingProxyType(
+SESSIONS: Mapping[str, Session] = MappingProxyType(  # the paper's two, and shorter ones
     {
         "conventional": Session(Plan.CONVENTIONAL, points=10, looks=8),
         "special": Session(Plan.SPECIAL, looks=8, spins=10),

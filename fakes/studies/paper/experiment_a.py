@@ -23,15 +23,15 @@ from vgrd.geometry import Array, Pose, exp_rotation
 if TYPE_CHECKING:
     from matplotlib.figure import Figure as Drawing
 
-_REPEATS = 8
-_TOUCHES = 6
-_PITCH_MM = 62.5
-_TURN_DEG = 90.0
-_TCP = np.array([3.0, -2.0, 180.0])
+_REPEATS = 8  # as the paper performed each method
+_TOUCHES = 6  # 6 to 8 are the paper's best choice (figure 5)
+_PITCH_MM = 62.5  # between the paper's holes
+_TURN_DEG = 90.0  # a guess: either way about the tool; the paper does not tell it
+_TCP = np.array([3.0, -2.0, 180.0])  # a tool of 180 mm, a little off the axis: any will do
 _DOWN = np.diag([1.0, -1.0, -1.0])
 _AXIS = np.array([0.0, 0.0, 1.0])
-_BASE_FROM_TRAY = Pose(exp_rotation((0.02, -0.03, 0.6)), np.array([420.0, -60.0, 40.0]))
-_PAPER = {"conventional": 2.308, "universal": 1.868}
+_BASE_FROM_TRAY = Pose(exp_rotation((0.02, -0.03, 0.6)), np.array([420.0, -60.0, 40.0]))  # any
+_PAPER = {"conventional": 2.308, "universal": 1.868}  # its table 2, mm
 
 
 def _trial(seed: SeedSequence, parameters: Parameters) -> dict[str, float]:

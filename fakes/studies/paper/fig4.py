@@ -15,7 +15,7 @@ from vgrd.geometry.covariance import rms
 if TYPE_CHECKING:
     from matplotlib.figure import Figure as Drawing
 
-_BIN_MM = 0.05
+_BIN_MM = 0.05  # finer than the 0.1 to 0.2 mm in which the paper sees the mode
 
 
 def tcp_error(seed: SeedSequence, parameters: Parameters) -> dict[str, float]:

@@ -12,10 +12,10 @@ from vgrd.calibration.universal import Equations, UniversalProblem
 from vgrd.geometry import Array, Pose
 from vgrd.geometry.covariance import covariance_from
 
-SIGMA_MM = 0.233
-LIMIT_MM = 0.7
+SIGMA_MM = 0.233  # of the paper's touches (section VI-A)
+LIMIT_MM = 0.7  # where the paper cuts them: three sigmas
 NOISE_MM = float(SIGMA_MM * truncnorm.std(-LIMIT_MM / SIGMA_MM, LIMIT_MM / SIGMA_MM))
-_HALF_SIZE_MM = 150.0
+_HALF_SIZE_MM = 150.0  # of the cube of targets, a guess: 30 cm, as a fixture has
 _AXIS = np.array([0.0, 0.0, 1.0])
 
 
@@ -43,7 +43,7 @@ def truncated_noise(rng: np.random.Generator, shape: tuple[int, ...]) -> Array:
 
 def draw(
     rng: np.random.Generator, touches: int, spread_deg: float = 180.0, *, planar: bool = False
-) -> Drawn:
+) -> Drawn:  # 180: any orientation, as figures 4 and 5 need
     """Touches of as many points with wrists turned uniformly by up to +-spread_deg on each axis."""
     p = rng.uniform(-_HALF_SIZE_MM, _HALF_SIZE_MM, (touches, 3)) * (1, 1, 0 if planar else 1)
     X = Pose(Rotation.random(random_state=rng).as_matrix(), rng.uniform(-500, 500, 3))

@@ -39,9 +39,9 @@ HOLES_3 = "joint, holes seen, 3 touches"
 _METHODS = (CONVENTIONAL, SPECIAL, SPECIAL_CAD, SERVED, JOINT, NO_HAND_EYE, HOLES, HOLES_3)
 _PARTS = ("xy", "z", "3D")
 _VISION = {"coarse": COARSE, "fine": FINE}
-_REQUESTS = 3
-_PAPER = {CONVENTIONAL: 0.241, SPECIAL: 0.181}
-_BARS = (
+_REQUESTS = 3  # turns of the table, as in the paper's experiment B
+_PAPER = {CONVENTIONAL: 0.241, SPECIAL: 0.181}  # its table 3, mm
+_BARS = (  # ratios in xy: what was measured (docs/studies.md), and a little more
     (JOINT, SPECIAL, 0.52),
     (JOINT, CONVENTIONAL, 0.30),
     (JOINT, SPECIAL_CAD, 1.02),
@@ -52,7 +52,7 @@ _BARS = (
     (SERVED, SPECIAL_CAD, None),
     (SERVED, CONVENTIONAL, None),
 )
-_EVERYTHING = Session(Plan.JOINT, points=10, looks=8, spins=10)
+_EVERYTHING = Session(Plan.JOINT, points=10, looks=8, spins=10)  # the paper's samples
 
 Answer = Callable[[SimulatedRequest], Pose]
 

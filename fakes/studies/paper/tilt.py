@@ -9,9 +9,14 @@ from vgrd.charts import COLORS, legend, panels, plain_log_ticks
 if TYPE_CHECKING:
     from matplotlib.figure import Figure as Drawing
 
-_SPREADS_DEG = (10.0, 20.0, 30.0, 60.0, 180.0)
-_TOUCHES = (4, 6, 8, 16, 32)
-_NOTED = {10.0: (1.0, 1.3), 30.0: (0.36, 0.44), 60.0: (0.20, 0.24), 180.0: (0.145, 0.165)}
+_SPREADS_DEG = (10.0, 20.0, 30.0, 60.0, 180.0)  # from the least of use to all; operators reach 30
+_TOUCHES = (4, 6, 8, 16, 32)  # as figure 5 shows
+_NOTED = {  # bars, mm, around what was measured: docs/studies.md
+    10.0: (1.0, 1.3),
+    30.0: (0.36, 0.44),
+    60.0: (0.20, 0.24),
+    180.0: (0.145, 0.165),
+}
 
 
 def _figures(trials: Trials) -> list[Figure]:

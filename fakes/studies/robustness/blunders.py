@@ -29,12 +29,12 @@ from vgrd.model import ExpectedCoordinate, Plan, Policy, Recording
 if TYPE_CHECKING:
     from matplotlib.figure import Figure as Drawing
 
-_SESSIONS: Mapping[str, Session] = {
+_SESSIONS: Mapping[str, Session] = {  # 8 touches tell which one is off
     "one wrist": Session(Plan.SPECIAL, looks=8, spins=10, touches=8),
     "tilted": Session(Plan.UNIVERSAL, looks=8, spins=10, touches=8, tilted=4),
 }
-_BLUNDER_MM = 2.0
-_REQUESTS = 3
+_BLUNDER_MM = 2.0  # nine sigmas of a touch: to be named, and small enough to be overlooked
+_REQUESTS = 3  # as in table 3
 _NUMBER = re.compile(r"touch (\d+) ")
 
 

@@ -21,11 +21,11 @@ from vgrd.geometry.least_squares import minimize
 if TYPE_CHECKING:
     from matplotlib.figure import Figure as Drawing
 
-_TOUCHES = (4, 5, 6, 8)
-_SPREADS_DEG = (10.0, 30.0, 60.0, 180.0)
-_OTHER_STARTS = 4
-_WORSE = 1e-6
-_WRONG = 1e-3
+_TOUCHES = (4, 5, 6, 8)  # few, where plain Gauss-Newton goes wrong
+_SPREADS_DEG = (10.0, 30.0, 60.0, 180.0)  # as in the study of tilt
+_OTHER_STARTS = 4  # beside the truth, so that a better minimum would hardly stay hidden
+_WORSE = 1e-6  # of the cost: what the iteration leaves, as the bar of the gap
+_WRONG = 1e-3  # of the cost: another minimum, not an iteration that ended early
 
 
 def _trial(seed: SeedSequence, parameters: Parameters) -> dict[str, float]:

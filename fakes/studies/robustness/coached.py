@@ -42,13 +42,13 @@ from vgrd.model import ArmModel, Policy, Recording
 if TYPE_CHECKING:
     from matplotlib.figure import Figure as Drawing
 
-_TILT_RAD = float(np.radians(30))
-_TOUCHES = 6
-_REQUESTS = 4
-_JOB_WORKS = 12
-_NOMINAL_SEED = 7
+_TILT_RAD = float(np.radians(30))  # what an operator can reach
+_TOUCHES = 6  # as the paper's operator: few, so that where they are matters
+_REQUESTS = 4  # a session costs far more than a request
+_JOB_WORKS = 12  # orientations that stand for any within the tilt; more cost time
+_NOMINAL_SEED = 7  # any but a trial's: the coach has not seen the cell itself
 _TEACHERS = ("random", "coached")
-_BARS = {"TCP": 0.65, "EC": 0.75}
+_BARS = {"TCP": 0.65, "EC": 0.75}  # coached over random, rms (docs/studies.md)
 
 
 @dataclass(frozen=True, slots=True)
@@ -57,13 +57,13 @@ class _Session:
 
     looks: int
     spins: int
-    yaw_deg: float = 60.0
+    yaw_deg: float = 60.0  # a guess: within it cables stay as they are
     of_any_kind: bool = False
     bars: bool = False
 
 
 _SESSIONS: Mapping[str, _Session] = MappingProxyType(
-    {
+    {  # samples as the paper's operator and the shortest session (4 spins) take
         "universal": _Session(looks=8, spins=0, bars=True),
         "universal, any yaw": _Session(looks=8, spins=0, yaw_deg=180.0),
         "with 4 spins": _Session(looks=0, spins=4),

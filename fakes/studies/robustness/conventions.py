@@ -27,7 +27,7 @@ from vgrd.model import Finding, Plan, Recording, Target, frozen_array
 if TYPE_CHECKING:
     from matplotlib.figure import Figure as Drawing
 
-_KINDS: Mapping[str, tuple[Plan, int, bool]] = MappingProxyType(
+_KINDS: Mapping[str, tuple[Plan, int, bool]] = MappingProxyType(  # tilted ones, 4 axes
     {
         "one wrist": (Plan.SPECIAL, 0, False),
         "tilted": (Plan.UNIVERSAL, 8, False),
@@ -36,7 +36,7 @@ _KINDS: Mapping[str, tuple[Plan, int, bool]] = MappingProxyType(
     }
 )
 _MISTAKEN: Mapping[str, Mistake] = MappingProxyType({**CONVENTIONS, **OTHERS, **UNDECIDABLE})
-_ARMS = (ArmErrors(0.03, 0.0), ArmErrors(0.03, 0.1), ArmErrors(0.03, 0.25))
+_ARMS = (ArmErrors(0.03, 0.0), ArmErrors(0.03, 0.1), ArmErrors(0.03, 0.25))  # good to poor
 _ONE_AXIS_ONLY = "hand_eye_motion"  # a 4-axis arm cannot but be told so
 
 

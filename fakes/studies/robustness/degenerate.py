@@ -22,9 +22,9 @@ from vgrd.model import Observation, Plan, Recording
 if TYPE_CHECKING:
     from matplotlib.figure import Figure as Drawing
 
-_ARM = ArmErrors(0.03, 0.1)
-_JITTER_MM = 0.02
-_JITTER_RAD = np.radians(0.02)
+_ARM = ArmErrors(0.03, 0.1)  # mm: repeatability of the fake arm, half of its field
+_JITTER_MM = 0.02  # a guess: pendants show 0.1 or 0.01 mm
+_JITTER_RAD = np.radians(0.02)  # a guess: pendants show 0.1 or 0.01 degrees
 _OPPOSITE = ("P1", "P4")
 Session = Callable[[Simulation], Recording]
 

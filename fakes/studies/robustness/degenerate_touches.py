@@ -19,17 +19,17 @@ from vgrd.geometry import Array, Pose
 if TYPE_CHECKING:
     from matplotlib.figure import Figure as Drawing
 
-TCP = np.array([5.0, -8.0, 120.0])
-_RADIUS_MM = 25.0
-_CENTER = np.array([400.0, 100.0, 60.0])
-_NORMAL = np.array([0.1, -0.2, 1.0]) / np.linalg.norm([0.1, -0.2, 1.0])
-_PLANE = Plane(_NORMAL, 75.0)
-_OBJECT = Pose.from_rotvec((0.1, -0.2, 0.9), (350.0, 20.0, 60.0))
-_NOISE_MM, _LEAST_TOLD_MM = 0.2, 0.05
-_SPREAD_RAD = 0.6
+TCP = np.array([5.0, -8.0, 120.0])  # a tool of 120 mm, a little off the axis: any will do
+_RADIUS_MM = 25.0  # any ball that a tip can go around
+_CENTER = np.array([400.0, 100.0, 60.0])  # any place within reach
+_NORMAL = np.array([0.1, -0.2, 1.0]) / np.linalg.norm([0.1, -0.2, 1.0])  # oblique
+_PLANE = Plane(_NORMAL, 75.0)  # any place within reach
+_OBJECT = Pose.from_rotvec((0.1, -0.2, 0.9), (350.0, 20.0, 60.0))  # any place within reach
+_NOISE_MM, _LEAST_TOLD_MM = 0.2, 0.05  # the paper's touches; none is believed to be finer
+_SPREAD_RAD = 0.6  # 34 degrees: about what an operator turns
 _PENDANT_RAD = 3e-4  # what the digits of a pendant leave of an orientation that is kept
-_NEARLY_RAD = (0.01, 0.3)
-_WRONG_SIGMA = 6.0
+_NEARLY_RAD = (0.01, 0.3)  # from nearly lost to well told
+_WRONG_SIGMA = 6.0  # as WRONG_SIGMA of the thresholds: by chance none
 
 Drawn = tuple[Array, Array]  # wrists (m, 3, 3) and tips (m, 3)
 Draw = Callable[[Generator, int], Drawn]

@@ -19,7 +19,7 @@ from vgrd.model import (
     frozen_array,
 )
 
-CAMERA_IN_HAND = Pose(exp_rotation((0.1, -0.2, 0.8)), np.array([40.0, -60.0, 70.0]))
+CAMERA_IN_HAND = Pose(exp_rotation((0.1, -0.2, 0.8)), np.array([40.0, -60.0, 70.0]))  # any
 Change = Callable[[Recording, Generator], Recording]
 
 
