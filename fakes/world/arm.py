@@ -79,10 +79,10 @@ class Arm:
         wrist_from_tcp: Pose,
         *,
         seed: int,
-        repeatability_mm: float = 0.03,
+        repeatability_mm: float = 0.03,  # as UR states for the UR5e
         field: ErrorField | None = None,
         reading_noise_mm: float = 0.0,
-        speed_mm_s: float = 250.0,
+        speed_mm_s: float = 250.0,  # the most while teaching by hand (ISO 10218-1)
         speed_rad_s: float = 1.0,
     ) -> None:
         self.wrist_from_tcp = wrist_from_tcp

@@ -77,7 +77,7 @@ class ArmErrors:
 
     sigma_mm: float = 0.0
     field_mm: float = 0.0
-    length_mm: float = 200.0
+    length_mm: float = 200.0  # a guess: a fraction of the reach, as errors of links and joints
     rad_per_mm: float = RAD_PER_MM
 
     def deviation(self, rng: np.random.Generator) -> Array:

@@ -29,16 +29,16 @@ from fakes.world.optics import Optics
 from vgrd.geometry import Array, Pose
 from vgrd.model import TagSpec, Target, frozen_array
 
-TARGET_RADIUS_MM = 60.0
-HOLE_DIAMETER_MM = 4.0
-DISC_RADIUS_MM = 75.0
-FLANGE_RADIUS_MM = 31.5
-TOOL_RADIUS_MM = 6.0
+TARGET_RADIUS_MM = 60.0  # inside the disc, around tag B
+HOLE_DIAMETER_MM = 4.0  # 43 px in the picture
+DISC_RADIUS_MM = 75.0  # a disc that shows whole in the picture (372 x 281 mm)
+FLANGE_RADIUS_MM = 31.5  # of a UR5e, 63 mm (ISO 9409-1-50-4-M6)
+TOOL_RADIUS_MM = 6.0  # a pin, as touches want it (a guess)
 FIXED_POINT = "spike"
-_CAMERA_TILT_RAD = np.radians(32)
-_CAMERA_DISTANCE_MM = 600.0
-_CAMERA_LOOKS_AT = np.array([478.0, 0.0, 112.0])
-_TAG_A_TILT_RAD = np.radians(34)
+_CAMERA_TILT_RAD = np.radians(32)  # from the vertical: sees past the arm, and tag B not too flat
+_CAMERA_DISTANCE_MM = 600.0  # at 12 mm focal length 372 mm of the work are seen
+_CAMERA_LOOKS_AT = np.array([478.0, 0.0, 112.0])  # between table and tag A on the flange
+_TAG_A_TILT_RAD = np.radians(34)  # off the line of sight: straight on, poses are ambiguous
 
 
 def _frame(x_axis: Array, z_axis: Array) -> Array:
@@ -97,31 +97,33 @@ class Layout:
 
     base_from_camera: Pose = field(default_factory=_base_from_camera)
     optics: Optics = field(default_factory=_optics)
-    tag_a: TagSpec = field(default_factory=lambda: TagSpec("36h11", 0, 25.0))
-    tag_b: TagSpec = field(default_factory=lambda: TagSpec("36h11", 1, 25.0))
+    tag_a: TagSpec = field(default_factory=lambda: TagSpec("36h11", 0, 25.0))  # edge: 270 px
+    tag_b: TagSpec = field(default_factory=lambda: TagSpec("36h11", 1, 25.0))  # edge: 270 px
     wrist_from_tag_a: Pose = field(default_factory=_wrist_from_tag_a)
-    object_from_tag_b: Pose = field(
+    object_from_tag_b: Pose = field(  # on the disc, a little off as mounted things are
         default_factory=lambda: Pose(
             _frame(np.array([0.03, 1.0, 0.0]), np.array([0.004, -0.003, -1.0])),
             np.array([50.6, 0.7, 0.4]),
         )
     )
-    tcp_in_wrist: Array = field(default_factory=lambda: frozen_array((2.41, -1.68, 148.57), 3))
+    tcp_in_wrist: Array = field(  # a pin of 150 mm, a little off the axis
+        default_factory=lambda: frozen_array((2.41, -1.68, 148.57), 3)
+    )
     tool_axis_in_wrist: Array = field(default_factory=lambda: frozen_array((0, 0, 1), 3))
-    base_from_table: Pose = field(
+    base_from_table: Pose = field(  # in front of the foot, a little oblique
         default_factory=lambda: Pose.from_rotvec((0.002, -0.003, 0.0), (450.0, 0.0, 60.0))
     )
     targets: Mapping[str, Target] = field(default_factory=_targets)
-    fixed_point_in_base: Array = field(
+    fixed_point_in_base: Array = field(  # beside the disc, in view
         default_factory=lambda: frozen_array((448.0, 118.0, 82.0), 3)
     )
-    base_from_wrist_home: Pose = field(
+    base_from_wrist_home: Pose = field(  # aside, above the table
         default_factory=lambda: Pose(np.diag([1.0, -1.0, -1.0]), np.array([400.0, -120.0, 300.0]))
     )
-    wrist_from_pendant_tcp: Pose = field(
+    wrist_from_pendant_tcp: Pose = field(  # wrong by some 30 mm: nothing may rest on it
         default_factory=lambda: Pose.from_rotvec((0.0, 0.0, 0.35), (4.0, 1.5, 121.0))
     )
-    workspace_mm: Array = field(
+    workspace_mm: Array = field(  # holds all poses of the operator
         default_factory=lambda: frozen_array(((300, -200, 140), (600, 240, 420)), 2, 3)
     )
 

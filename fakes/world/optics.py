@@ -20,7 +20,7 @@ class Optics:
     size_px: tuple[int, int]
     focus_mm: float
     aperture_mm: float
-    psf_px: float = 0.7
+    psf_px: float = 0.7  # a sharp lens: an edge takes two pixels
 
     def distort(self, rays: Array) -> Array:
         """Distort normalised image coordinates (..., 2) (Brown-Conrady, OpenCV order)."""

@@ -23,8 +23,8 @@ from vgrd.model import (
     frozen_array,
 )
 
-TAG_A = TagSpec("36h11", 0, 25.0)
-TAG_B = TagSpec("36h11", 1, 25.0)
+TAG_A = TagSpec("36h11", 0, 25.0)  # any
+TAG_B = TagSpec("36h11", 1, 25.0)  # any other
 
 
 class Samples:
@@ -62,7 +62,13 @@ class Samples:
         """Robot reading at `stamp_s` of the cell clock."""
         return FlangeReading(self.pose(), self.pose(), stamp_s, float(self.rng.uniform(0, 1e5)), 5)
 
-    def image(self, stamp_s: float, frame: int, height: int = 60, width: int = 80) -> CameraImage:
+    def image(
+        self,
+        stamp_s: float,
+        frame: int,
+        height: int = 60,  # small, so that a test may draw many
+        width: int = 80,  # idem
+    ) -> CameraImage:
         """Grey noise."""
         pixels = self.rng.integers(0, 256, (height, width), dtype=np.uint8)
         return CameraImage(pixels, stamp_s, frame)

@@ -31,14 +31,14 @@ from vgrd.model import (
     frozen_array,
 )
 
-TAG_A = TagSpec("36h11", 0, 25.0)
-TAG_B = TagSpec("36h11", 1, 25.0)
-WORK_ROTATION = frozen_array(Rotation.from_euler("xyz", [np.pi, 0, 0.3]).as_matrix(), 3, 3)
-TOUCH_SIGMA_MM = 0.233
-_TRUNCATED_SIGMAS = 3.0
+TAG_A = TagSpec("36h11", 0, 25.0)  # as in the fake cell
+TAG_B = TagSpec("36h11", 1, 25.0)  # as in the fake cell
+WORK_ROTATION = frozen_array(Rotation.from_euler("xyz", [np.pi, 0, 0.3]).as_matrix(), 3, 3)  # down
+TOUCH_SIGMA_MM = 0.233  # the paper's, experiment B
+_TRUNCATED_SIGMAS = 3.0  # the paper cuts them at 0.7 mm
 _LEFT_OF_SIGMA = 0.98658  # standard deviation of a normal variable cut there
-_SECONDS_PER_SAMPLE = 5.0
-_K = ((6486.0, 0.0, 2012.0), (0.0, 6486.0, 1518.0), (0.0, 0.0, 1.0))
+_SECONDS_PER_SAMPLE = 5.0  # any: stamps only have to differ
+_K = ((6486.0, 0.0, 2012.0), (0.0, 6486.0, 1518.0), (0.0, 0.0, 1.0))  # 12 mm on 1.85 um pixels
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -68,19 +68,19 @@ class Simulation:
     None for one whose touching tip works.
     """
 
-    base_from_camera = Pose(
+    base_from_camera = Pose(  # 700 mm up, looks down obliquely
         Rotation.from_euler("xyz", [np.pi, 0.1, 0.2]).as_matrix(), np.array([350.0, 0, 700])
     )
-    wrist_from_tag_a = Pose(
+    wrist_from_tag_a = Pose(  # beside the tool, faces the camera
         Rotation.from_euler("xyz", [np.pi, 0.05, -0.1]).as_matrix(), np.array([60.0, 20, 30])
     )
-    object_from_tag_b = Pose(
+    object_from_tag_b = Pose(  # off the centre, turned and tilted: no number is special
         Rotation.from_euler("xyz", [0.02, -0.01, 0.7]).as_matrix(), np.array([30.0, 40, 10])
     )
-    tcp_in_wrist = frozen_array((5, -8, 120), 3)
-    center_in_base = frozen_array((350, 0, 50), 3)
-    fixed_point_in_base = frozen_array((400, 100, 60), 3)
-    standing = Pose(WORK_ROTATION, np.array([300.0, 60, 300]))
+    tcp_in_wrist = frozen_array((5, -8, 120), 3)  # a tool of 120 mm, a little off the axis
+    center_in_base = frozen_array((350, 0, 50), 3)  # below the camera
+    fixed_point_in_base = frozen_array((400, 100, 60), 3)  # beside the object, within reach
+    standing = Pose(WORK_ROTATION, np.array([300.0, 60, 300]))  # aside
 
     def __init__(
         self,
@@ -161,14 +161,20 @@ class Simulation:
         point = self.point(target, angle_rad)
         return self._touch(target, point, R, angle_rad, tag_a=tag_a)
 
-    def points(self, count: int, spread_rad: float = np.radians(25)) -> tuple[Touch, ...]:
+    def points(
+        self, count: int, spread_rad: float = np.radians(25)
+    ) -> tuple[Touch, ...]:  # as TILT_RAD of the studies
         """Touches of one fixed point with varied wrists, no picture."""
         return tuple(
             self._touch("spike", self.fixed_point_in_base, self.wrist(spread_rad), None)
             for _ in range(count)
         )
 
-    def holes(self, spins: Sequence[int | None], sigma_px: float = 0.1) -> tuple[Hole, ...]:
+    def holes(
+        self,
+        spins: Sequence[int | None],
+        sigma_px: float = 0.1,  # a guess: 0.01 mm, as of a hole with a sharp rim
+    ) -> tuple[Hole, ...]:
         """All holes as the camera sees them, object as in each spin (of 1.6 pi over 10) or still."""
         K = np.array(_K)
         out = []
@@ -183,8 +189,8 @@ class Simulation:
     def record(
         self,
         *,
-        looks: int = 8,
-        spins: int = 10,
+        looks: int = 8,  # as the paper's operator
+        spins: int = 10,  # idem
         wrists: Sequence[Array] | None = None,
         names: Sequence[str] | None = None,
         points: int = 0,

@@ -13,10 +13,10 @@ from vgrd.geometry import Array, Pose
 
 TAG_NAMES: tuple[TagName, TagName] = ("a", "b")
 PLATE_CELLS = 10  # printed square of 8 cells and a white border of one cell around it
-_STEEPEST_RAD = np.radians(75)
-_BLURRED_PX = 12.0
-_ELBOW_IN_BASE = np.array([60.0, 0.0, 640.0])
-_SPHERES = 25
+_STEEPEST_RAD = np.radians(75)  # a guess: beyond 70, where the coach stops (_INCIDENCE)
+_BLURRED_PX = 12.0  # a guess: a third of a tag's cell (34 px)
+_ELBOW_IN_BASE = np.array([60.0, 0.0, 640.0])  # above the foot, as the arm stands in the drawing
+_SPHERES = 25  # along a body: nearer to each other than they are thick
 
 
 @dataclass(frozen=True, slots=True, eq=False)

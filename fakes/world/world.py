@@ -32,10 +32,10 @@ class CellNoise:
     of a reported position.
     """
 
-    touch_sigma_mm: float = 0.233
-    touch_limit_mm: float = 0.7
-    repeatability_mm: float = 0.03
-    field_mm: float = 0.2
+    touch_sigma_mm: float = 0.233  # the paper's, experiment B
+    touch_limit_mm: float = 0.7  # idem: three sigmas
+    repeatability_mm: float = 0.03  # as UR states for the UR5e
+    field_mm: float = 0.2  # a guess: an arm that was calibrated at the factory
     reading_mm: float = 0.0
 
     @classmethod
@@ -110,7 +110,7 @@ class World:
         seed: int,
         noise: CellNoise | None = None,
         *,
-        speed_mm_s: float = 250.0,
+        speed_mm_s: float = 250.0,  # the most while teaching by hand (ISO 10218-1)
         turn_rad_s: float = 1.0,
     ) -> None:
         noise = noise or CellNoise()
