@@ -1,7 +1,7 @@
 """Runs the benchmarks: `python -m tests.benchmarks [NAME ...]`.
 
-Every module bench_*.py in this folder has `rows()`, which returns or yields rows. Each runs in a process
-of its own and shows its rows as they come; build/bench.json is written with every row. Exit code 1
+Every module bench_*.py in the rooms of this folder has `rows()`, which returns or yields rows. Each runs in
+a process of its own and shows its rows as they come; build/bench.json is written with every row. Exit code 1
 when a bar is not cleared or a module failed.
 """
 
@@ -25,8 +25,8 @@ TIMEOUT_S = (
 
 
 def chosen(folder: Path, names: Sequence[str]) -> list[Path]:
-    """The modules of a folder whose file name holds one of `names`; all without names."""
-    paths = sorted(folder.glob("bench_*.py"))
+    """The modules of a folder and its rooms whose file name holds one of `names`; all without names."""
+    paths = sorted(folder.rglob("bench_*.py"), key=lambda path: path.stem)
     return [path for path in paths if not names or any(name in path.stem for name in names)]
 
 
@@ -34,8 +34,13 @@ def rows_of(paths: Iterable[Path], timeout_s: float, console: Console) -> Iterab
     """Rows of modules one after the other; says which one runs."""
     for path in paths:
         console.print(f"{path.stem} ...", style="dim")
-        package = "tests.benchmarks." if path.parent == HERE else ""
-        yield from measure(f"{package}{path.stem}", str(path.parent), timeout_s)
+        yield from measure(name_of(path), str(path.parent), timeout_s)
+
+
+def name_of(path: Path) -> str:
+    """Dotted name of one of our modules; the bare one of a module of elsewhere."""
+    ours = path.is_relative_to(HERE)
+    return ".".join(path.relative_to(ROOT).with_suffix("").parts) if ours else path.stem
 
 
 def table_of(rows: Sequence[Row]) -> Table:

@@ -18,7 +18,7 @@ from fakes.camera.patterns import tag_pattern
 from fakes.camera.pictures import Placed, draw
 from tests.benchmarks.harness import Row, ratio_of
 from tests.benchmarks.peers import Peer, PeerLost
-from tests.benchmarks.vision_truth import NARROW, measured, random_pose, rms, shot
+from tests.benchmarks.vision.vision_truth import NARROW, measured, random_pose, rms, shot
 from vgrd.geometry import Array, Pose
 from vgrd.geometry.camera import CameraModel
 from vgrd.model import TagSpec

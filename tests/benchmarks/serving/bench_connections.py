@@ -23,7 +23,7 @@ BAR_MS = 100.0
 @contextlib.contextmanager
 def our_server() -> Iterator[int]:
     """Start our server; yields its port."""
-    argv = [sys.executable, "-m", "tests.benchmarks.modbus_servers", "ours"]
+    argv = [sys.executable, "-m", "tests.benchmarks.serving.modbus_servers", "ours"]
     with subprocess.Popen(dying_with_us(argv), stdout=subprocess.PIPE, text=True) as process:
         try:
             assert process.stdout is not None

@@ -21,7 +21,7 @@ ANSWER_BYTES = 9 + 2 * 68
 @contextlib.contextmanager
 def server(name: str) -> Iterator[RawModbus]:
     """Start one of the servers and connect to it."""
-    argv = [sys.executable, "-m", "tests.benchmarks.modbus_servers", name]
+    argv = [sys.executable, "-m", "tests.benchmarks.serving.modbus_servers", name]
     process = subprocess.Popen(dying_with_us(argv), stdout=subprocess.PIPE, text=True)
     try:
         assert process.stdout is not None

@@ -14,7 +14,7 @@ from fakes.camera.patterns import Figure, charuco_pattern, grid_pattern, tag_pat
 from fakes.camera.pictures import Band, Look, Spot
 from fakes.world.optics import Optics
 from tests.benchmarks.harness import Row
-from tests.benchmarks.vision_truth import (
+from tests.benchmarks.vision.vision_truth import (
     NARROW,
     WIDE,
     corner_bound,
