@@ -1,0 +1,72 @@
+"""The Modbus server in a thread of its own, and sockets that talk to it."""
+
+import asyncio
+import contextlib
+import socket
+import threading
+
+from fakes.controllers.raw_modbus import RawModbus
+from vgrd.clock import SystemClock
+from vgrd.gate.image_feed import ImageFeed
+from vgrd.gate.modbus import ConnectionLimits, ModbusServer
+from vgrd.gate.register_bank import RegisterBank
+
+LIMITS = ConnectionLimits(
+    allow=("127.0.0.0/30",), connections_per_peer=4, idle_s=0.6, partial_s=0.2, silent_s=0.2
+)
+
+
+class ServerThread:
+    """The server with a desk behind it, in an event loop of its own."""
+
+    def __init__(self, runtime_dir, limits=LIMITS):
+        clock = SystemClock()
+        feed = ImageFeed(runtime_dir, clock)
+        self.bank = RegisterBank(
+            feed, clock, deadline_s=0.25, forward=lambda _: True, abort=lambda: None
+        )
+        self.server = ModbusServer(self.bank, clock, limits)
+        self.loop = asyncio.new_event_loop()
+        self.port = self.loop.run_until_complete(self.server.listen("127.0.0.1", 0))
+        self.sweep()
+        self.thread = threading.Thread(target=self.loop.run_forever)
+
+    def sweep(self):
+        """As the gate does."""
+        self.server.sweep()
+        self.loop.call_later(0.05, self.sweep)
+
+    def __enter__(self):
+        self.thread.start()
+        return self
+
+    def __exit__(self, *_):
+        self.loop.call_soon_threadsafe(self.server.close)
+        self.loop.call_soon_threadsafe(self.loop.call_later, 0.02, self.loop.stop)
+        self.thread.join()
+        self.loop.close()
+
+    def client(self, **more) -> RawModbus:
+        """Connect."""
+        return RawModbus("127.0.0.1", self.port, **more)
+
+
+def is_closed(client: RawModbus, within_s: float = 3.0) -> bool:
+    """Whether the server closes the connection without another word."""
+    client.socket.settimeout(within_s)
+    try:
+        return client.socket.recv(100) == b""
+    except ConnectionResetError:
+        return True
+    except TimeoutError:
+        return False
+
+
+def connect_from(host: str, port: int) -> socket.socket:
+    """Connect from another address of this machine."""
+    link = socket.socket()
+    link.settimeout(5)
+    link.bind((host, 0))
+    with contextlib.suppress(ConnectionResetError):
+        link.connect(("127.0.0.1", port))
+    return link
