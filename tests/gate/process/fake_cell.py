@@ -1,6 +1,6 @@
 """A cell process that answers at once with a made-up coordinate; the POINT asked for makes it fail.
 
-`python fake_cell.py RUNTIME_DIR`. Not a test: test_gate.py starts it under the gate.
+`python fake_cell.py RUNTIME_DIR`. Not a test: gate_process.py has it started by the gate.
 """
 
 import ctypes
