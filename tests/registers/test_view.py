@@ -1,8 +1,8 @@
-import json
+"""What the registers show of the cell's image: a pose or sentinels, in every encoding, for the one who asked."""
+
 import math
 import struct
 from dataclasses import replace
-from pathlib import Path
 
 import pytest
 from hypothesis import assume, given
@@ -11,11 +11,9 @@ from hypothesis import strategies as st
 from vgrd.errors import IpcError
 from vgrd.registers import (
     PACKED_BYTES,
-    REQUEST,
     RESPONSE,
     Answer,
     Frame,
-    PolicyCode,
     RegisterImage,
     Request,
     RotationCode,
@@ -23,12 +21,9 @@ from vgrd.registers import (
     State,
     Status,
     View,
-    parse_message,
-    request_message,
     view,
 )
-from vgrd.registers.document import document
-from vgrd.registers.layout import Block, Field, crc_of
+from vgrd.registers.layout import crc_of
 
 DEADLINE_S = 0.25
 NOW_S = 1000.0
@@ -364,63 +359,3 @@ def test_what_is_no_image_is_refused():
         RegisterImage.unpack(b"short")
     with pytest.raises(IpcError, match="not a register image"):
         RegisterImage.unpack(b"\xff" * PACKED_BYTES)
-
-
-@given(st.lists(u16, min_size=32, max_size=32))
-def test_a_request_reads_what_was_written(words):
-    registers = struct.pack(">32H", *words)
-    request = Request.parse(registers)
-    fields = REQUEST.decode(registers)
-    assert (request.trig, request.command, request.point) == tuple(words[:3])
-    assert request.max_age_s == words[7] / 1000
-    assert request.refuse_if_moving == bool(words[3] & 1)
-    assert request.policy == PolicyCode((words[3] >> 8) & 3)
-    assert fields["CLHB"] == words[22]
-
-
-@pytest.mark.parametrize(
-    ("options", "written", "value"),
-    [(0, 1_000_000, 1.0), (1 << 4, 1_800_000, 180.0), (3 << 4, -900_000, -90.0)],
-)
-def test_the_requested_orientation_is_scaled_by_its_format(options, written, value):
-    fields = {field.name: 0 for field in REQUEST.fields} | {"OPT": options, "ORI_RX": written}
-    request = Request.parse(REQUEST.encode(fields))
-    assert request.request_orientation[0] == pytest.approx(value)
-
-
-@given(st.binary(min_size=64, max_size=64), st.integers(0, 2**64 - 1), st.booleans())
-def test_a_request_goes_over_the_link_with_its_nonce(registers, nonce, written):
-    request = Request.parse(registers, nonce, orientation_written=written)
-    assert parse_message(json.loads(json.dumps(request_message(request)))) == request
-
-
-@pytest.mark.parametrize(
-    "message",
-    [
-        {},
-        {"nonce": 1, "orientation_written": True, "registers": "zz"},
-        {"nonce": 1, "orientation_written": True, "registers": "00"},
-        {"nonce": "1", "orientation_written": True, "registers": "00" * 64},
-        {"nonce": 1, "orientation_written": 1, "registers": "00" * 64},
-        {"nonce": 1, "registers": "00" * 64},
-    ],
-)
-def test_what_is_no_request_of_the_gate_is_refused(message):
-    with pytest.raises(IpcError, match="not a request"):
-        parse_message(message)
-
-
-def test_an_unknown_rotation_format_is_none():
-    assert Request.parse(struct.pack(">4H", 1, 1, 1, 7 << 4) + bytes(56)).rotation_format is None
-
-
-def test_fields_that_overlap_are_refused():
-    with pytest.raises(ValueError, match="overlaps"):
-        Block(0, 4, [Field("A", 0, "u32", ""), Field("B", 1, "u16", "")])
-
-
-def test_the_documentation_of_the_registers_is_up_to_date():
-    path = Path(__file__).parents[2] / "docs" / "registers.md"
-    assert path.read_text() == document(), (
-        "run: python -m vgrd.registers.document docs/registers.md"
-    )
