@@ -92,5 +92,5 @@ def _taught(calibration: Calibration, target_name: str) -> TaughtPoint:
     try:
         return calibration.taught[target_name]
     except KeyError:
-        known = ", ".join(sorted(calibration.taught))
-        raise InputError(f"target {target_name!r} was not taught; there are: {known}") from None
+        names = ", ".join(sorted(calibration.taught))
+        raise InputError(f"target {target_name!r} was not taught; there are: {names}") from None

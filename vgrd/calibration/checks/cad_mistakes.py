@@ -81,10 +81,10 @@ class ConstantWrist:
         """Infinite where the points determine nothing."""
         degrees_of_freedom = self.touches.equations() - 6
         try:
-            off = fit_cad(points, self.touches).residuals_mm
+            residuals_mm = fit_cad(points, self.touches).residuals_mm
         except CalibrationError:
             return float("inf")
-        whitened = np.einsum("mij,mj->mi", self.touches.base_sqrt_informations(), off)
+        whitened = np.einsum("mij,mj->mi", self.touches.base_sqrt_informations(), residuals_mm)
         return (
             float(np.sqrt(np.sum(whitened**2) / degrees_of_freedom))
             if degrees_of_freedom > 0
@@ -106,10 +106,13 @@ def misinterpretation(
     places: (m,) where each touch's target stands in the list; None: listed as first touched.
     """
     readings = sorted(
-        _readings(names, points_in_object, places), key=lambda one: wrists.closed_form(one.points)
+        _readings(names, points_in_object, places),
+        key=lambda reading: wrists.closed_form(reading.points),
     )
-    tried = [(wrists.scatter(one.points), one.finding) for one in readings[:_PROMISING]]
-    tried.sort(key=lambda one: one[0])
+    tried = [
+        (wrists.scatter(reading.points), reading.finding) for reading in readings[:_PROMISING]
+    ]
+    tried.sort(key=lambda pair: pair[0])
     if not tried or not tried[0][0] < min(_FITS, _CLEARLY_BETTER * scale):
         return None
     if len(tried) > 1 and tried[0][0] > _RIVAL * tried[1][0]:
@@ -130,11 +133,11 @@ def _readings(
         points * (1, 1, -1),
     )
     yield from _other_orders(points, places)
-    distinct, which = np.unique(points, axis=0, return_inverse=True)
-    which = which.ravel()
+    distinct, inverse = np.unique(points, axis=0, return_inverse=True)
+    inverse = inverse.ravel()
     for a, b in combinations(range(len(distinct)), 2):
-        swapped = np.where(which == a, b, np.where(which == b, a, which))
-        touched = sorted(np.flatnonzero(which == k).tolist() for k in (a, b))
+        swapped = np.where(inverse == a, b, np.where(inverse == b, a, inverse))
+        touched = sorted(np.flatnonzero(inverse == k).tolist() for k in (a, b))
         first, second = (", ".join(repr(names[i]) for i in rows) for rows in touched)
         yield _Reading(
             finding(
@@ -149,10 +152,10 @@ def _readings(
 
 def _other_orders(points: Array, places: Sequence[int] | None) -> Iterator[_Reading]:
     """The list of targets, each named once, backwards or begun elsewhere."""
-    _, first, which = np.unique(points, axis=0, return_index=True, return_inverse=True)
-    by_list = np.argsort(first if places is None else np.asarray(places)[first])
-    place = np.argsort(by_list)[which.ravel()]
-    listed, m = points[first[by_list]], len(first)
+    _, first, inverse = np.unique(points, axis=0, return_index=True, return_inverse=True)
+    list_order = np.argsort(first if places is None else np.asarray(places)[first])
+    place = np.argsort(list_order)[inverse.ravel()]
+    listed, m = points[first[list_order]], len(first)
     for backwards in (False, True):
         for shift in range(m):
             order = np.roll(np.arange(m)[:: -1 if backwards else 1], -shift)

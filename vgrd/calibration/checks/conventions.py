@@ -91,9 +91,9 @@ def explain(
         other_readings(flange_motions, cameras, deg=deg, read_as=read_as),
         degrees_as_radians(flange_motions, cameras, mm=mm),
     ):
-        found = best_of(list(readings), fit, deg=deg, mm=mm)
-        if found:
-            return found
+        fitting = best_of(list(readings), fit, deg=deg, mm=mm)
+        if fitting:
+            return fitting
     return []
 
 
@@ -150,8 +150,10 @@ def _unit_finding(
 def _finding(fitting: Sequence[Fitted], stated: Agreement, recording: Recording) -> Finding:
     """Name the likeliest reading and those that fit as well."""
     best = fitting[0]
-    simplest = [one for one in fitting if one.reading.faults == best.reading.faults]
-    words = list(dict.fromkeys(_words(one.reading, recording) for one in simplest))
+    simplest = [
+        candidate for candidate in fitting if candidate.reading.faults == best.reading.faults
+    ]
+    words = list(dict.fromkeys(_words(candidate.reading, recording) for candidate in simplest))
     unit = mistaken_unit(best.fit)
     also = f" and lengths are {unit}" if unit else ""
     message = (
@@ -200,10 +202,10 @@ def _camera_moves(recording: Recording) -> bool | None:
     if len(pairs) < 2:
         return None
     wrists, tags = (Poses.of([pair[k] for pair in pairs]) for k in (0, 1))
-    went = float(np.ptp(wrists.translations, axis=0).max())
-    shift = float(np.ptp(tags.translations, axis=0).max())
-    turned = np.max([pairs[0][0].distance(wrist)[1] for wrist, _ in pairs])
-    if went < _SHIFTED_MM and np.degrees(turned) < _TURNED_DEG:
+    travel_mm = float(np.ptp(wrists.translations, axis=0).max())
+    shift_mm = float(np.ptp(tags.translations, axis=0).max())
+    turn_rad = np.max([pairs[0][0].distance(wrist)[1] for wrist, _ in pairs])
+    if travel_mm < _SHIFTED_MM and np.degrees(turn_rad) < _TURNED_DEG:
         return None
-    moved = shift > max(_LEAST_MM, _MOVES_ALONG * went * (went >= _SHIFTED_MM))
-    return bool(moved) == (recording.facts.mount is Mount.EYE_TO_HAND)
+    follows = shift_mm > max(_LEAST_MM, _MOVES_ALONG * travel_mm * (travel_mm >= _SHIFTED_MM))
+    return bool(follows) == (recording.facts.mount is Mount.EYE_TO_HAND)

@@ -38,23 +38,23 @@ def _findings(
     yield from repeated
     late = time_offset(recording)
     mistake = late or misinterpreted_poses(recording, read_as=read_as)
-    moved = moved_object(recording)
+    motion = moved_object(recording)
     if mistake is not None:
         yield mistake
         if mistake.fatal:
             return
-    if moved is not None:
-        yield moved
+    if motion is not None:
+        yield motion
     yield from (
-        finding(one.code, one.sentence, fatal=one.essential)
-        for one in missing_motions(recording, policy)
+        finding(gap.code, gap.sentence, fatal=gap.essential)
+        for gap in missing_motions(recording, policy)
     )
     samples = hand_eye_samples(recording)
-    turned = turned_axes([s.base_from_wrist.rotation for s in samples] or [np.eye(3)])[0]
-    if turned is Axes.MANY:
+    axes = turned_axes([s.base_from_wrist.rotation for s in samples] or [np.eye(3)])[0]
+    if axes is Axes.MANY:
         size = tag_size(samples, recording)
         if size is not None:
             yield size
-    points = None if moved is not None else misinterpreted_points(recording)
+    points = None if motion is not None else misinterpreted_points(recording)
     if points is not None:
         yield points

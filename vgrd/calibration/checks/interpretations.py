@@ -68,8 +68,8 @@ def other_readings(
     Only those under which robot and target turn by the same angles, median within `deg`.
     read_as: the format the poses were read in; None where that is not known.
     """
-    turned = Turns(cameras.rotations)
-    if turned.off_deg(poses.rotations) <= deg:
+    turns = Turns(cameras.rotations)
+    if turns.off_deg(poses.rotations) <= deg:
         yield Interpretation(poses.inverted(), inverted=True)
     few = np.unique(np.linspace(0, len(poses) - 1, _SIFTED).astype(int))
     sieve = Turns(cameras.rotations[few])
@@ -81,8 +81,8 @@ def other_readings(
         sifted = sieve.chosen(reread_candidates(poses.rotations[few], read, meant))
         if not any(sieve.off_deg(R) <= _LOOSE * deg for R in sifted):
             continue
-        for R in turned.chosen(reread_candidates(poses.rotations, read, meant)):
-            if turned.off_deg(R) <= deg:
+        for R in turns.chosen(reread_candidates(poses.rotations, read, meant)):
+            if turns.off_deg(R) <= deg:
                 again = Poses(R, poses.translations)
                 yield Interpretation(again, read, meant)
                 yield Interpretation(again.inverted(), read, meant, inverted=True)
@@ -91,9 +91,9 @@ def other_readings(
 class Turns:
     """By which angles the target turned between the pictures (n, 3, 3)."""
 
-    def __init__(self, seen: Array) -> None:
-        self._seen = seen
-        self._steps = _step_angles(seen)
+    def __init__(self, rotations: Array) -> None:
+        self._rotations = rotations
+        self._steps = _step_angles(rotations)
 
     def off_deg(self, rotations: Array) -> float:
         """How far the angles of a robot (n, 3, 3) are off, degrees: median."""
@@ -101,14 +101,14 @@ class Turns:
 
     def chosen(self, candidates: Sequence[Array]) -> Iterator[Array]:
         """Rotations (n, 3, 3), of the candidates (k, 3, 3) of each pose those that turn alike."""
-        if not all(len(one) for one in candidates):
+        if not all(len(rotations) for rotations in candidates):
             return
-        angles = _angles(self._seen @ self._seen[0].T)
+        angles = _angles(self._rotations @ self._rotations[0].T)
         for first in candidates[0]:
             yield np.array(
                 [
-                    some[np.argmin(np.abs(_angles(some @ first.T) - angle))]
-                    for some, angle in zip(candidates, angles, strict=True)
+                    rotations[np.argmin(np.abs(_angles(rotations @ first.T) - angle))]
+                    for rotations, angle in zip(candidates, angles, strict=True)
                 ]
             )
 
@@ -126,14 +126,14 @@ def _angles(R: Array) -> Array:
 
 def reread_candidates(rotations: Array, read: Format, meant: Format) -> list[Array]:
     """For each rotation the (k, 3, 3) that `meant` makes of the numbers it may have been written as."""
-    out = []
+    candidates = []
     for R in rotations:
         numbers = _all_numbers(rotation_to(R, read), read)
         try:
-            out.append(np.array([rotation_from(one, meant) for one in numbers]))
+            candidates.append(np.array([rotation_from(values, meant) for values in numbers]))
         except InputError:
-            out.append(np.zeros((0, 3, 3)))
-    return out
+            candidates.append(np.zeros((0, 3, 3)))
+    return candidates
 
 
 def _all_numbers(numbers: Array, fmt: Format) -> list[Array]:
@@ -169,16 +169,20 @@ def best_of(
     Those that agree about as well as the best one follow it, fewer mistakes first.
     """
     fitted = [Fitted(reading, fit(reading.poses)) for reading in readings]
-    good = [one for one in fitted if one.fit.within(deg, mm) and one.fit.millimetres > 0]
+    good = [
+        candidate
+        for candidate in fitted
+        if candidate.fit.within(deg, mm) and candidate.fit.millimetres > 0
+    ]
     if not good:
         return []
 
-    def off(one: Fitted) -> float:
-        return one.fit.deg / deg + one.fit.mm / mm
+    def misfit(candidate: Fitted) -> float:
+        return candidate.fit.deg / deg + candidate.fit.mm / mm
 
-    limit = _ALIKE * min(off(one) for one in good)
-    alike = [one for one in good if off(one) <= limit]
-    return sorted(alike, key=lambda one: (one.reading.faults, off(one)))
+    limit = _ALIKE * min(misfit(candidate) for candidate in good)
+    alike = [candidate for candidate in good if misfit(candidate) <= limit]
+    return sorted(alike, key=lambda candidate: (candidate.reading.faults, misfit(candidate)))
 
 
 def degrees_as_radians(poses: Poses, cameras: Poses, *, mm: float) -> Iterator[Interpretation]:
@@ -190,22 +194,23 @@ def degrees_as_radians(poses: Poses, cameras: Poses, *, mm: float) -> Iterator[I
     """
     if len(poses) < _CHECKED:
         return
-    R_X, _, off = from_positions(poses.translations, cameras)
-    if off > mm:
+    R_X, _, median_mm = from_positions(poses.translations, cameras)
+    if median_mm > mm:
         return
-    turned = R_X @ cameras.rotations
+    rotations = R_X @ cameras.rotations
     for read, meant in _DEGREES_OF.items():
         first = _unwound(poses.rotations[0], read)
-        constant = turned[0].T @ _matrices(first, meant)
+        constant = rotations[0].T @ _matrices(first, meant)
         for i in range(1, _CHECKED):
-            again = _matrices(_numbers(turned[i] @ constant, meant), read)
-            off_rad = _angles(again @ poses.rotations[i].T)
-            constant, off_rad = constant[off_rad < _CLOSE_RAD], off_rad[off_rad < _CLOSE_RAD]
+            again = _matrices(_numbers(rotations[i] @ constant, meant), read)
+            residuals_rad = _angles(again @ poses.rotations[i].T)
+            is_close = residuals_rad < _CLOSE_RAD
+            constant, residuals_rad = constant[is_close], residuals_rad[is_close]
             if not len(constant):
                 break
         else:
-            best = constant[np.argmin(off_rad)]
-            yield Interpretation(Poses(turned @ best, poses.translations), read, meant)
+            best = constant[np.argmin(residuals_rad)]
+            yield Interpretation(Poses(rotations @ best, poses.translations), read, meant)
 
 
 def _unwound(rotation: Array, read: Format) -> Array:
@@ -215,15 +220,15 @@ def _unwound(rotation: Array, read: Format) -> Array:
     if read is Format.ROTVEC:
         angle = max(float(np.linalg.norm(numbers)), 1e-12)
         lengths = angle + turns
-        kept = lengths[np.abs(lengths) <= _MOST_DEG]
-        return np.asarray(kept[:, None] * numbers / angle)
+        lengths = lengths[np.abs(lengths) <= _MOST_DEG]
+        return np.asarray(lengths[:, None] * numbers / angle)
     x, y, z = numbers
-    out = []
+    vectors = []
     for a, b, c in ((x, y, z), (x + np.pi, np.pi - y, z + np.pi)):
         sides = [a + turns, b + turns, c + turns]
         sides = [s[np.abs(s) <= most] for s, most in zip(sides, (180.0, 90.0, 180.0), strict=True)]
-        out.append(np.stack(np.meshgrid(*sides, indexing="ij"), axis=-1).reshape(-1, 3))
-    return np.concatenate(out)
+        vectors.append(np.stack(np.meshgrid(*sides, indexing="ij"), axis=-1).reshape(-1, 3))
+    return np.concatenate(vectors)
 
 
 def _matrices(numbers: Array, fmt: Format) -> Array:
@@ -236,7 +241,7 @@ def _matrices(numbers: Array, fmt: Format) -> Array:
 
 def _numbers(rotations: Array, fmt: Format) -> Array:
     """The numbers (k, 3) of many rotations in a format of degrees."""
-    turned = Rotation.from_matrix(rotations)
+    rotation = Rotation.from_matrix(rotations)
     if fmt is Format.ROTVEC_DEG:
-        return turned.as_rotvec(degrees=True)
-    return turned.as_euler("xyz", degrees=True)
+        return rotation.as_rotvec(degrees=True)
+    return rotation.as_euler("xyz", degrees=True)

@@ -58,11 +58,11 @@ def rival_names(recording: Recording) -> str:
             f"touch {_MIN_TOUCHES} or more"
         )
     targets = recording.facts.object.targets
-    at = {name: np.asarray(targets[name].point_in_object) for name in targets}
+    cad = {name: np.asarray(targets[name].point_in_object) for name in targets}
     arrays = arm_touches(touches, recording)
     least = _SHOWS**2 * max(arrays.equations() - _unknowns(recording), 1)
-    for mistake, meant in _mistakes(names, sorted(targets)):
-        points: Array = np.array([at[name] for name in meant])
+    for mistake, other_names in _mistakes(names, sorted(targets)):
+        points: Array = np.array([cad[name] for name in other_names])
         if not lowest_cost(reduced_cost(points, arrays)) > least:
             return f"the touches would not show it if {mistake}: touch another target"
     return ""
@@ -77,10 +77,10 @@ def _unknowns(recording: Recording) -> int:
 def _mistakes(names: list[str], targets: list[str]) -> Iterator[tuple[str, list[str]]]:
     """Every single mistake in words, and the names as they would have been meant."""
     for a, b in combinations(sorted(set(names)), 2):
-        meant = [{a: b, b: a}.get(name, name) for name in names]
-        yield f"{a} and {b} were exchanged", meant
+        other_names = [{a: b, b: a}.get(name, name) for name in names]
+        yield f"{a} and {b} were exchanged", other_names
     for i, name in enumerate(names):
         for other in targets:
             if other != name:
-                meant = [*names[:i], other, *names[i + 1 :]]
-                yield f"touch {i + 1} was of {other}, not of {name}", meant
+                other_names = [*names[:i], other, *names[i + 1 :]]
+                yield f"touch {i + 1} was of {other}, not of {name}", other_names

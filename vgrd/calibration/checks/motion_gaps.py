@@ -26,8 +26,8 @@ _WEAK_TURN_RAD = np.radians(3.0)  # rms: an arc of 10 degrees about the second a
 
 def missing_motion(recording: Recording, policy: Policy = Policy.FIXED) -> MissingMotion | None:
     """The most urgent motion or sample that is missing; None when the plan can be solved."""
-    every = missing_motions(recording, policy)
-    return min(every, key=lambda one: not one.essential, default=None)
+    gaps = missing_motions(recording, policy)
+    return min(gaps, key=lambda gap: not gap.essential, default=None)
 
 
 def missing_motions(
@@ -62,14 +62,14 @@ def _hand_eye(recording: Recording) -> Iterator[MissingMotion]:
         return
     target = _tag_a_in_wrist(recording, samples)
     pose, how = tilted(wrists[-1], target, None if count is Axes.NONE else axis)
-    so_far = {
+    status = {
         Axes.NONE: "the wrist kept its orientation in all looks",
         Axes.ONE: f"the wrist turned about one axis only, {direction(axis)} of the base",
         Axes.MANY: f"the wrist hardly turned about a second axis beside {direction(axis)}",
     }[count]
     yield MissingMotion(
         "hand_eye_motion",
-        f"hand-eye: {so_far}, {min(rank, 12)} of 12 unknowns are determined: {how}, keep tag A "
+        f"hand-eye: {status}, {min(rank, 12)} of 12 unknowns are determined: {how}, keep tag A "
         "where it is, and look again",
         rank=rank,
         unknowns=12,
@@ -100,7 +100,7 @@ def _spins(recording: Recording) -> Iterator[MissingMotion]:
         or recording.plan is Plan.CONVENTIONAL
     ):
         return
-    tags = [seen.tag_b.camera_from_tag for seen in recording.spins if seen.tag_b]
+    tags = [spin.tag_b.camera_from_tag for spin in recording.spins if spin.tag_b]
     rank = min(len(tags), 2) + 1 if tags else 0
     if len(tags) >= _FEW_POSES:
         try:

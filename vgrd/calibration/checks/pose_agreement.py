@@ -88,23 +88,23 @@ def _rotations(flange_motions: Poses, cameras: Poses) -> tuple[Array, Array, flo
     weights *= np.linalg.norm(beta, axis=1) < _NEAR_HALF_TURN_RAD
     stable = weights
     spread = np.linalg.svd(beta * stable[:, None], compute_uv=False) / np.sqrt(len(beta))
-    by_places = np.zeros((3, 3))
+    place_term = np.zeros((3, 3))
     if spread[1] < _ONE_AXIS_RAD:
         share = _FAINT if spread[0] > _ONE_AXIS_RAD else 1 / _FAINT
         turn = from_positions(flange_motions.translations, cameras)[0]
-        by_places = share * (spread[0] + _LEAST_RAD) ** 2 * turn
+        place_term = share * (spread[0] + _LEAST_RAD) ** 2 * turn
     for _ in range(_ROUNDS):
-        R_X = nearest((alpha * weights[:, None]).T @ beta / len(beta) + by_places)
-        off = np.linalg.norm(alpha - beta @ R_X.T, axis=1)
-        typical = max(float(np.median(off)), _LEAST_RAD)
-        weights = stable / (1 + (off / typical) ** 2)
-    turned = np.swapaxes(M, 1, 2) @ R_X @ C
-    R_Y = nearest(turned.sum(axis=0))
+        R_X = nearest((alpha * weights[:, None]).T @ beta / len(beta) + place_term)
+        residuals = np.linalg.norm(alpha - beta @ R_X.T, axis=1)
+        typical = max(float(np.median(residuals)), _LEAST_RAD)
+        weights = stable / (1 + (residuals / typical) ** 2)
+    rotations = np.swapaxes(M, 1, 2) @ R_X @ C
+    R_Y = nearest(rotations.sum(axis=0))
     for _ in range(_ROUNDS):
-        off = np.linalg.norm(log_rotation(turned @ R_Y.T), axis=1)
-        typical = max(float(np.median(off)), _LEAST_RAD)
-        R_Y = nearest((turned / (1 + (off / typical) ** 2)[:, None, None]).sum(axis=0))
-    return R_X, R_Y, float(np.degrees(np.median(off)))
+        residuals = np.linalg.norm(log_rotation(rotations @ R_Y.T), axis=1)
+        typical = max(float(np.median(residuals)), _LEAST_RAD)
+        R_Y = nearest((rotations / (1 + (residuals / typical) ** 2)[:, None, None]).sum(axis=0))
+    return R_X, R_Y, float(np.degrees(np.median(residuals)))
 
 
 def _translations(
@@ -126,11 +126,11 @@ def _translations(
         A = (rows * weights[:, None, None]).reshape(3 * n, -1)
         size = np.maximum(np.linalg.norm(A, axis=0), _NO_MOTION_MM)
         x = np.linalg.lstsq(A / size, (right * weights[:, None]).ravel(), rcond=1e-9)[0] / size
-        off = np.linalg.norm(rows @ x - right, axis=1)
-        typical = max(float(np.median(off)), _LEAST_MM)
-        weights = 1 / np.sqrt(1 + (off / typical) ** 2)
+        residuals = np.linalg.norm(rows @ x - right, axis=1)
+        typical = max(float(np.median(residuals)), _LEAST_MM)
+        weights = 1 / np.sqrt(1 + (residuals / typical) ** 2)
     unit = 1.0 if unit_known else float(x[6])
-    return x[3:6], x[:3], unit, float(np.median(off))
+    return x[3:6], x[:3], unit, float(np.median(residuals))
 
 
 def nearest(matrix: Array) -> Array:
@@ -147,11 +147,11 @@ def from_positions(places: Array, cameras: Poses) -> tuple[Array, Array, float]:
     for _ in range(60):
         points = cameras.translations + cameras.rotations @ q
         R_X = nearest((places - places.mean(axis=0)).T @ (points - points.mean(axis=0)))
-        turned = np.concatenate(
+        rows = np.concatenate(
             [cameras.rotations, np.broadcast_to(R_X.T, cameras.rotations.shape)], axis=2
         )
         right = places @ R_X - cameras.translations
-        x = np.linalg.lstsq(turned.reshape(-1, 6), right.ravel(), rcond=1e-9)[0]
+        x = np.linalg.lstsq(rows.reshape(-1, 6), right.ravel(), rcond=1e-9)[0]
         step, q, t_X = float(np.linalg.norm(x[:3] - q)), x[:3], x[3:]
         if step < _LEAST_MM:
             break
@@ -174,8 +174,8 @@ def noise_of(
     place = np.concatenate(
         [np.broadcast_to(np.eye(3), (len(cameras), 3, 3)), -hat(cameras.translations)], axis=2
     )
-    at_target = place @ covariances @ np.swapaxes(place, 1, 2)
-    mm = np.sqrt(np.trace(at_target, axis1=1, axis2=2) / 3)
+    target_covariances = place @ covariances @ np.swapaxes(place, 1, 2)
+    mm = np.sqrt(np.trace(target_covariances, axis1=1, axis2=2) / 3)
     rad = np.sqrt(np.trace(covariances[:, 3:, 3:], axis1=1, axis2=2) / 3)
     return PoseNoise(
         float(np.hypot(np.median(mm), robot_sigma_mm)),

@@ -28,11 +28,11 @@ class MissingMotion:
     essential: bool = True
 
 
-def tilted(pose: Pose, kept_in_wrist: Array, used_axis: Array | None) -> tuple[Pose, str]:
+def tilted(pose: Pose, fixed_point_in_wrist: Array, used_axis: Array | None) -> tuple[Pose, str]:
     """The pose turned about a flange axis across `used_axis` (3,) of the base, a point kept; words."""
     k = 0 if used_axis is None else int(np.argmin(np.abs(pose.rotation.T @ used_axis)))
     R = pose.rotation @ exp_rotation(np.radians(_TILT_DEG) * np.eye(3)[k])
-    t = pose @ kept_in_wrist - R @ kept_in_wrist
+    t = pose @ fixed_point_in_wrist - R @ fixed_point_in_wrist
     return Pose(
         R, t
     ), f"tilt the wrist by about {_TILT_DEG:.0f} degrees about the flange's {_FLANGE[k]}"

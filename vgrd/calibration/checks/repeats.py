@@ -55,10 +55,10 @@ def _repeated_touches(recording: Recording) -> Iterator[Finding]:
 
 def moved_object(recording: Recording) -> Finding | None:
     """Names the touches in which tag B stood elsewhere; None where there are none."""
-    moved = moved_touches(recording.touches)
-    if not moved:
+    indices = moved_touches(recording.touches)
+    if not indices:
         return None
-    names = ", ".join(str(i + 1) for i in moved)
+    names = ", ".join(str(i + 1) for i in indices)
     return finding("object_moved", f"the object stood elsewhere in touch {names}", fatal=True)
 
 

@@ -61,7 +61,9 @@ def target_scale(samples: Sequence[PoseSample], recording: Recording) -> Measure
     if len(samples) < _MIN_SAMPLES:
         return None
     step = _Step(samples, recording)
-    return step.solve(-np.concatenate([step.seen, np.zeros_like(step.seen)], axis=1), start=1.0)
+    return step.solve(
+        -np.concatenate([step.levers, np.zeros_like(step.levers)], axis=1), start=1.0
+    )
 
 
 def time_offset(recording: Recording) -> Finding | None:
@@ -72,15 +74,15 @@ def time_offset(recording: Recording) -> Finding | None:
     """
     if recording.facts.mount is not Mount.EYE_TO_HAND:
         return None
-    looks = sorted((s for s in recording.looks if s.tag_a), key=lambda seen: seen.stamp_s)
+    looks = sorted((s for s in recording.looks if s.tag_a), key=lambda look: look.stamp_s)
     moving = _twists(looks)
     fast = [k for k, twist in moving.items() if np.linalg.norm(twist[:3]) > _MOVING_MM_S]
     if len(fast) < _MIN_MOVING:
         return None
     samples = [
-        PoseSample("", seen.base_from_wrist, seen.tag_a.camera_from_tag, seen.tag_a.covariance)
-        for seen in looks
-        if seen.tag_a is not None
+        PoseSample("", look.base_from_wrist, look.tag_a.camera_from_tag, look.tag_a.covariance)
+        for look in looks
+        if look.tag_a is not None
     ]
     step = _Step(samples, recording)
     columns = np.zeros((len(looks), 6))
@@ -104,22 +106,22 @@ def _twists(looks: Sequence[Observation]) -> dict[int, Array]:
 
     The first three numbers are of the flange's origin.
     """
-    out = {}
+    twists = {}
     for k in range(1, len(looks) - 1):
-        before, after = looks[k - 1], looks[k + 1]
-        dt = after.stamp_s - before.stamp_s
+        start, end = looks[k - 1], looks[k + 1]
+        dt = end.stamp_s - start.stamp_s
         if not 0 < dt < 2 * _STEP_S:
             continue
-        a, b = before.base_from_wrist, after.base_from_wrist
+        a, b = start.base_from_wrist, end.base_from_wrist
         v = (b.translation - a.translation) / dt
-        out[k] = np.concatenate([v, log_rotation(b.rotation @ a.rotation.T) / dt])
-    return out
+        twists[k] = np.concatenate([v, log_rotation(b.rotation @ a.rotation.T) / dt])
+    return twists
 
 
 class _Step:
     """Rows of `M_i Y = X C_i`, whitened, at the closed form: translation, then rotation.
 
-    Unknowns: left turns of X and Y's rotations, and the two translations; seen: R_X t_C, (n, 3).
+    Unknowns: left turns of X and Y's rotations, and the two translations; levers: R_X t_C, (n, 3).
     """
 
     def __init__(self, samples: Sequence[PoseSample], recording: Recording) -> None:
@@ -128,7 +130,7 @@ class _Step:
         self._moves = wrists if facts.mount is Mount.EYE_TO_HAND else wrists.inverted()
         self._cameras = Poses.of([sample.camera_from_target for sample in samples])
         self._fit = agreement(self._moves, self._cameras, unit_known=True)
-        self.seen = self._cameras.translations @ self._fit.X.rotation.T
+        self.levers = self._cameras.translations @ self._fit.X.rotation.T
         covariances = np.array([sample.covariance for sample in samples])
         self._W = self._whiteners(covariances, max(facts.robot_sigma_mm, _LEAST_SIGMA_MM))
 
@@ -159,11 +161,11 @@ class _Step:
         fit, R_M, n = self._fit, self._moves.rotations, len(self._moves)
         e = np.empty((n, 6))
         e[:, :3] = self._moves.translations + R_M @ fit.Y.translation - fit.X.translation
-        e[:, :3] -= self.seen
+        e[:, :3] -= self.levers
         predicted = fit.X.rotation @ self._cameras.rotations
         e[:, 3:] = log_rotation(R_M @ fit.Y.rotation @ np.swapaxes(predicted, 1, 2))
         J = np.zeros((n, 6, 13))
-        J[:, :3, :3] = hat(self.seen)
+        J[:, :3, :3] = hat(self.levers)
         J[:, :3, 3:6] = -np.eye(3)
         J[:, :3, 9:12] = R_M
         J[:, 3:, :3] = -np.eye(3)
@@ -176,9 +178,9 @@ class _Step:
         J_camera = np.zeros((n, 6, 6))
         J_camera[:, :3, :3] = J_camera[:, 3:, 3:] = R_X
         J_camera[:, :3, 3:] = -R_X @ hat(self._cameras.translations)
-        by_robot = np.zeros((n, 6, 6))
-        by_robot[:, :3, :3] = by_robot[:, 3:, 3:] = np.eye(3)
-        by_robot[:, :3, 3:] = -hat(self._moves.rotations @ self._fit.Y.translation)
+        J_robot = np.zeros((n, 6, 6))
+        J_robot[:, :3, :3] = J_robot[:, 3:, 3:] = np.eye(3)
+        J_robot[:, :3, 3:] = -hat(self._moves.rotations @ self._fit.Y.translation)
         S = np.diag([sigma_mm**2] * 3 + [(sigma_mm / REACH_MM) ** 2] * 3)
         noise = J_camera @ covariances @ np.swapaxes(J_camera, 1, 2)
-        return sqrt_information(noise + by_robot @ S @ np.swapaxes(by_robot, 1, 2))
+        return sqrt_information(noise + J_robot @ S @ np.swapaxes(J_robot, 1, 2))

@@ -51,24 +51,24 @@ def missing_touches(recording: Recording, policy: Policy) -> Iterator[MissingMot
     count, _ = turned_axes([t.base_from_wrist.rotation for t in touches] or [np.eye(3)])
     needed = 4 if recording.plan is Plan.UNIVERSAL or count is not Axes.NONE else _FEW
     points = _points(recording, touches)
-    beside = _beside(recording, points)
+    target = _beside(recording, points)
     if len(touches) < needed:
         yield MissingMotion(
             "few_touches",
-            f"{len(touches)} touches, at least {needed} are needed: touch {beside.name} next",
+            f"{len(touches)} touches, at least {needed} are needed: touch {target.name} next",
             rank=3 * len(touches),
             unknowns=6 if needed == _FEW else 9,
-            target=beside.name,
+            target=target.name,
         )
         return
     if are_in_line(points, LINE):
         yield MissingMotion(
             "targets_in_line",
             "all touched points lie on one line, the object can turn about it: touch "
-            f"{beside.name}, which lies beside it",
+            f"{target.name}, which lies beside it",
             rank=5 if count is Axes.NONE else 8,
             unknowns=6 if count is Axes.NONE else 9,
-            target=beside.name,
+            target=target.name,
         )
     yield from _tilts(recording, policy, points, count)
 
@@ -128,18 +128,18 @@ def _tilt_again(
     """Repeat a touch with the wrist tilted, the tip kept where it is."""
     rotations = [touch.base_from_wrist.rotation for touch in touches]
     count, axis = turned_axes(rotations)
-    tip, known = _tip(recording, touches)
+    tip, is_tip_known = _tip(recording, touches)
     again = touches[0]
     pose, how = tilted(again.base_from_wrist, tip, None if count is Axes.NONE else axis)
-    so_far = (
+    status = (
         "the wrist kept its orientation in all touches"
         if count is Axes.NONE
         else f"the wrist turned only about {direction(axis)} of the base"
     )
-    care = "" if known else " (the tip is not known yet: approach with care)"
+    care = "" if is_tip_known else " (the tip is not known yet: approach with care)"
     return MissingMotion(
         code,
-        f"TCP: {so_far}, {rank} of {unknowns} unknowns are determined: {how} and touch "
+        f"TCP: {status}, {rank} of {unknowns} unknowns are determined: {how} and touch "
         f"{again.target} again{care}",
         rank=rank,
         unknowns=unknowns,

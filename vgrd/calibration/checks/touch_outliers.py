@@ -18,9 +18,9 @@ from vgrd.model import Finding, Recording
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Fitted:
-    """off_mm: (m, 3); the rest as `robust.TouchFit` wants it."""
+    """residuals_mm: (m, 3); the rest as `robust.TouchFit` wants it."""
 
-    off_mm: Array
+    residuals_mm: Array
     whitened: Array
     scores: Array
     degrees_of_freedom: int
@@ -40,7 +40,7 @@ def bad_touches(recording: Recording) -> tuple[Finding, ...]:
     axes = turned_axes([touch.base_from_wrist.rotation for touch in touches])[0]
     solve = _rigid if axes is Axes.NONE else _universal
     fit = fit_without_outliers(lambda w: solve(points, arrays.weighted(w)), len(touches))
-    off = np.linalg.norm(fit.result.off_mm, axis=1)
+    misses_mm = np.linalg.norm(fit.result.residuals_mm, axis=1)
     bad = np.flatnonzero(~fit.used)
     worst = int(np.argmax(fit.scores))
     if not bad.size and fit.scores[worst] > OUTLIER_SIGMA:
@@ -48,8 +48,8 @@ def bad_touches(recording: Recording) -> tuple[Finding, ...]:
     return tuple(
         finding(
             "touch_outlier",
-            f"touch {i + 1} ({touches[i].target}) does not belong to the others: {off[i]:.2f} mm, "
-            f"{fit.scores[i]:.1f} sigma off",
+            f"touch {i + 1} ({touches[i].target}) does not belong to the others: "
+            f"{misses_mm[i]:.2f} mm, {fit.scores[i]:.1f} sigma off",
             fatal=bool(fit.scores[i] > WRONG_SIGMA),
         )
         for i in bad

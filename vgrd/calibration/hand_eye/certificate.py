@@ -85,15 +85,15 @@ def rotation_cost(
     t_M = np.array([move.translation for move in flange_motions])
     R_C = np.array([camera.rotation for camera in cameras])
     t_C = np.array([camera.translation for camera in cameras])
-    turned = np.einsum("nij,nkl->niljk", R_Mt, R_C).reshape(n, 9, 9)
-    turned = (turned - turned.mean(axis=0)) / (np.sqrt(2) * sigma_rad)
+    products = np.einsum("nij,nkl->niljk", R_Mt, R_C).reshape(n, 9, 9)
+    products = (products - products.mean(axis=0)) / (np.sqrt(2) * sigma_rad)
     carried = np.einsum("nij,nk->nijk", R_Mt, t_C).reshape(n, 3, 9)
     offset = -np.einsum("nij,nj->ni", R_Mt, t_M)[:, :, None]
     shifted = np.concatenate([carried, offset], axis=2).reshape(3 * n, 10)
     U, s, _ = np.linalg.svd(_without(translation_rows(R_Mt), null_space), full_matrices=False)
     U = U[:, s > _RANK * s[0]]
     shifted = (shifted - U @ (U.T @ shifted)) / sigma_mm
-    rotated = np.concatenate([turned.reshape(9 * n, 9), np.zeros((9 * n, 1))], axis=1)
+    rotated = np.concatenate([products.reshape(9 * n, 9), np.zeros((9 * n, 1))], axis=1)
     root = np.linalg.qr(np.concatenate([rotated, shifted]), mode="r")
     return RotationCost(np.asarray(root), flange_motions, cameras, null_space)
 

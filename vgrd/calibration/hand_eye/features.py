@@ -22,21 +22,21 @@ def first_places(
     sightings: Sequence[Mapping[str, Array]],
     camera_from_target: Sequence[Pose],
     camera: CameraModel,
-    given: Mapping[str, FeaturePlace],
+    priors: Mapping[str, FeaturePlace],
 ) -> dict[str, FeaturePlace]:
     """Where the points that count are: as given, else where at least two lines of sight meet.
 
     sightings: pixels (2,) by name, one mapping a picture.
     """
     places = {}
-    for name in dict.fromkeys(name for seen in sightings for name in seen):
-        shown = [i for i, seen in enumerate(sightings) if name in seen]
-        if name in given:
-            places[name] = given[name]
-        elif len(shown) > 1:
-            directions = camera.normalize(np.array([sightings[i][name] for i in shown]))
-            at = _meeting_point(directions, [camera_from_target[i] for i in shown])
-            places[name] = FeaturePlace(at, UNKNOWN_MM)
+    for name in dict.fromkeys(name for sighting in sightings for name in sighting):
+        pictures = [i for i, sighting in enumerate(sightings) if name in sighting]
+        if name in priors:
+            places[name] = priors[name]
+        elif len(pictures) > 1:
+            directions = camera.normalize(np.array([sightings[i][name] for i in pictures]))
+            place = _meeting_point(directions, [camera_from_target[i] for i in pictures])
+            places[name] = FeaturePlace(place, UNKNOWN_MM)
     return places
 
 

@@ -120,9 +120,9 @@ def fit_hand_eye(
     weighted = engine.fit_weighted(start, everything, robust=True)
     misfits = engine.misfits(weighted.state)
     limit = _CHI2_6_REJECT * engine.variance_of(misfits)
-    kept = misfits <= limit
-    engine.block(kept, start.extra, allow_unobservable)
-    return engine.finish(engine.fit_weighted(weighted.state, kept, robust=False), kept)
+    inliers = misfits <= limit
+    engine.block(inliers, start.extra, allow_unobservable)
+    return engine.finish(engine.fit_weighted(weighted.state, inliers, robust=False), inliers)
 
 
 class _Engine:
@@ -134,9 +134,9 @@ class _Engine:
         self.flange_motions = [flange_motion_of(mount, s.base_from_wrist) for s in samples]
         self.robot_sigmas = np.array([sigma_mm] * 3 + [sigma_rad] * 3)
 
-    def block(self, kept: Mask, extra: int, allow_unobservable: int) -> Array:
+    def block(self, inliers: Mask, extra: int, allow_unobservable: int) -> Array:
         """Take no steps along what the samples kept leave open, which is returned."""
-        chosen = [i for i, is_kept in enumerate(kept) if is_kept]
+        chosen = [i for i, is_inlier in enumerate(inliers) if is_inlier]
         wrists = [self.samples[i].base_from_wrist for i in chosen]
         self.null_space = open_translations(
             wrists, [self.flange_motions[i] for i in chosen], allow_unobservable
@@ -144,9 +144,9 @@ class _Engine:
         self.basis = determined_steps(self.null_space, extra)
         return self.null_space
 
-    def fit_weighted(self, state: HandEye, kept: Mask, *, robust: bool) -> Minimum[HandEye]:
+    def fit_weighted(self, state: HandEye, inliers: Mask, *, robust: bool) -> Minimum[HandEye]:
         """Minimise, renew whitening and weights, until neither changes."""
-        weights: Array = kept.astype(np.float64)
+        weights: Array = inliers.astype(np.float64)
         state = self._on_zero(state)
         for _ in range(_ROUNDS):
             sqrt_informations, misfits = self._weigh(state)
@@ -158,13 +158,13 @@ class _Engine:
             )
             minimum = minimize(
                 linearize,
-                lambda at, step: at.retract(self.basis @ step),
+                lambda estimate, step: estimate.retract(self.basis @ step),
                 state,
                 tolerance=_TOLERANCE,
                 max_steps=2 if robust else 50,
             )
-            before, state = state, minimum.state
-            if _moved(before, state) < (_NEARLY_SETTLED if robust else _SETTLED):
+            previous, state = state, minimum.state
+            if _moved(previous, state) < (_NEARLY_SETTLED if robust else _SETTLED):
                 break
         else:
             if not robust:
@@ -184,12 +184,12 @@ class _Engine:
         """Noise variance over the promised one, from the median; at least 1."""
         return max(1.0, float(np.median(misfits)) / _CHI2_6_MEDIAN)
 
-    def finish(self, minimum: Minimum[HandEye], kept: Mask) -> Fit:
+    def finish(self, minimum: Minimum[HandEye], inliers: Mask) -> Fit:
         state = self._on_zero(minimum.state)
         misfits = self.misfits(state)
-        degrees_of_freedom = 6 * int(kept.sum()) - self.basis.shape[1] + state.points.size
+        degrees_of_freedom = 6 * int(inliers.sum()) - self.basis.shape[1] + state.points.size
         variance = (
-            float(misfits[kept].sum()) / degrees_of_freedom if degrees_of_freedom > 0 else 1.0
+            float(misfits[inliers].sum()) / degrees_of_freedom if degrees_of_freedom > 0 else 1.0
         )
         try:
             covariance = covariance_from(minimum.jacobian)
@@ -203,8 +203,8 @@ class _Engine:
             state,
             self.basis @ covariance @ self.basis.T * max(1.0, variance),
             float(np.sqrt(variance)),
-            tuple(bool(k) for k in kept),
-            tuple("" if kept[i] else self._reason(i, state) for i in range(len(kept))),
+            tuple(bool(is_inlier) for is_inlier in inliers),
+            tuple("" if inliers[i] else self._reason(i, state) for i in range(len(inliers))),
             self.null_space,
         )
 
@@ -221,7 +221,7 @@ class _Engine:
         self, state: HandEye, sqrt_informations: Sequence[tuple[Array, Array]], weights: Array
     ) -> tuple[Array, Array]:
         camera_from_mount = state.X.inverse()
-        by_X = -camera_from_mount.adjoint()
+        J_X = -camera_from_mount.adjoint()
         residuals, jacobians = [], []
         for sample, move, W, weight in zip(
             self.samples, self.flange_motions, sqrt_informations, weights, strict=True
@@ -230,7 +230,7 @@ class _Engine:
                 continue
             turn = camera_from_mount @ move
             r, D, E = sample.rows.linearize(state, turn @ state.Y)
-            J = np.hstack([D @ by_X, D @ turn.adjoint(), E])
+            J = np.hstack([D @ J_X, D @ turn.adjoint(), E])
             residuals.append(np.sqrt(weight) * _apply(W, r))
             jacobians.append(np.sqrt(weight) * _apply(W, J))
         r, J = state.anchors()
@@ -251,9 +251,9 @@ class _Engine:
             lever = turn if self.mount is Mount.EYE_TO_HAND else camera_from_mount
             G = D @ lever.adjoint() * self.robot_sigmas
             U, s, _ = np.linalg.svd(G, full_matrices=False)
-            kept = 1 / np.sqrt(1 + s * s)
-            sqrt_informations.append((U, 1 - kept))
-            misfits[i] = np.sum((kept * (U.T @ r)) ** 2)
+            scales = 1 / np.sqrt(1 + s * s)
+            sqrt_informations.append((U, 1 - scales))
+            misfits[i] = np.sum((scales * (U.T @ r)) ** 2)
         return sqrt_informations, misfits
 
 
@@ -263,7 +263,7 @@ def _apply(sqrt_information: tuple[Array, Array], rows: Array) -> Array:
     return np.asarray(rows - weighted)
 
 
-def _moved(before: HandEye, after: HandEye) -> float:
+def _moved(previous: HandEye, state: HandEye) -> float:
     """How far the estimate moved, in mm (1 mrad counts as 1 mm)."""
-    distances = np.array([before.X.distance(after.X), before.Y.distance(after.Y)])
+    distances = np.array([previous.X.distance(state.X), previous.Y.distance(state.Y)])
     return float((distances * [1, 1e3]).max())

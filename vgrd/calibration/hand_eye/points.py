@@ -130,23 +130,23 @@ def _start(problem: PointHandEyeProblem, places: Sequence[FeaturePlace]) -> Hand
 
 def _guesses(problem: PointHandEyeProblem) -> tuple[list[Pose], float]:
     """First camera_from_target of every sample, and sigma_px."""
-    known = [sample.guess for sample in problem.samples if sample.guess is not None]
-    if problem.sigma_px and len(known) == len(problem.samples):
-        return known, problem.sigma_px
-    own = [_own_pose(sample, problem.camera) for sample in problem.samples]
+    guesses = [sample.guess for sample in problem.samples if sample.guess is not None]
+    if problem.sigma_px and len(guesses) == len(problem.samples):
+        return guesses, problem.sigma_px
+    resections = [_own_pose(sample, problem.camera) for sample in problem.samples]
     sizes = [sample.pixels.size for sample in problem.samples]
-    squares = sum(rms**2 * size for (_, rms), size in zip(own, sizes, strict=True))
+    squares = sum(rms**2 * size for (_, rms), size in zip(resections, sizes, strict=True))
     degrees_of_freedom = max(sum(size - 6 for size in sizes), 1)
     sigma = problem.sigma_px or max(float(np.sqrt(squares / degrees_of_freedom)), _MIN_SIGMA_PX)
-    return [pose for pose, _ in own], sigma
+    return [pose for pose, _ in resections], sigma
 
 
 def _own_pose(sample: PointSample, camera: CameraModel) -> tuple[Pose, float]:
     try:
-        found = pose_from_points(sample.points_in_target, sample.pixels, camera)
+        resection = pose_from_points(sample.points_in_target, sample.pixels, camera)
     except InputError as fault:
         raise InputError(f"sample {sample.name!r}: {fault}") from fault
-    return found.camera_from_target, found.rms_px
+    return resection.camera_from_target, resection.rms_px
 
 
 class _PointRows(SampleRows):
@@ -157,38 +157,40 @@ class _PointRows(SampleRows):
     ) -> None:
         self._points, self._pixels = checked_points(sample.points_in_target, sample.pixels)
         self._sigma = sigma_px
-        self._own = start
-        shown = [name for name in features if name in sample.features]
-        self._shown = [features.index(name) for name in shown]
-        pixels = [sample.features[name] for name in shown]
-        self._seen = np.concatenate([self._pixels, np.reshape(pixels, (-1, 2))])
+        self._start = start
+        names = [name for name in features if name in sample.features]
+        self._shown = [features.index(name) for name in names]
+        pixels = [sample.features[name] for name in names]
+        self._measured_px = np.concatenate([self._pixels, np.reshape(pixels, (-1, 2))])
 
     def linearize(self, state: HandEye, predicted: Pose) -> tuple[Array, Array, Array]:
         camera = _camera_of(state)
-        known = self._points * state.scale
-        points = np.concatenate([known, state.points[self._shown]])
+        target_points = self._points * state.scale
+        points = np.concatenate([target_points, state.points[self._shown]])
         predicted_px, D = linearize_points(camera, predicted, points)
         E = np.zeros((len(points), 2, state.extra))
         if state.refines_camera:
             E[:, :, :6] = camera.intrinsics_jacobian(predicted @ points)
-        by_point = D[:, :, :3] @ predicted.rotation
-        for row, k in enumerate(self._shown, len(known)):
+        J_points = D[:, :, :3] @ predicted.rotation
+        for row, k in enumerate(self._shown, len(target_points)):
             first = state.point_columns.start - 12 + 3 * k
-            E[row, :, first : first + 3] = by_point[row]
+            E[row, :, first : first + 3] = J_points[row]
         if state.refines_scale:
-            E[: len(known), :, -1] = np.einsum("nij,nj->ni", by_point[: len(known)], known)
-        r = (predicted_px - self._seen).ravel() / self._sigma
+            E[: len(target_points), :, -1] = np.einsum(
+                "nij,nj->ni", J_points[: len(target_points)], target_points
+            )
+        r = (predicted_px - self._measured_px).ravel() / self._sigma
         return r, D.reshape(-1, 6) / self._sigma, E.reshape(r.size, -1) / self._sigma
 
     def own(self, state: HandEye) -> Pose:
-        found = pose_from_points(
-            self._points * state.scale, self._pixels, _camera_of(state), self._own
+        resection = pose_from_points(
+            self._points * state.scale, self._pixels, _camera_of(state), self._start
         )
-        return found.camera_from_target
+        return resection.camera_from_target
 
     def rms_px(self, state: HandEye, predicted: Pose) -> float:
-        off = _camera_of(state).project(predicted @ (self._points * state.scale)) - self._pixels
-        return float(np.sqrt(np.mean(off * off)))
+        predicted_px = _camera_of(state).project(predicted @ (self._points * state.scale))
+        return float(np.sqrt(np.mean((predicted_px - self._pixels) ** 2)))
 
 
 def _camera_of(state: HandEye) -> CameraModel:

@@ -167,15 +167,15 @@ class _PoseRows(SampleRows):
 def result_of(mount: Mount, samples: Sequence[HandEyeSample], fit: Fit) -> HandEyeResult:
     """Dress a fit as a result, residuals of every sample included."""
     predicted = [fit.state.predict(mount, sample.base_from_wrist) for sample in samples]
-    off = np.array(
+    misfits = np.array(
         [p.distance(s.rows.own(fit.state)) for p, s in zip(predicted, samples, strict=True)]
     )
-    typical = np.median(off[list(fit.used)], axis=0)
+    typical = np.median(misfits[list(fit.used)], axis=0)
     residuals = []
     for i, sample in enumerate(samples):
-        mm, deg = float(off[i, 0]), float(np.degrees(off[i, 1]))
+        mm, deg = float(misfits[i, 0]), float(np.degrees(misfits[i, 1]))
         reason = fit.reasons[i]
-        if fit.used[i] and (off[i] > _ODD * typical + _ODD_AT_LEAST).any():
+        if fit.used[i] and (misfits[i] > _ODD * typical + _ODD_AT_LEAST).any():
             reason = f"its own pose is {mm:.1f} mm and {deg:.2f} deg off: few or bunched points"
         px = sample.rows.rms_px(fit.state, predicted[i])
         residuals.append(SampleResidual(sample.name, fit.used[i], reason, deg, mm, px))

@@ -13,7 +13,7 @@ from vgrd.model import Recording
 
 def sightings_of_tag_a(recording: Recording) -> list[PoseSample]:
     """All pictures with tag A but those of spins, in order of recording; verifications are held out."""
-    named = [(f"look {i + 1}", seen) for i, seen in enumerate(recording.looks)]
+    named = [(f"look {i + 1}", look) for i, look in enumerate(recording.looks)]
     for kind, touches in (("touch", recording.touches), ("point", recording.points)):
         named += [
             (f"{kind} {i + 1} ({touch.target})", touch.observation)
@@ -21,9 +21,9 @@ def sightings_of_tag_a(recording: Recording) -> list[PoseSample]:
             if touch.observation is not None
         ]
     return [
-        PoseSample(name, seen.base_from_wrist, seen.tag_a.camera_from_tag, seen.tag_a.covariance)
-        for name, seen in named
-        if seen.tag_a is not None
+        PoseSample(name, look.base_from_wrist, look.tag_a.camera_from_tag, look.tag_a.covariance)
+        for name, look in named
+        if look.tag_a is not None
     ]
 
 

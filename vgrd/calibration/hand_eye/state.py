@@ -71,6 +71,6 @@ class HandEye:
 
 def _moved_intrinsics(values: Array, step: Array) -> Array:
     """Focal lengths stay positive whatever the step: they are multiplied, the rest is added."""
-    moved = values + step
-    moved[:2] = values[:2] * np.exp(np.clip(step[:2] / values[:2], -1, 1))
-    return moved
+    intrinsics = values + step
+    intrinsics[:2] = values[:2] * np.exp(np.clip(step[:2] / values[:2], -1, 1))
+    return intrinsics

@@ -45,9 +45,9 @@ class Motions:
         sign. Raises NotObservable when too few are left.
         """
         poses = cls.absolute(flange_motions, cameras)
-        to, start = np.nonzero(~np.eye(len(flange_motions), dtype=np.bool_))
-        R_A, t_A = _difference(poses.R_A, poses.t_A, to, start)
-        R_B, t_B = _difference(poses.R_B, poses.t_B, to, start)
+        end, start = np.nonzero(~np.eye(len(flange_motions), dtype=np.bool_))
+        R_A, t_A = _difference(poses.R_A, poses.t_A, end, start)
+        R_B, t_B = _difference(poses.R_B, poses.t_B, end, start)
         turns = log_rotation(R_A), log_rotation(R_B)
         clear = np.max(np.linalg.norm(turns, axis=2), axis=0) < _CLEAR_TURN_RAD
         spread = np.linalg.svd(turns[0][clear], compute_uv=False)
@@ -70,9 +70,9 @@ class Motions:
         return replace(self, t_A=self.t_A / size, t_B=self.t_B / size), size
 
 
-def _difference(R: Array, t: Array, to: Indices, start: Indices) -> tuple[Array, Array]:
-    turned = R[to] @ np.swapaxes(R[start], 1, 2)
-    return turned, t[to] - np.einsum("nij,nj->ni", turned, t[start])
+def _difference(R: Array, t: Array, end: Indices, start: Indices) -> tuple[Array, Array]:
+    rotations = R[end] @ np.swapaxes(R[start], 1, 2)
+    return rotations, t[end] - np.einsum("nij,nj->ni", rotations, t[start])
 
 
 def mean_of(poses: Sequence[Pose]) -> Pose:

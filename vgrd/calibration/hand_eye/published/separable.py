@@ -30,8 +30,8 @@ def tsai_lenz(motions: Motions) -> Pose:
     """
     a, b = 2 * quaternions(motions.R_A)[:, 1:], 2 * quaternions(motions.R_B)[:, 1:]
     for flip in _HALF_TURNS:
-        turned = b * flip
-        rows, right_side = hat(a + turned).reshape(-1, 3), (turned - a).ravel()
+        b_flip = b * flip
+        rows, right_side = hat(a + b_flip).reshape(-1, 3), (b_flip - a).ravel()
         p, _, rank, _ = np.linalg.lstsq(rows, right_side, rcond=1e-9)
         if rank == 3 and np.linalg.norm(p) < _FAR:
             break

@@ -120,12 +120,12 @@ def wu(motions: Motions) -> Pose:
 
 def _on_sphere(R: Array, t: Array) -> Array:
     """Rotations (n, 4, 4) of poses, orthonormal to the square of the translations."""
-    out = np.empty((len(R), 4, 4))
-    out[:, 1:, 1:] = R
-    out[:, 1:, 0] = _SMALL * t
-    out[:, 0, 1:] = -_SMALL * np.einsum("nij,ni->nj", R, t)
-    out[:, 0, 0] = 1
-    return out
+    rotations = np.empty((len(R), 4, 4))
+    rotations[:, 1:, 1:] = R
+    rotations[:, 1:, 0] = _SMALL * t
+    rotations[:, 0, 1:] = -_SMALL * np.einsum("nij,ni->nj", R, t)
+    rotations[:, 0, 0] = 1
+    return rotations
 
 
 def _isoclinic(M: Array) -> tuple[Array, Array]:
@@ -155,12 +155,12 @@ def gwak(motions: Motions) -> Pose:
         turn = motions.R_A @ R - R @ motions.R_B
         shift = motions.R_A @ t + motions.t_A - motions.t_B @ R.T - t
         G = _GENERATORS[:, None]
-        by_turn = motions.R_A @ (_GENERATORS @ R)[:, None] - G @ (R @ motions.R_B)
+        J_turn = motions.R_A @ (_GENERATORS @ R)[:, None] - G @ (R @ motions.R_B)
         lag = motions.R_A - np.eye(3)
         swept = np.einsum("nij,kj->kni", lag, _GENERATORS @ t)
         swept -= np.einsum("kij,nj->kni", _GENERATORS, motions.t_B @ R.T)
         J = np.zeros((len(turn), 12, 6))
-        J[:, :9, 3:] = np.moveaxis(by_turn.reshape(3, -1, 9), 0, 2)
+        J[:, :9, 3:] = np.moveaxis(J_turn.reshape(3, -1, 9), 0, 2)
         J[:, 9:, :3], J[:, 9:, 3:] = lag, np.moveaxis(swept, 0, 2)
         r = np.concatenate([turn.reshape(-1, 9), shift], axis=1)
         return r.ravel(), J.reshape(-1, 6)
