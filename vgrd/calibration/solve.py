@@ -42,7 +42,7 @@ def calibrate_system(
         else:
             outcome = calibrate_in_steps(recording, sightings)
     except DidNotConverge as err:
-        why = "; ".join(one.message for one in findings if one.fatal)
+        why = "; ".join(remark.message for remark in findings if remark.fatal)
         raise DidNotConverge(f"{why} ({err})" if why else str(err)) from err
     calibration = Calibration(
         id="",

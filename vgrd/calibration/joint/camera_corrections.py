@@ -54,7 +54,7 @@ class PriorSigmas:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Seen:
+class RefinedTags:
     """n tags as refined: rotations (n, 3, 3), translations (n, 3).
 
     J_refined: (n, 6, e), left tangents; shifts: (n, 6, 6), tangents as measured to refined ones.
@@ -94,36 +94,38 @@ class CameraCorrections:
 
     def intrinsics(self) -> Array:
         """(6, e): how fx, fy, cx, cy, k1, k2 move with the refined numbers."""
-        out = np.zeros((6, self.count))
-        own = self.camera.intrinsics()
+        J = np.zeros((6, self.count))
+        values = self.camera.intrinsics()
         for column, (name, sigma) in enumerate(self.sigmas.items()):
             for row in _INTRINSIC.get(name, ()):
-                out[row, column] = sigma * (own[row] / own[0] if name == FOCAL else 1.0)
-        return out
+                J[row, column] = sigma * (values[row] / values[0] if name == FOCAL else 1.0)
+        return J
 
     def size_mm(self, tag: str, values: Array) -> float:
         """Refined edge of TAG_A or TAG_B."""
-        known = self.sizes_mm[tag]
+        nominal_mm = self.sizes_mm[tag]
         if tag not in self.sigmas:
-            return known
-        return known + self.sigmas[tag] * float(values[list(self.sigmas).index(tag)])
+            return nominal_mm
+        return nominal_mm + self.sigmas[tag] * float(values[list(self.sigmas).index(tag)])
 
-    def seen(self, rotations: Array, translations: Array, tag: str, values: Array) -> Seen:
+    def refine(
+        self, rotations: Array, translations: Array, tag: str, values: Array
+    ) -> RefinedTags:
         """Poses (n, 3, 3), (n, 3) of TAG_A or TAG_B as measured, with refined numbers (e,)."""
-        known, size = self.sizes_mm[tag], self.size_mm(tag, values)
-        R, t, by = rotations, translations, np.zeros((len(rotations), 6, self.count))
+        nominal_mm, size_mm = self.sizes_mm[tag], self.size_mm(tag, values)
+        R, t, J_refined = rotations, translations, np.zeros((len(rotations), 6, self.count))
         camera = self.camera_at(values)
         if self._of_camera():
-            pixels = self.camera.project(_corners(R, t, known))
-            R, t = _resected(R, t, pixels, camera, known)
-        t = t * (size / known)
+            pixels = self.camera.project(_corners(R, t, nominal_mm))
+            R, t = _resected(R, t, pixels, camera, nominal_mm)
+        t = t * (size_mm / nominal_mm)
         if self._of_camera():
-            by += _by_intrinsics(R, t, camera, size) @ self.intrinsics()
+            J_refined += _by_intrinsics(R, t, camera, size_mm) @ self.intrinsics()
         if tag in self.sigmas:
-            by[:, :3, list(self.sigmas).index(tag)] += t * self.sigmas[tag] / size
+            J_refined[:, :3, list(self.sigmas).index(tag)] += t * self.sigmas[tag] / size_mm
         turn = R @ np.swapaxes(rotations, 1, 2)
         back = t - np.einsum("nij,nj->ni", turn, translations)
-        return Seen(R, t, by, adjoints(turn, back))
+        return RefinedTags(R, t, J_refined, adjoints(turn, back))
 
     def _of_camera(self) -> bool:
         return any(name in _INTRINSIC for name in self.sigmas)
@@ -141,20 +143,20 @@ class RefinedCorrections:
         """The same tag as seen with the refined numbers, its noise carried along."""
         if not self.corrections.count:
             return tag
-        seen = self._seen(tag)
-        A = seen.shifts[0]
-        pose = Pose(seen.rotations[0], seen.translations[0])
+        refined = self._refine(tag)
+        A = refined.shifts[0]
+        pose = Pose(refined.rotations[0], refined.translations[0])
         covariance = frozen_array(A @ tag.covariance @ A.T, 6, 6)
         return replace(tag, camera_from_tag=pose, covariance=covariance)
 
     def corrected_jacobian(self, tag: TagObservation) -> Array:
         """(6, e): left tangent by which `corrected(tag)` moves, per sigma of every number."""
-        return np.asarray(self._seen(tag).J_refined[0])
+        return np.asarray(self._refine(tag).J_refined[0])
 
-    def _seen(self, tag: TagObservation) -> Seen:
+    def _refine(self, tag: TagObservation) -> RefinedTags:
         C = tag.camera_from_tag
         name = self.tags[tag.tag]
-        return self.corrections.seen(C.rotation[None], C.translation[None], name, self.values)
+        return self.corrections.refine(C.rotation[None], C.translation[None], name, self.values)
 
 
 def adjoints(R: Array, t: Array) -> Array:
@@ -176,9 +178,9 @@ def _resected(
 ) -> tuple[Array, Array]:
     """Poses near the ones given that put the corners of tags to pixels (4 n, 2): Gauss-Newton."""
     for _ in range(_RESECTIONS):
-        at = _corners(R, t, size_mm)
-        off = (pixels - camera.project(at)).reshape(-1, 8, 1)
-        step = (np.linalg.pinv(_by_pose(camera, at)) @ off)[:, :, 0]
+        corners = _corners(R, t, size_mm)
+        residuals = (pixels - camera.project(corners)).reshape(-1, 8, 1)
+        step = (np.linalg.pinv(_by_pose(camera, corners)) @ residuals)[:, :, 0]
         turn = Rotation.from_rotvec(step[:, 3:]).as_matrix()
         R, t = turn @ R, np.einsum("nij,nj->ni", turn, t) + step[:, :3]
     return R, t

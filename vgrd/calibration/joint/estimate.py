@@ -73,20 +73,22 @@ def fit_as_if(data: JointData, state: JointState) -> JointFit:
 def residuals_of(fit: JointFit) -> dict[str, float]:
     """Rms per kind of evidence, in mm, deg, px and sigmas."""
     state, data = fit.state, fit.data
-    out = {
+    residuals = {
         f"{link.name.lower()}_rms_sigma": rms(fit.whitened[data.rows_of(link)])
         for link, rows in data.counts.items()
         if rows
     }
     touches = data.touches
     tips = touches.rotations @ state.tcp_in_wrist + touches.translations
-    out["touches_rms_mm"] = rms(np.linalg.norm(tips - state.base_from_object @ data.cad, axis=1))
+    residuals["touches_rms_mm"] = rms(
+        np.linalg.norm(tips - state.base_from_object @ data.cad, axis=1)
+    )
     R, t = predicted_tag_a(state, data)
     tags = data.looks.tags
     turns = log_rotation(R @ np.swapaxes(tags.rotations, 1, 2)).reshape(-1, 3)
     if len(data.holes.cad):
         whitened = fit.whitened[data.rows_of(EvidenceKind.HOLES)].reshape(-1, 2)
-        out["holes_rms_px"] = rms(np.linalg.norm(whitened, axis=1) * data.holes.sigma_px)
-    out["hand_eye_rms_mm"] = rms(np.linalg.norm(t - tags.translations, axis=1))
-    out["hand_eye_rms_deg"] = float(np.degrees(rms(np.linalg.norm(turns, axis=1))))
-    return out
+        residuals["holes_rms_px"] = rms(np.linalg.norm(whitened, axis=1) * data.holes.sigma_px)
+    residuals["hand_eye_rms_mm"] = rms(np.linalg.norm(t - tags.translations, axis=1))
+    residuals["hand_eye_rms_deg"] = float(np.degrees(rms(np.linalg.norm(turns, axis=1))))
+    return residuals

@@ -102,22 +102,25 @@ class Tags:
 
     def subset(self, chosen: Indices) -> "Tags":
         """Those with the given indices."""
-        by = None if self.J_refined is None else self.J_refined[chosen]
+        J_refined = None if self.J_refined is None else self.J_refined[chosen]
         return Tags(
-            self.rotations[chosen], self.translations[chosen], self.sqrt_informations[chosen], by
+            self.rotations[chosen],
+            self.translations[chosen],
+            self.sqrt_informations[chosen],
+            J_refined,
         )
 
     def weighted(self, weights: Array) -> "Tags":
         """Variances divided by weights (n,); those of weight 0 are left out."""
-        some = self.subset(np.flatnonzero(weights))
+        subset = self.subset(np.flatnonzero(weights))
         root = np.sqrt(weights[weights > 0])[:, None, None]
-        return replace(some, sqrt_informations=root * some.sqrt_informations)
+        return replace(subset, sqrt_informations=root * subset.sqrt_informations)
 
     def refined(self, corrections: CameraCorrections, size_of: str, values: Array) -> "Tags":
         """As seen with refined tag sizes and intrinsics, values (e,)."""
-        seen = corrections.seen(self.rotations, self.translations, size_of, values)
-        sqrt_informations = self.sqrt_informations @ np.linalg.inv(seen.shifts)
-        return Tags(seen.rotations, seen.translations, sqrt_informations, seen.J_refined)
+        refined = corrections.refine(self.rotations, self.translations, size_of, values)
+        sqrt_informations = self.sqrt_informations @ np.linalg.inv(refined.shifts)
+        return Tags(refined.rotations, refined.translations, sqrt_informations, refined.J_refined)
 
     def poses(self) -> list[Pose]:
         """camera_from_tag of all."""
@@ -148,8 +151,8 @@ class Looks:
 
     def weighted(self, weights: Array) -> "Looks":
         """Variances divided by weights (n,); those of weight 0 are left out."""
-        some = self.subset(np.flatnonzero(weights))
-        return replace(some, tags=self.tags.weighted(weights))
+        subset = self.subset(np.flatnonzero(weights))
+        return replace(subset, tags=self.tags.weighted(weights))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -178,7 +181,7 @@ class JointData:
 
     Stations are where the arm stood, one per sample: flange_at (s, 3); cad: (m, 3), one per touch.
     center: of the turntable in CAD, or None. names: of the samples of every kind. corrections: what is
-    refined of tag sizes and intrinsics; refined_at: (e,) values of it at which tags are seen here.
+    refined of tag sizes and intrinsics; refined_values: (e,) values of it at which tags are seen here.
     """
 
     recording: Recording
@@ -197,7 +200,7 @@ class JointData:
     arm: ArmModel
     names: Mapping[EvidenceKind, tuple[str, ...]]
     corrections: CameraCorrections
-    refined_at: Array = field(default_factory=lambda: np.zeros(0))
+    refined_values: Array = field(default_factory=lambda: np.zeros(0))
 
     @property
     def motion(self) -> Motion:
@@ -238,8 +241,8 @@ class JointData:
     def measured(self) -> int:
         """Rows that measured something (a sigma may be infinite)."""
         blind = 3 * (len(self.touches) + len(self.points))
-        seen = self.touches.equations() + self.points.equations()
-        return sum(self.counts.values()) - blind + seen
+        equations = self.touches.equations() + self.points.equations()
+        return sum(self.counts.values()) - blind + equations
 
     def weighted(self, weights: Mapping[EvidenceKind, Array]) -> "JointData":
         """Variances divided by the weights of the samples of every kind; 0 leaves one out.
@@ -273,14 +276,14 @@ class JointData:
         if not len(values):
             return self
         corrections = self.corrections
-        seen = self.looks.tags.refined(corrections, TAG_A, values)
+        tags = self.looks.tags.refined(corrections, TAG_A, values)
         return replace(
             self,
-            looks=replace(self.looks, tags=seen),
+            looks=replace(self.looks, tags=tags),
             reference=self.reference.refined(corrections, TAG_B, values),
             spins=self.spins.refined(corrections, TAG_B, values),
             holes=replace(self.holes, camera=corrections.camera_at(values)),
-            refined_at=values,
+            refined_values=values,
         )
 
 

@@ -49,27 +49,29 @@ def leave_one_out(optimum: JointFit) -> dict[EvidenceKind, KindFit]:
     k, J = len(optimum.arm_factor), optimum.jacobian * units(optimum.layout)
     U, s, _ = np.linalg.svd(J, full_matrices=False)
     U = U[:, s > 1.0]
-    left = optimum.whitened - U @ (U.T @ optimum.whitened)
+    residuals = optimum.whitened - U @ (U.T @ optimum.whitened)
     precision = np.eye(len(U))
     if k:
         inverse = np.linalg.inv(optimum.arm_factor)
         precision[:k, :k] = inverse.T @ inverse
         U = np.vstack([inverse.T @ U[:k], U[k:]])
-        left = np.concatenate([inverse.T @ left[:k], left[k:]])
-    out = {}
+        residuals = np.concatenate([inverse.T @ residuals[:k], residuals[k:]])
+    fits = {}
     for link, width in SAMPLED.items():
         rows = np.arange(len(U))[optimum.data.rows_of(link)].reshape(-1, width)
         block = precision[rows[:, :, None], rows[:, None, :]]
-        left_by_fit = block - U[rows] @ U[rows].transpose(0, 2, 1)
-        out[link] = _kind_fit(block, left_by_fit, left[rows], _blind(optimum.data, link))
-    return out
+        residual_precision = block - U[rows] @ U[rows].transpose(0, 2, 1)
+        fits[link] = _kind_fit(
+            block, residual_precision, residuals[rows], _blind(optimum.data, link)
+        )
+    return fits
 
 
-def _kind_fit(block: Array, left_by_fit: Array, left: Array, blind: Array) -> KindFit:
-    """own, seen (n, k, k): precision of the rows, and of it what the fit leaves; blind (n,) rows."""
+def _kind_fit(block: Array, residual_precision: Array, residuals: Array, blind: Array) -> KindFit:
+    """block, residual_precision (n, k, k): of the rows, and what the fit leaves; blind (n,) rows."""
     C_inv = np.linalg.inv(np.linalg.cholesky(block))
-    whitened = np.einsum("nij,nj->ni", C_inv, left)
-    values, vectors = np.linalg.eigh(C_inv @ left_by_fit @ C_inv.transpose(0, 2, 1))
+    whitened = np.einsum("nij,nj->ni", C_inv, residuals)
+    values, vectors = np.linalg.eigh(C_inv @ residual_precision @ C_inv.transpose(0, 2, 1))
     parts = np.einsum("nji,nj->ni", vectors, whitened)
     measured = values > _LEVERAGE_FLOOR
     squares = np.sum(parts**2 / np.where(measured, values, np.inf), axis=1)
@@ -79,14 +81,14 @@ def _kind_fit(block: Array, left_by_fit: Array, left: Array, blind: Array) -> Ki
 
 def _blind(data: JointData, link: EvidenceKind) -> Array:
     """Rows of every sample that measure nothing."""
-    of: Mapping[EvidenceKind, TouchSet] = {
+    touch_sets: Mapping[EvidenceKind, TouchSet] = {
         EvidenceKind.TOUCHES: data.touches,
         EvidenceKind.POINTS: data.points,
     }
-    if link not in of:
+    if link not in touch_sets:
         return np.zeros(len(data.names[link]), dtype=np.intp)
-    lateral = np.isinf(of[link].lateral_sigma_mm)
-    return np.asarray(2 * lateral + np.isinf(of[link].axial_sigma_mm))
+    lateral = np.isinf(touch_sets[link].lateral_sigma_mm)
+    return np.asarray(2 * lateral + np.isinf(touch_sets[link].axial_sigma_mm))
 
 
 class _Screening:
@@ -103,36 +105,36 @@ class _Screening:
 
     def run(self) -> None:
         for _ in range(_SWEEPS):
-            before = dict(self._weights)
+            previous = dict(self._weights)
             for link in sorted(SAMPLED, key=self._worst):
                 if -self._worst(link) > _limit(link):
                     self._search(link)
-            if all(np.array_equal(before[link], self._weights[link]) for link in SAMPLED):
+            if all(np.array_equal(previous[link], self._weights[link]) for link in SAMPLED):
                 return
 
     def samples(self) -> tuple[JointSample, ...]:
-        out = []
-        misses_mm = _off_mm(self._data, self.optimum.state)
+        samples = []
+        misses_mm = _misses_mm(self._data, self.optimum.state)
         for link in SAMPLED:
             for i, name in enumerate(self._data.names[link]):
                 used, score = bool(self._weights[link][i]), float(self._scores[link][i])
                 mm = f"{misses_mm[link][i]:.2f} mm, " if link in misses_mm else ""
                 reason = "" if used else f"{mm}{score:.1f} sigma off what the others say"
-                out.append(JointSample(name, link.value, used, score, reason))
-        return tuple(out)
+                samples.append(JointSample(name, link.value, used, score, reason))
+        return tuple(samples)
 
     def _worst(self, link: EvidenceKind) -> float:
         return -float(self._scores[link].max(initial=0))
 
     def _search(self, link: EvidenceKind) -> None:
         count = len(self._weights[link])
-        found = fit_without_outliers(partial(self._fit, link), count, _limit(link))
-        self._weights[link] = found.used.astype(np.float64)
+        fit = fit_without_outliers(partial(self._fit, link), count, _limit(link))
+        self._weights[link] = fit.used.astype(np.float64)
         self.optimum, fits = self._solve(self._weights)
         for other in SAMPLED:
             used = self._weights[other] > 0
             self._scores[other][used] = fits[other].scores
-        self._scores[link] = found.scores.copy()
+        self._scores[link] = fit.scores.copy()
 
     def _fit(self, link: EvidenceKind, weights: Array) -> KindFit:
         fit = self._solve({**self._weights, link: weights})[1][link]
@@ -163,18 +165,18 @@ def _limit(link: EvidenceKind) -> float:
 
 def _spread(values: Array, weights: Array) -> Array:
     """Values of the samples in use in the places of all, 0 elsewhere."""
-    out = np.zeros((len(weights), *values.shape[1:]))
-    out[weights > 0] = values
-    return out
+    spread = np.zeros((len(weights), *values.shape[1:]))
+    spread[weights > 0] = values
+    return spread
 
 
-def _off_mm(data: JointData, state: JointState) -> Mapping[EvidenceKind, Array]:
+def _misses_mm(data: JointData, state: JointState) -> Mapping[EvidenceKind, Array]:
     """How far the tips were from what they touched."""
-    out = {}
-    for link, touches, at in (
+    misses_mm = {}
+    for link, touches, points in (
         (EvidenceKind.TOUCHES, data.touches, state.base_from_object @ data.cad),
         (EvidenceKind.POINTS, data.points, state.fixed_point_in_base),
     ):
         tips = touches.rotations @ state.tcp_in_wrist + touches.translations
-        out[link] = np.linalg.norm(tips - at, axis=1)
-    return MappingProxyType(out)
+        misses_mm[link] = np.linalg.norm(tips - points, axis=1)
+    return MappingProxyType(misses_mm)

@@ -49,7 +49,7 @@ def linearize(state: JointState, data: JointData, layout: StepLayout) -> tuple[A
     r, J = np.concatenate([r for r, _ in blocks]), np.vstack([J for _, J in blocks])
     if not layout.refined:
         return r, J
-    r = r + J[:, layout.refined_columns] @ (state.refined - data.refined_at)
+    r = r + J[:, layout.refined_columns] @ (state.refined - data.refined_values)
     prior = np.eye(layout.size)[layout.refined_columns]
     return np.concatenate([r, state.refined]), np.vstack([J, prior])
 
@@ -103,12 +103,12 @@ def _tag_residuals(R: Array, t: Array, tags: Tags) -> tuple[Array, Array, Array]
 def _inverse_jacobian(ad: Array) -> Array:
     """Inverse left Jacobian as a series in the adjoint of the logarithm; turns below a radian."""
     square = ad @ ad
-    out = np.eye(ad.shape[-1]) - ad / 2
+    inverse = np.eye(ad.shape[-1]) - ad / 2
     power = square
     for factor in _BERNOULLI:
-        out = out + factor * power
+        inverse = inverse + factor * power
         power = power @ square
-    return np.asarray(out)
+    return np.asarray(inverse)
 
 
 def predicted_tag_a(state: JointState, data: JointData) -> tuple[Array, Array]:
@@ -190,43 +190,43 @@ def object_motions(
     shift = np.column_stack([table_motion[:, :2], np.zeros(len(c))])
     R = G.rotation @ P @ G.rotation.T
     t = shift @ G.rotation.T + G.translation - R @ G.translation
-    own = G.adjoint()
-    J_axis = (np.eye(6) - adjoints(R, t)) @ own[:, list(layout.axis)]
+    adjoint = G.adjoint()
+    J_axis = (np.eye(6) - adjoints(R, t)) @ adjoint[:, list(layout.axis)]
     J_motion = np.broadcast_to(
-        own[:, list(layout.object_motions)], (len(c), 6, len(layout.object_motions))
+        adjoint[:, list(layout.object_motions)], (len(c), 6, len(layout.object_motions))
     )
     return ObjectMotions(R, t, J_axis, J_motion)
 
 
 def moved_tag(
-    camera_from_tag_b: Pose, tags: Tags, moved: ObjectMotions, layout: StepLayout
+    camera_from_tag_b: Pose, tags: Tags, motions: ObjectMotions, layout: StepLayout
 ) -> tuple[Array, Array, Array]:
     """Residuals (n, 6) of tag B on the moved object, derivatives by the unknowns and the motions.
 
     (n, 6, unknowns) without, and (n, 6, k) of each one's own motion.
     """
     F = camera_from_tag_b
-    t = moved.rotations @ F.translation + moved.translations
-    r, D, E = _tag_residuals(moved.rotations @ F.rotation, t, tags)
+    t = motions.rotations @ F.translation + motions.translations
+    r, D, E = _tag_residuals(motions.rotations @ F.rotation, t, tags)
     J = _rows(len(r), 6, layout)
     if tags.J_refined is not None:
         J[:, :, layout.refined_columns] = E
-    J[:, :, layout.TAG_B] = D @ adjoints(moved.rotations, moved.translations)
-    J[:, :, layout.axis_columns] = D @ moved.J_axis
-    return r, J, D @ moved.J_motion
+    J[:, :, layout.TAG_B] = D @ adjoints(motions.rotations, motions.translations)
+    J[:, :, layout.axis_columns] = D @ motions.J_axis
+    return r, J, D @ motions.J_motion
 
 
 def _spins(state: JointState, data: JointData, layout: StepLayout) -> tuple[Array, Array]:
-    moved = object_motions(state.camera_from_axis, state.table_motion, layout)
-    r, J, J_motion = moved_tag(state.camera_from_tag_b, data.spins, moved, layout)
+    motions = object_motions(state.camera_from_axis, state.table_motion, layout)
+    r, J, J_motion = moved_tag(state.camera_from_tag_b, data.spins, motions, layout)
     _put_moves(J, J_motion, np.arange(len(r)), layout)
     return _flat(r, J)
 
 
 def _put_moves(J: Array, blocks: Array, spins: Indices, layout: StepLayout) -> None:
     columns = layout.spin_columns()[spins]
-    for i, (block, own) in enumerate(zip(blocks, columns, strict=True)):
-        J[i][:, own] = block
+    for i, (block, spin_columns) in enumerate(zip(blocks, columns, strict=True)):
+        J[i][:, spin_columns] = block
 
 
 def _holes(state: JointState, data: JointData, layout: StepLayout) -> tuple[Array, Array]:
@@ -234,26 +234,29 @@ def _holes(state: JointState, data: JointData, layout: StepLayout) -> tuple[Arra
     spun = holes.spin >= 0
     in_base = state.base_from_object @ holes.cad
     camera_from_base = state.base_from_camera.inverse()
-    at = camera_from_base @ in_base
-    J_base = np.broadcast_to(camera_from_base.rotation, (len(at), 3, 3)).copy()
-    own = np.zeros((len(at), 3, layout.size))
+    in_camera = camera_from_base @ in_base
+    J_base = np.broadcast_to(camera_from_base.rotation, (len(in_camera), 3, 3)).copy()
+    J_point = np.zeros((len(in_camera), 3, layout.size))
     if spun.any():
-        moved, k = (
+        motions, k = (
             object_motions(state.camera_from_axis, state.table_motion, layout),
             holes.spin[spun],
         )
-        at[spun] = np.einsum("nij,nj->ni", moved.rotations[k], at[spun]) + moved.translations[k]
-        J_base[spun] = moved.rotations[k] @ J_base[spun]
-        lever, part = left_jacobian(at[spun]), np.zeros((len(k), 3, layout.size))
-        part[:, :, layout.axis_columns] = lever @ moved.J_axis[k]
-        _put_moves(part, lever @ moved.J_motion[k], k, layout)
-        own[spun] = part
-    pixels, D = holes.camera.linearize(at)
+        in_camera[spun] = (
+            np.einsum("nij,nj->ni", motions.rotations[k], in_camera[spun])
+            + motions.translations[k]
+        )
+        J_base[spun] = motions.rotations[k] @ J_base[spun]
+        lever, part = left_jacobian(in_camera[spun]), np.zeros((len(k), 3, layout.size))
+        part[:, :, layout.axis_columns] = lever @ motions.J_axis[k]
+        _put_moves(part, lever @ motions.J_motion[k], k, layout)
+        J_point[spun] = part
+    pixels, D = holes.camera.linearize(in_camera)
     D = D / holes.sigma_px[:, None, None]
-    J = D @ own
+    J = D @ J_point
     J[:, :, layout.OBJECT] = D @ J_base @ left_jacobian(in_base)
     J[:, :, layout.CAMERA] = -J[:, :, layout.OBJECT]
-    J_camera = holes.camera.intrinsics_jacobian(at) @ data.corrections.intrinsics()
+    J_camera = holes.camera.intrinsics_jacobian(in_camera) @ data.corrections.intrinsics()
     J[:, :, layout.refined_columns] = J_camera / holes.sigma_px[:, None, None]
     return _flat((pixels - holes.pixels) / holes.sigma_px[:, None], J)
 
@@ -281,11 +284,11 @@ def _axis(
     G = state.camera_from_axis.rotation
     in_base = state.base_from_object.rotation @ axis_in_object
     turn = G.T @ state.base_from_camera.rotation.T
-    seen = turn @ in_base
-    sign = np.sign(seen[2]) / sigma_rad
+    axis = turn @ in_base
+    sign = np.sign(axis[2]) / sigma_rad
     J = np.zeros((3, layout.size))
-    J_body = np.hstack([np.zeros((3, 3)), hat(seen)])
+    J_body = np.hstack([np.zeros((3, 3)), hat(axis)])
     J[:, layout.axis_columns] = J_body[:, list(layout.axis)]
     J[:, layout.OBJECT.start + 3 : layout.OBJECT.stop] = -turn @ hat(in_base)
     J[:, layout.CAMERA.start + 3 : layout.CAMERA.stop] = turn @ hat(in_base)
-    return sign * seen[:2], sign * J[:2]
+    return sign * axis[:2], sign * J[:2]

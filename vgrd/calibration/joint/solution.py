@@ -132,7 +132,7 @@ class JointSolution:
             + prediction.J_picture @ tag_b.covariance @ prediction.J_picture.T
             + prediction.J_arm @ prediction.arm_covariance @ prediction.J_arm.T
         )
-        turned = (
+        rotation_covariance = (
             prediction.J_turn_unknowns @ self.covariance @ prediction.J_turn_unknowns.T
             + prediction.J_turn_picture @ tag_b.covariance @ prediction.J_turn_picture.T
         )
@@ -141,7 +141,7 @@ class JointSolution:
             base_from_wrist=prediction.base_from_wrist,
             position_covariance=frozen_array(covariance, 3, 3),
             u95_mm=radius95(covariance),
-            u95_rad=radius95(turned),
+            u95_rad=radius95(rotation_covariance),
         )
 
     def predict(
@@ -188,14 +188,14 @@ class JointSolution:
         return frozen_copy(self.covariance[part, part] + unknown @ unknown.T)
 
     def _check_determined(self, J_unknowns: Array) -> None:
-        moved = np.linalg.norm(J_unknowns @ self.undetermined, axis=0)
-        if moved.size and float(moved.max()) > IRRELEVANT_MM:
+        shifts_mm = np.linalg.norm(J_unknowns @ self.undetermined, axis=0)
+        if shifts_mm.size and float(shifts_mm.max()) > IRRELEVANT_MM:
             raise NotObservable(
                 "the expected coordinate depends on "
                 f"{unknown_in_words(self.layout, self.undetermined)}, which the recording "
                 "leaves undetermined: touch with the wrist tilted by 20 degrees or more about two "
                 "axes, look with tag A in view, or keep the wrist as it was touched",
-                rank=self.layout.size - moved.size,
+                rank=self.layout.size - shifts_mm.size,
                 unknowns=self.layout.size,
             )
 
@@ -227,20 +227,20 @@ def _as_spin(solution: JointSolution, facts: CellFacts, tag: TagObservation) -> 
         return None
     tags = _tags_of(tag)
     motion = tag.camera_from_tag @ solution.camera_from_tag_b.inverse()
-    on_table = table_motion_of(solution.camera_from_axis, motion, facts.object.motion)[None]
-    moved = object_motions(solution.camera_from_axis, on_table, layout)
+    table_motion = table_motion_of(solution.camera_from_axis, motion, facts.object.motion)[None]
+    motions = object_motions(solution.camera_from_axis, table_motion, layout)
     r, J, J_motion = (
-        part[0] for part in moved_tag(solution.camera_from_tag_b, tags, moved, layout)
+        part[0] for part in moved_tag(solution.camera_from_tag_b, tags, motions, layout)
     )
     S = np.eye(6) + J @ solution.covariance @ J.T
     S_inv = np.linalg.inv(S)
-    of_motion = np.linalg.solve(J_motion.T @ S_inv @ J_motion, J_motion.T @ S_inv)
-    left = np.eye(6) - J_motion @ of_motion
+    motion_gain = np.linalg.solve(J_motion.T @ S_inv @ J_motion, J_motion.T @ S_inv)
+    left = np.eye(6) - J_motion @ motion_gain
     misfit = float((left @ r) @ S_inv @ (left @ r))
     if misfit > chi2_quantile(_FITS_MODEL, 6 - len(layout.object_motions)):
         return None
-    gain = np.vstack([solution.covariance @ J.T @ S_inv @ left, of_motion])
-    return _Picture(moved, r, J, gain, tags.sqrt_informations[0])
+    gain = np.vstack([solution.covariance @ J.T @ S_inv @ left, motion_gain])
+    return _Picture(motions, r, J, gain, tags.sqrt_informations[0])
 
 
 def _anywhere(solution: JointSolution, tag: TagObservation) -> _Picture:
@@ -249,12 +249,12 @@ def _anywhere(solution: JointSolution, tag: TagObservation) -> _Picture:
     tags = _tags_of(tag)
     M = tag.camera_from_tag @ solution.camera_from_tag_b.inverse()
     J_axis = np.zeros((1, 6, len(layout.axis)))
-    moved = ObjectMotions(M.rotation[None], M.translation[None], J_axis, np.eye(6)[None])
+    motions = ObjectMotions(M.rotation[None], M.translation[None], J_axis, np.eye(6)[None])
     r, J, J_motion = (
-        part[0] for part in moved_tag(solution.camera_from_tag_b, tags, moved, layout)
+        part[0] for part in moved_tag(solution.camera_from_tag_b, tags, motions, layout)
     )
     gain = np.vstack([np.zeros((layout.size, 6)), np.linalg.inv(J_motion)])
-    return _Picture(moved, r, J, gain, tags.sqrt_informations[0])
+    return _Picture(motions, r, J, gain, tags.sqrt_informations[0])
 
 
 def _flange(
@@ -266,16 +266,16 @@ def _flange(
     R_work: Array,
 ) -> tuple[Array, Array, Array, Array]:
     """Flange (3,), wrist (3, 3), derivatives (3, n + k) of both by unknowns and motion."""
-    layout, moved = solution.layout, picture.motion
-    X, N = solution.base_from_camera, Pose(moved.rotations[0], moved.translations[0])
+    layout, motions = solution.layout, picture.motion
+    X, N = solution.base_from_camera, Pose(motions.rotations[0], motions.translations[0])
     taught = solution.base_from_object @ point_in_object
     in_camera = N @ (X.inverse() @ taught)
     point = X @ in_camera
     turn = X.rotation @ N.rotation @ X.rotation.T
-    n, k = layout.size, moved.J_motion.shape[2]
+    n, k = layout.size, motions.J_motion.shape[2]
     J, J_turn = np.zeros((3, n + k)), np.zeros((3, n + k))
     motion = np.zeros((6, n + k))
-    motion[:, layout.axis_columns], motion[:, n:] = moved.J_axis[0], moved.J_motion[0]
+    motion[:, layout.axis_columns], motion[:, n:] = motions.J_axis[0], motions.J_motion[0]
     J += X.rotation @ left_jacobian(in_camera[None])[0] @ motion
     J[:, layout.OBJECT] = turn @ left_jacobian(taught[None])[0]
     J[:, layout.CAMERA] = left_jacobian(point[None])[0] - J[:, layout.OBJECT]

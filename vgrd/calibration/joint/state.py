@@ -120,8 +120,8 @@ class JointState:
 
     def retract(self, step: Array, layout: StepLayout) -> "JointState":
         """Left perturbations of poses, body-frame moves of the axis, planar moves of the spins."""
-        at_axis = np.zeros(6)
-        at_axis[list(layout.axis)] = step[layout.axis_columns]
+        twist = np.zeros(6)
+        twist[list(layout.axis)] = step[layout.axis_columns]
         return replace(
             self,
             base_from_camera=Pose.exp(step[layout.CAMERA]) @ self.base_from_camera,
@@ -129,7 +129,7 @@ class JointState:
             tcp_in_wrist=self.tcp_in_wrist + step[layout.TCP],
             base_from_object=Pose.exp(step[layout.OBJECT]) @ self.base_from_object,
             camera_from_tag_b=Pose.exp(step[layout.TAG_B]) @ self.camera_from_tag_b,
-            camera_from_axis=self.camera_from_axis @ Pose.exp(at_axis),
+            camera_from_axis=self.camera_from_axis @ Pose.exp(twist),
             table_motion=_moved(self.table_motion, step[layout.spin_columns()], layout),
             fixed_point_in_base=self.fixed_point_in_base + step[layout.point_columns]
             if layout.has_point
@@ -144,10 +144,10 @@ def _moved(table_motion: Array, step: Array, layout: StepLayout) -> Array:
     turn = step[:, 0]
     c, s = np.cos(turn), np.sin(turn)
     x, y = table_motion[:, 0], table_motion[:, 1]
-    out = np.column_stack([c * x - s * y, s * x + c * y, table_motion[:, 2] + turn])
+    motions = np.column_stack([c * x - s * y, s * x + c * y, table_motion[:, 2] + turn])
     if len(layout.object_motions) > 1:
-        out[:, :2] += step[:, 1:]
-    return out
+        motions[:, :2] += step[:, 1:]
+    return motions
 
 
 def guess(data: JointData) -> JointState:
@@ -160,18 +160,20 @@ def guess(data: JointData) -> JointState:
     base_from_object, tcp, is_tied = _guess_object(data)
     center = _guess_center(data)
     if center is not None and data.center is not None and not is_tied:
-        seen = base_from_camera @ center.center_in_camera
+        center_in_base = base_from_camera @ center.center_in_camera
         axis = base_from_camera.rotation @ center.axis_in_camera
-        off = seen - base_from_object @ data.center
-        off = off - axis * float(axis @ off)
+        shift = center_in_base - base_from_object @ data.center
+        shift = shift - axis * float(axis @ shift)
         R = data.touches.rotations[0]
-        base_from_object = Pose(base_from_object.rotation, base_from_object.translation + off)
-        tcp = tcp + R.T @ off
+        base_from_object = Pose(base_from_object.rotation, base_from_object.translation + shift)
+        tcp = tcp + R.T @ shift
     camera_from_object = base_from_camera.inverse() @ base_from_object
     camera_from_axis = _guess_axis(data, center, camera_from_object)
     table_motion = [
-        table_motion_of(camera_from_axis, seen @ camera_from_tag_b.inverse(), data.motion)
-        for seen in data.spins.poses()
+        table_motion_of(
+            camera_from_axis, camera_from_tag @ camera_from_tag_b.inverse(), data.motion
+        )
+        for camera_from_tag in data.spins.poses()
     ]
     points = data.points
     spike = (points.rotations @ tcp + points.translations).mean(axis=0) if len(points) else tcp
@@ -208,21 +210,21 @@ def _guess_reference(tags: Tags) -> Pose:
 
 def _guess_hand_eye(looks: Looks) -> tuple[Pose, Pose]:
     rounded = np.round(np.column_stack([looks.translations, 1e3 * looks.rotations[:, 0]]), 1)
-    once = np.unique(rounded, axis=0, return_index=True)[1]
-    if len(once) < 3:
+    distinct = np.unique(rounded, axis=0, return_index=True)[1]
+    if len(distinct) < 3:
         raise TooFewObservations(
-            f"tag A was seen from {len(once)} robot poses, at least 3 are needed: record looks, "
+            f"tag A was seen from {len(distinct)} robot poses, at least 3 are needed: record looks, "
             "or touch with tag A in view"
         )
-    looks = looks.subset(once)
+    looks = looks.subset(distinct)
     object_motions, tags = looks.poses(), looks.tags.poses()
     if turned_axes(list(looks.rotations))[0] is Axes.MANY:
         return park_martin_start(object_motions, tags)
     X, tag_in_wrist = linear_start(looks.rotations, looks.translations, looks.tags.translations)
-    turned = sum(
+    rotation_sum = sum(
         R.T @ X.rotation @ tag.rotation for R, tag in zip(looks.rotations, tags, strict=True)
     )
-    return X, Pose(nearest_rotation(turned, tolerance=np.inf), tag_in_wrist)
+    return X, Pose(nearest_rotation(rotation_sum, tolerance=np.inf), tag_in_wrist)
 
 
 def _guess_object(data: JointData) -> tuple[Pose, Array, bool]:
@@ -238,9 +240,9 @@ def _guess_object(data: JointData) -> tuple[Pose, Array, bool]:
             return result.object_from_base.inverse(), result.tcp_in_wrist, True
     pose, tcp = linear_start(touches.rotations, touches.translations, data.cad)
     if axes is Axes.NONE and len(points) and turned_axes(list(points.rotations))[0] is Axes.MANY:
-        at_points = linear_start(points.rotations, points.translations, 0 * points.translations)[1]
-        shift = touches.rotations[0] @ (at_points - tcp)
-        return Pose(pose.rotation, pose.translation + shift), at_points, True
+        point_tcp = linear_start(points.rotations, points.translations, 0 * points.translations)[1]
+        shift = touches.rotations[0] @ (point_tcp - tcp)
+        return Pose(pose.rotation, pose.translation + shift), point_tcp, True
     return pose, tcp, axes is not Axes.NONE
 
 

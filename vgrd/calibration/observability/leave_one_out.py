@@ -80,16 +80,16 @@ def _suspects(solve: Solve[FitT], fit: FitT, limit: float) -> list[int]:
     """Touches that Cauchy weights push aside, worst first."""
     weights = np.ones(len(fit.scores))
     for _ in range(_ROUNDS):
-        off = np.sqrt(np.mean(fit.whitened**2, axis=1) / weights)
-        before, weights = weights, 1 / (1 + (off / _CAUCHY) ** 2)
-        if np.abs(weights - before).max() < _SETTLED:
+        misfits = np.sqrt(np.mean(fit.whitened**2, axis=1) / weights)
+        previous, weights = weights, 1 / (1 + (misfits / _CAUCHY) ** 2)
+        if np.abs(weights - previous).max() < _SETTLED:
             break
         try:
             fit = solve(weights)
         except CalibrationError:
             break
-    typical = max(1.0, float(np.median(off)))
-    return [int(i) for i in np.argsort(-off) if off[i] > limit * typical]
+    typical = max(1.0, float(np.median(misfits)))
+    return [int(i) for i in np.argsort(-misfits) if misfits[i] > limit * typical]
 
 
 class _Search(Generic[FitT]):

@@ -50,8 +50,8 @@ class SessionAdvice:
         return {
             "policy": self.policy.value,
             "findings": [
-                {"code": one.code, "message": one.message, "fatal": one.fatal}
-                for one in self.findings
+                {"code": remark.code, "message": remark.message, "fatal": remark.fatal}
+                for remark in self.findings
             ],
             "predicted_u95_mm": dict(self.predicted_mm),
             "trouble": self.trouble,
@@ -75,11 +75,11 @@ def advise_session(
     try:
         usable, doubts = without_useless_spins(recording)
         findings = (*doubts, *examine(recording, policy))
-        told = _Told(policy, findings, _missing(recording, policy))
-        if told.wrong():
-            return told.remedy(told.wrong()[0])
+        judgement = _Judgement(policy, findings, _missing(recording, policy))
+        if judgement.wrong():
+            return judgement.remedy(judgement.wrong()[0])
         reach = reach or Reach.of(recording)
-        return _advice(calibrate_joint(usable), told, reach, works)
+        return _advice(calibrate_joint(usable), judgement, reach, works)
     except (DidNotConverge, np.linalg.LinAlgError):
         return SessionAdvice(policy, findings, trouble=_TOO_LITTLE)
     except VgrdError as err:
@@ -87,7 +87,7 @@ def advise_session(
 
 
 @dataclass(frozen=True, slots=True)
-class _Told:
+class _Judgement:
     """Findings before the estimate; missing: codes of what is only not recorded yet."""
 
     policy: Policy
@@ -96,12 +96,16 @@ class _Told:
 
     def wrong(self) -> list[Finding]:
         """What is wrong with the samples, not only missing."""
-        return [one for one in self.findings if one.fatal and one.code not in self.missing]
+        return [
+            remark for remark in self.findings if remark.fatal and remark.code not in self.missing
+        ]
 
     def doubted(self, outliers: tuple[Finding, ...]) -> str:
         """Why no pose may rest on the samples, or ""."""
-        minded = [one for one in self.findings if one.fatal or one.code not in self.missing]
-        return next((f"{one.code}: {one.message}" for one in (*minded, *outliers)), "")
+        doubts = [
+            remark for remark in self.findings if remark.fatal or remark.code not in self.missing
+        ]
+        return next((f"{remark.code}: {remark.message}" for remark in (*doubts, *outliers)), "")
 
     def remedy(self, wrong: Finding) -> SessionAdvice:
         """Nothing but what to mend first."""
@@ -111,31 +115,35 @@ class _Told:
 
 def _missing(recording: Recording, policy: Policy) -> frozenset[str]:
     """Codes of findings that tell what to record still, not what is wrong."""
-    return frozenset({_SPINS_UNUSABLE, *(one.code for one in missing_motions(recording, policy))})
+    return frozenset({_SPINS_UNUSABLE, *(gap.code for gap in missing_motions(recording, policy))})
 
 
-def _advice(result: JointFit, told: _Told, reach: Reach, works: Sequence[Array]) -> SessionAdvice:
+def _advice(
+    result: JointFit, judgement: _Judgement, reach: Reach, works: Sequence[Array]
+) -> SessionAdvice:
     outliers = _outliers(result)
     if not result.noise_scale <= WRONG_SIGMA:  # not a number is wrong too
-        noisy = _contradiction(result.noise_scale)
-        return replace(told, findings=(*told.findings, noisy, *outliers)).remedy(noisy)
-    policy = told.policy
+        contradiction = _contradiction(result.noise_scale)
+        return replace(judgement, findings=(*judgement.findings, contradiction, *outliers)).remedy(
+            contradiction
+        )
+    policy = judgement.policy
     if policy is Policy.REQUESTED and not works:
         axis = np.asarray(result.recording.facts.tool.axis_in_wrist)
         works = reach.orientations(usual_wrist(result.recording), axis, (1.0,))[::2]
     job = Job(policy, works, _ANGLES_RAD)
     foresight = PredictedError(result, job)
-    left = foresight.undetermined()
-    minded = [one.what for one in left if one.matters]
-    trouble = f"the answers still depend on {', '.join(minded)}" if minded else ""
-    predicted = {} if minded else foresight.target_errors_mm(foresight.covariance, job)
+    undetermined = foresight.undetermined()
+    directions = [direction.what for direction in undetermined if direction.matters]
+    trouble = f"the answers still depend on {', '.join(directions)}" if directions else ""
+    predicted = {} if directions else foresight.target_errors_mm(foresight.covariance, job)
     best = next_best(result, job, reach, tag_a_in_view=camera_sees_tag_a(result))[0]
     no_pose = ""
     if best.base_from_wrist is not None:
-        no_pose = told.doubted(outliers) or reason_against(result, best.candidate, reach)
+        no_pose = judgement.doubted(outliers) or reason_against(result, best.candidate, reach)
     best = without_pose(result, best) if no_pose else best
-    findings = (*told.findings, *outliers)
-    return SessionAdvice(policy, findings, predicted, trouble, best, no_pose, left)
+    findings = (*judgement.findings, *outliers)
+    return SessionAdvice(policy, findings, predicted, trouble, best, no_pose, undetermined)
 
 
 def _contradiction(noise_scale: float) -> Finding:
@@ -150,9 +158,9 @@ def _contradiction(noise_scale: float) -> Finding:
 def _outliers(result: JointFit) -> tuple[Finding, ...]:
     """Samples that the others contradict."""
     return tuple(
-        finding("sample_outlier", f"{one.name} is {one.reason}")
-        for one in result.samples
-        if not one.used
+        finding("sample_outlier", f"{sample.name} is {sample.reason}")
+        for sample in result.samples
+        if not sample.used
     )
 
 

@@ -164,8 +164,8 @@ def error_budget(
     radii = np.array([radius95(np.sum(list(parts.values()), axis=0)) for parts in per_target])
     asked = () if base_from_work is None else (base_from_work,)
     job = Job(policy, asked, angles_rad=(0.0,), targets=names)
-    left = PredictedError(result, job).undetermined()
-    irrelevant = tuple(one.what for one in left if not one.matters)
+    undetermined = PredictedError(result, job).undetermined()
+    irrelevant = tuple(direction.what for direction in undetermined if not direction.matters)
     return Budget(names, links, traces / traces.sum(axis=1, keepdims=True), radii, irrelevant)
 
 
@@ -181,8 +181,8 @@ class _Chain:
         gain = self._gain(prediction)
         unknown = prediction.J_unknowns @ result.undetermined
         parts = self._of_samples(gain)
-        by_picture = prediction.J_picture @ self._now.covariance @ prediction.J_picture.T
-        parts[Source.TAG_B] = parts.get(Source.TAG_B, _NOTHING) + by_picture
+        picture_part = prediction.J_picture @ self._now.covariance @ prediction.J_picture.T
+        parts[Source.TAG_B] = parts.get(Source.TAG_B, _NOTHING) + picture_part
         excess = (1 - 1 / scale) * result.covariance
         parts[Source.EXCESS] = prediction.J_unknowns @ excess @ prediction.J_unknowns.T
         parts[Source.UNDETERMINED] = unknown @ unknown.T
@@ -223,8 +223,10 @@ class _Chain:
     def _correction(self, prediction: Prediction) -> Array:
         """How the predicted deviation (6,) at the answer moves with whitened residuals (6, k)."""
         result, arm = self._result, self._result.data.arm
-        near = arm.field(prediction.base_from_wrist.translation[None], result.data.flange_at)
-        shared = np.kron(near, np.diag(arm.scales() ** 2)) @ result.J_deviations.T
+        cross_covariance = arm.field(
+            prediction.base_from_wrist.translation[None], result.data.flange_at
+        )
+        shared = np.kron(cross_covariance, np.diag(arm.scales() ** 2)) @ result.J_deviations.T
         return np.asarray(whiten_arm(result.arm_factor, shared.T).T)
 
     def _of_arm(self, prediction: Prediction, gain: Array) -> dict[Source, Array]:
@@ -234,7 +236,7 @@ class _Chain:
         if not k:
             return {}
         stations = result.data.flange_at
-        by = np.concatenate(
+        J = np.concatenate(
             [
                 (-gain[:, :k] @ result.J_deviations)
                 .reshape(3, len(stations), 6)
@@ -242,18 +244,20 @@ class _Chain:
                 -prediction.J_arm[None],
             ]
         )
-        at = np.vstack([stations, prediction.base_from_wrist.translation])
+        places = np.vstack([stations, prediction.base_from_wrist.translation])
         squares = arm.scales() ** 2
-        drawn = np.einsum("sik,k,sjk->ij", by, arm.sigma_mm**2 * squares, by)
-        rounded = np.einsum("sik,k,sjk->ij", by[:-1], arm.rounding() ** 2, by[:-1])
-        shared = np.einsum("sik,st,k,tjk->ij", by, arm.field(at, at), squares, by, optimize=True)
+        drawn = np.einsum("sik,k,sjk->ij", J, arm.sigma_mm**2 * squares, J)
+        rounded = np.einsum("sik,k,sjk->ij", J[:-1], arm.rounding() ** 2, J[:-1])
+        shared = np.einsum(
+            "sik,st,k,tjk->ij", J, arm.field(places, places), squares, J, optimize=True
+        )
         parts = {Source.REPEATABILITY: drawn, Source.FIELD: shared, Source.QUANTISATION: rounded}
         return {source: part for source, part in parts.items() if np.trace(part) > 0}
 
     def _of_pictures(self, prediction: Prediction, gain: Array) -> dict[Source, Array]:
         """What all pictures share, as far as it was not refined, and time."""
-        data, given = self._result.data, self._systematic
-        corrections = CameraCorrections.of(self._result.recording.facts, given.corrections)
+        data, systematic = self._result.data, self._systematic
+        corrections = CameraCorrections.of(self._result.recording.facts, systematic.corrections)
         parts: dict[Source, Array] = {}
         if corrections.count:
             J = self._by_pictures(prediction, gain, corrections)
@@ -261,36 +265,38 @@ class _Chain:
                 if name not in data.corrections.sigmas:
                     source, K = _source(name), J[:, i : i + 1]
                     parts[source] = parts.get(source, _NOTHING) + K @ K.T
-        if given.drift_mm > 0:
-            parts[Source.TIME] = given.drift_mm**2 * np.eye(3)
+        if systematic.drift_mm > 0:
+            parts[Source.TIME] = systematic.drift_mm**2 * np.eye(3)
         return parts
 
     def _by_pictures(
         self, prediction: Prediction, gain: Array, corrections: CameraCorrections
     ) -> Array:
         """How the answer moves, (3, e), when all tags are seen with sizes or intrinsics off."""
-        data, held = self._result.data, np.zeros(corrections.count)
+        data, values = self._result.data, np.zeros(corrections.count)
         now = Tags(
             self._now.camera_from_tag.rotation[None],
             self._now.camera_from_tag.translation[None],
             np.eye(6)[None],
         )
-        total = prediction.J_picture @ _seen(now, corrections, TAG_B, held)[0]
-        for link, tags, which in (
+        total = prediction.J_picture @ _refined_tangents(now, corrections, TAG_B, values)[0]
+        for link, tags, tag in (
             (EvidenceKind.HAND_EYE, data.looks.tags, TAG_A),
             (EvidenceKind.REFERENCE, data.reference, TAG_B),
             (EvidenceKind.SPINS, data.spins, TAG_B),
         ):
-            rows = (tags.sqrt_informations @ _seen(tags, corrections, which, held)).reshape(
-                -1, corrections.count
-            )
+            rows = (
+                tags.sqrt_informations @ _refined_tangents(tags, corrections, tag, values)
+            ).reshape(-1, corrections.count)
             total = total - gain[:, data.rows_of(link)] @ rows
         return np.asarray(total)
 
 
-def _seen(tags: Tags, corrections: CameraCorrections, which: str, held: Array) -> Array:
+def _refined_tangents(
+    tags: Tags, corrections: CameraCorrections, tag: str, values: Array
+) -> Array:
     """Tangents (n, 6, e) by which tags are seen elsewhere, per sigma of what is off."""
-    return corrections.seen(tags.rotations, tags.translations, which, held).J_refined
+    return corrections.refine(tags.rotations, tags.translations, tag, values).J_refined
 
 
 def _source(refined: str) -> Source:

@@ -93,16 +93,16 @@ def rank_samples(
     _require(candidates)
     result = _solved(taught)
     foresight = PredictedError(result, job or Job(), tag_a_in_view)
-    before = foresight.error_mm(foresight.covariance)
+    before_mm = foresight.error_mm(foresight.covariance)
     errors = foresight.errors_after(foresight.covariance, foresight.rows(candidates))
     order = np.argsort(np.round(errors, 9), kind="stable")
     usual = cache(partial(usual_wrist, result.recording))
     advice = []
     for i in order:
         what = in_words(result, candidates[i], usual)
-        at = flange_of(result, candidates[i])
-        words = _with_error(what, before, errors[i])
-        advice.append(Advice(candidates[i], at, before, float(errors[i]), words))
+        flange = flange_of(result, candidates[i])
+        words = _with_error(what, before_mm, errors[i])
+        advice.append(Advice(candidates[i], flange, before_mm, float(errors[i]), words))
     return tuple(advice)
 
 
@@ -175,8 +175,8 @@ def in_words(
     if isinstance(candidate, Looking):
         x, y, z = candidate.base_from_wrist.translation
         tilt = _tilt_in_words(result, usual(None), candidate.base_from_wrist.rotation)
-        where = f"with the flange at ({x:.0f}, {y:.0f}, {z:.0f}) mm" if names_place else "at tag A"
-        return f"look {where}, {tilt}"
+        place = f"with the flange at ({x:.0f}, {y:.0f}, {z:.0f}) mm" if names_place else "at tag A"
+        return f"look {place}, {tilt}"
     tilt = _tilt_in_words(result, usual(candidate.target), candidate.base_from_wrist)
     return f"touch {candidate.target} {tilt}"
 
@@ -205,19 +205,19 @@ def _planned(
     rows = foresight.rows(candidates)
     chosen: list[int] = []
 
-    def best(kept: Sequence[int]) -> int:
+    def best(indices: Sequence[int]) -> int:
         P = start
-        for i in kept:
+        for i in indices:
             P = foresight.with_rows(P, rows[i])
         return int(np.argmin(np.round(foresight.errors_after(P, rows), 9)))
 
     for _ in range(count):
         chosen.append(best(chosen))
     for _ in range(_EXCHANGES):
-        before = list(chosen)
+        previous = list(chosen)
         for k in range(count):
             chosen[k] = best(chosen[:k] + chosen[k + 1 :])
-        if chosen == before:
+        if chosen == previous:
             break
     return chosen
 

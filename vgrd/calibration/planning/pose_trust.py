@@ -29,9 +29,9 @@ def reason_against(result: JointFit, candidate: Candidate, reach: Reach) -> str:
     flange = flange_of(result, candidate)
     if flange is None:
         return ""
-    unsure = place_u95_mm(result, candidate)
-    if not unsure <= UNSURE_MM:  # not a number is unsure too
-        return f"its place is known to {unsure:.0f} mm only: jog there by eye"
+    u95_mm = place_u95_mm(result, candidate)
+    if not u95_mm <= UNSURE_MM:  # not a number is unsure too
+        return f"its place is known to {u95_mm:.0f} mm only: jog there by eye"
     return rival_names(result.recording) or _beyond(result.recording, candidate, flange, reach)
 
 
@@ -44,35 +44,35 @@ def place_u95_mm(result: JointFit, candidate: Candidate) -> float:
         return 0.0
     R = candidate.base_from_wrist
     point = flange.translation + R @ result.state.tcp_in_wrist
-    by = np.zeros((3, result.layout.size))
-    by[:, StepLayout.OBJECT] = np.hstack([np.eye(3), -hat(point)])
-    by[:, StepLayout.TCP] = -R
-    N = by @ result.undetermined
-    return radius95(by @ result.covariance @ by.T + N @ N.T)
+    J = np.zeros((3, result.layout.size))
+    J[:, StepLayout.OBJECT] = np.hstack([np.eye(3), -hat(point)])
+    J[:, StepLayout.TCP] = -R
+    N = J @ result.undetermined
+    return radius95(J @ result.covariance @ J.T + N @ N.T)
 
 
 def _beyond(recording: Recording, candidate: Candidate, flange: Pose, reach: Reach) -> str:
     """How a flange pose lies outside what the arm reached in the session."""
-    stood = [touch.base_from_wrist for touch in recording.touches]
+    poses = [touch.base_from_wrist for touch in recording.touches]
     if not isinstance(candidate, Touching):
-        stood += [look.base_from_wrist for look in recording.looks]
-    if not stood:
+        poses += [look.base_from_wrist for look in recording.looks]
+    if not poses:
         return "the arm has not been there before"
-    places = np.array([pose.translation for pose in stood])
+    places = np.array([pose.translation for pose in poses])
     outside = np.maximum(places.min(axis=0) - flange.translation, 0)
     outside = np.maximum(outside, flange.translation - places.max(axis=0))
     if not float(outside.max()) <= MARGIN_MM:
         return f"it is {outside.max():.0f} mm outside of where the arm stood: jog there by eye"
     axis = np.asarray(recording.facts.tool.axis_in_wrist)
-    if not _is_turned_alike([p.rotation for p in stood], flange.rotation, axis, reach):
+    if not _is_turned_alike([p.rotation for p in poses], flange.rotation, axis, reach):
         return "the wrist never stood nearly so: turn it by eye"
     return ""
 
 
-def _is_turned_alike(turned: Sequence[Array], R: Array, axis: Array, reach: Reach) -> bool:
+def _is_turned_alike(rotations: Sequence[Array], R: Array, axis: Array, reach: Reach) -> bool:
     """Whether an orientation is within the tilt and turn allowed from one that was reached."""
     widest = min(reach.max_tilt_rad + reach.max_yaw_rad, np.pi) + _SLACK_RAD
-    for other in turned:
+    for other in rotations:
         tilt = np.arctan2(
             np.linalg.norm(np.cross(R @ axis, other @ axis)), R @ axis @ other @ axis
         )

@@ -65,32 +65,32 @@ class PredictedError:
         self._foreseen = ForeseenRows(result, tag_a_in_view or (lambda _: True))
         N = result.undetermined
         self.covariance = result.covariance + N @ N.T
-        self._by, self._rest = self._ask(job)
+        self._jacobians, self._rest = self._ask(job)
 
     def error_mm(self, covariance: Array) -> float:
         """Mean 95 % radius over everything that the job asks for."""
-        B = self._by
+        B = self._jacobians
         return float(_radii95(B @ covariance @ B.transpose(0, 2, 1) + self._rest).mean())
 
     def target_errors_mm(self, covariance: Array, job: Job) -> dict[str, float]:
         """The same by target."""
-        B = self._by
+        B = self._jacobians
         radii = _radii95(B @ covariance @ B.transpose(0, 2, 1) + self._rest)
         names = _targets(self._result, job)
-        by_target = radii.reshape(len(job.angles_rad), len(names), -1).mean(axis=(0, 2))
-        return dict(zip(names, map(float, by_target), strict=True))
+        target_radii = radii.reshape(len(job.angles_rad), len(names), -1).mean(axis=(0, 2))
+        return dict(zip(names, map(float, target_radii), strict=True))
 
     def errors_after(self, covariance: Array, rows: Array) -> Array:
         """`error_mm` (c,) after each of c candidates, rows (c, r, n), alone."""
-        j, n = len(self._by), self._by.shape[2]
+        j, n = len(self._jacobians), self._jacobians.shape[2]
         A = rows @ covariance
         S = np.eye(rows.shape[1]) + A @ rows.transpose(0, 2, 1)
-        G = self._by.reshape(-1, n) @ A.transpose(0, 2, 1)
+        G = self._jacobians.reshape(-1, n) @ A.transpose(0, 2, 1)
         half = np.linalg.solve(np.linalg.cholesky(S), G.transpose(0, 2, 1))
         half = half.transpose(0, 2, 1).reshape(len(rows), j, 3, -1)
-        now = self._by @ covariance @ self._by.transpose(0, 2, 1) + self._rest
-        after = now - half @ half.transpose(0, 1, 3, 2)
-        radii = _radii95(after.reshape(-1, 3, 3)).reshape(len(rows), j)
+        present = self._jacobians @ covariance @ self._jacobians.transpose(0, 2, 1) + self._rest
+        covariances = present - half @ half.transpose(0, 1, 3, 2)
+        radii = _radii95(covariances.reshape(-1, 3, 3)).reshape(len(rows), j)
         return np.asarray(radii.mean(axis=1))
 
     @staticmethod
@@ -105,8 +105,8 @@ class PredictedError:
         data, layout = self._result.data, self._result.layout
         rows = []
         if looks:
-            kept = np.flatnonzero(~np.isin(data.looks.stations, data.touch_stations))
-            alone = [Looking(pose) for pose in data.looks.subset(kept).poses()]
+            indices = np.flatnonzero(~np.isin(data.looks.stations, data.touch_stations))
+            alone = [Looking(pose) for pose in data.looks.subset(indices).poses()]
             rows.append(self.rows(alone).reshape(-1, layout.size))
         links = [EvidenceKind.HOLES, EvidenceKind.TURNTABLE, EvidenceKind.REFINED] + [
             EvidenceKind.SPINS
@@ -125,15 +125,17 @@ class PredictedError:
         N = result.undetermined
         if not N.size:
             return ()
-        by_job = (self._by @ N).reshape(-1, N.shape[1])
-        _, s, Vt = np.linalg.svd(by_job / np.sqrt(len(self._by)), full_matrices=True)
-        minded = int(np.sum(s > IRRELEVANT_MM))
-        out = []
-        for part, matters in ((Vt[:minded], True), (Vt[minded:], False)):
+        J_open = (self._jacobians @ N).reshape(-1, N.shape[1])
+        _, s, Vt = np.linalg.svd(J_open / np.sqrt(len(self._jacobians)), full_matrices=True)
+        rank = int(np.sum(s > IRRELEVANT_MM))
+        open_directions = []
+        for part, matters in ((Vt[:rank], True), (Vt[rank:], False)):
             directions = N @ part.T
             apart = np.linalg.svd(directions[StepLayout.TCP], full_matrices=True)[2]
-            out += [Undetermined(_in_words(result, d), matters) for d in (directions @ apart.T).T]
-        return tuple(out)
+            open_directions += [
+                Undetermined(_in_words(result, d), matters) for d in (directions @ apart.T).T
+            ]
+        return tuple(open_directions)
 
     def _ask(self, job: Job) -> tuple[Array, Array]:
         """Derivatives (j, 3, n) by the unknowns and the rest of the covariance (j, 3, 3)."""

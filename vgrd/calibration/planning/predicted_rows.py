@@ -43,37 +43,37 @@ class ForeseenRows:
 
     def of(self, candidates: Sequence[Candidate]) -> Array:
         """Rows (c, 15, n) of unit noise that each candidate would add, empty ones 0."""
-        out = np.zeros((len(candidates), _WIDTH, self._result.layout.size))
+        rows = np.zeros((len(candidates), _WIDTH, self._result.layout.size))
         stations = []
         for i, candidate in enumerate(candidates):
             if isinstance(candidate, Spinning):
                 J = self._spin_rows(candidate.angle_rad)
-                out[i, : len(J)] = J
+                rows[i, : len(J)] = J
             else:
                 stations.append(i)
         for k in range(0, len(stations), _AT_ONCE):
-            some = stations[k : k + _AT_ONCE]
-            out[some] = self._stand_rows([candidates[i] for i in some])
-        return out
+            batch = stations[k : k + _AT_ONCE]
+            rows[batch] = self._stand_rows([candidates[i] for i in batch])
+        return rows
 
     def _stand_rows(self, candidates: Sequence[Candidate]) -> Array:
         """Rows (c, 15, n) of touches and looks: 6 of tag A, 3 of the touch, 6 of tag B."""
         result, c = self._result, len(candidates)
         poses = [flange_of(result, candidate) or Pose.identity() for candidate in candidates]
-        touching = [i for i, one in enumerate(candidates) if isinstance(one, Touching)]
-        data, looking = self._seen(poses)
-        data = self._touched(data, candidates, poses, touching)
+        touching = [i for i, candidate in enumerate(candidates) if isinstance(candidate, Touching)]
+        data, looking = self._with_looks(poses)
+        data = self._with_touches(data, candidates, poses, touching)
         still = replace(result.layout, spins=0)
         J = self._embedded(linearize(result.state, data, still)[1], still)
-        out = np.zeros((c, _WIDTH, J.shape[1]))
-        for link, seen, width, first in (
+        rows = np.zeros((c, _WIDTH, J.shape[1]))
+        for link, indices, width, first in (
             (EvidenceKind.HAND_EYE, looking, 6, 0),
             (EvidenceKind.TOUCHES, touching, 3, 6),
             (EvidenceKind.REFERENCE, touching, 6, 9),
         ):
-            part = J[data.rows_of(link)].reshape(len(seen), width, J.shape[1])
-            out[seen, first : first + width] = part
-        return self._with_arm(out, data, looking, touching)
+            part = J[data.rows_of(link)].reshape(len(indices), width, J.shape[1])
+            rows[indices, first : first + width] = part
+        return self._with_arm(rows, data, looking, touching)
 
     def _with_arm(
         self, rows: Array, data: JointData, looking: list[int], touching: list[int]
@@ -83,18 +83,18 @@ class ForeseenRows:
         if arm.is_exact or not data.arm_rows:
             return rows
         G = arm_jacobian(self._result.state, data).reshape(data.arm_rows, -1, 6)
-        own = np.zeros((len(rows), 9, 6))
-        for link, seen, width, first in (
+        J_arm = np.zeros((len(rows), 9, 6))
+        for link, indices, width, first in (
             (EvidenceKind.HAND_EYE, looking, 6, 0),
             (EvidenceKind.TOUCHES, touching, 3, 6),
         ):
-            part = G[data.rows_of(link)].reshape(len(seen), width, len(rows), 6)
-            own[seen, first : first + width] = part[np.arange(len(seen)), :, seen]
-        own = own * np.sqrt(arm.variances())
-        L = np.linalg.cholesky(np.eye(9) + own @ own.transpose(0, 2, 1))
+            part = G[data.rows_of(link)].reshape(len(indices), width, len(rows), 6)
+            J_arm[indices, first : first + width] = part[np.arange(len(indices)), :, indices]
+        J_arm = J_arm * np.sqrt(arm.variances())
+        L = np.linalg.cholesky(np.eye(9) + J_arm @ J_arm.transpose(0, 2, 1))
         return np.concatenate([np.linalg.solve(L, rows[:, :9]), rows[:, 9:]], axis=1)
 
-    def _touched(
+    def _with_touches(
         self,
         data: JointData,
         candidates: Sequence[Candidate],
@@ -105,9 +105,9 @@ class ForeseenRows:
         if not touching:
             return data
         result, m = self._result, len(touching)
-        known, axis = result.data.touches, result.recording.facts.tool.axis_in_wrist
-        lateral, axial = np.median(known.lateral_sigma_mm), np.median(known.axial_sigma_mm)
-        names = [one.target for one in candidates if isinstance(one, Touching)]
+        touches, axis = result.data.touches, result.recording.facts.tool.axis_in_wrist
+        lateral, axial = np.median(touches.lateral_sigma_mm), np.median(touches.axial_sigma_mm)
+        names = [candidate.target for candidate in candidates if isinstance(candidate, Touching)]
         cad = [target_of(result.recording.facts, name).point_in_object for name in names]
         return replace(
             data,
@@ -119,21 +119,21 @@ class ForeseenRows:
             reference=self._tags([result.state.camera_from_tag_b] * m, TAG_B),
         )
 
-    def _seen(self, poses: Sequence[Pose]) -> tuple[JointData, list[int]]:
+    def _with_looks(self, poses: Sequence[Pose]) -> tuple[JointData, list[int]]:
         """Looks from the flange poses where tag A is in view, and which these are."""
         state = self._result.state
         camera_from_base = state.base_from_camera.inverse()
         tags = [camera_from_base @ pose @ state.wrist_from_tag_a for pose in poses]
-        seen = [i for i, tag in enumerate(tags) if self._in_view(tag)]
-        at = np.array([pose.translation for pose in poses])
+        indices = [i for i, tag in enumerate(tags) if self._in_view(tag)]
+        places = np.array([pose.translation for pose in poses])
         R = np.array([pose.rotation for pose in poses])
         looks = Looks(
-            self._tags([tags[i] for i in seen], TAG_A),
-            R[seen],
-            at[seen],
-            np.array(seen, dtype=np.intp),
+            self._tags([tags[i] for i in indices], TAG_A),
+            R[indices],
+            places[indices],
+            np.array(indices, dtype=np.intp),
         )
-        return replace(_blank(self._result.data), looks=looks, flange_at=at), seen
+        return replace(_blank(self._result.data), looks=looks, flange_at=places), indices
 
     def _spin_rows(self, angle_rad: float) -> Array:
         """A spin more; its own angle, which nobody knows, is eliminated."""
@@ -146,30 +146,30 @@ class ForeseenRows:
         tag = self._tags([moved_tag_b(result, angle_rad)], TAG_B)
         data = replace(_blank(result.data), spins=tag)
         J = linearize(state, data, alone)[1][data.rows_of(EvidenceKind.SPINS)]
-        own = alone.spin_columns()[0]
-        Q = np.linalg.qr(J[:, own])[0]
+        columns = alone.spin_columns()[0]
+        Q = np.linalg.qr(J[:, columns])[0]
         return self._embedded(J - Q @ (Q.T @ J), alone)
 
     def _embedded(self, J: Array, layout: StepLayout) -> Array:
         """Rows of another layout in the columns of all unknowns; spins of their own left out."""
         whole = self._result.layout
-        out = np.zeros((len(J), whole.size))
+        rows = np.zeros((len(J), whole.size))
         common = whole.axis_columns.stop
-        out[:, :common] = J[:, :common]
-        out[:, whole.refined_columns] = J[:, layout.refined_columns]
-        return out
+        rows[:, :common] = J[:, :common]
+        rows[:, whole.refined_columns] = J[:, layout.refined_columns]
+        return rows
 
-    def _tags(self, poses: Sequence[Pose], which: str) -> Tags:
+    def _tags(self, poses: Sequence[Pose], tag: str) -> Tags:
         """TAG_A or TAG_B seen at these poses with the usual noise."""
-        result, body = self._result, self._body_a if which == TAG_A else self._body_b
+        result, body = self._result, self._body_a if tag == TAG_A else self._body_b
         corrections, values = result.data.corrections, result.state.refined
         R = np.array([pose.rotation for pose in poses]).reshape(-1, 3, 3)
         t = np.array([pose.translation for pose in poses]).reshape(-1, 3)
         A = adjoints(R, t)
-        by = None
+        J_refined = None
         if corrections.count:
-            by = corrections.seen(R, t, which, values).J_refined
-        return Tags(R, t, sqrt_information(A @ body @ A.transpose(0, 2, 1)), by)
+            J_refined = corrections.refine(R, t, tag, values).J_refined
+        return Tags(R, t, sqrt_information(A @ body @ A.transpose(0, 2, 1)), J_refined)
 
 
 def picture_of(result: JointFit, angle_rad: float) -> TagObservation:
@@ -181,18 +181,18 @@ def picture_of(result: JointFit, angle_rad: float) -> TagObservation:
 def moved_tag_b(result: JointFit, angle_rad: float) -> Pose:
     """camera_from_tag_b after the object has turned by an angle about its axis."""
     state = result.state
-    turned = np.array([[0.0, 0.0, angle_rad]])
-    motions = object_motions(state.camera_from_axis, turned, result.layout)
+    table_motion = np.array([[0.0, 0.0, angle_rad]])
+    motions = object_motions(state.camera_from_axis, table_motion, result.layout)
     return Pose(motions.rotations[0], motions.translations[0]) @ state.camera_from_tag_b
 
 
 def _body_covariance(tags: Tags) -> Array:
     """Mean covariance (6, 6) of a tag's pose, in the tag's own frame."""
-    out = []
+    covariances = []
     for pose, W in zip(tags.poses(), tags.sqrt_informations, strict=True):
         half = pose.inverse().adjoint() @ np.linalg.inv(W)
-        out.append(half @ half.T)
-    return np.asarray(np.mean(out, axis=0))
+        covariances.append(half @ half.T)
+    return np.asarray(np.mean(covariances, axis=0))
 
 
 def _sighting(pose: Pose, body: Array, spec: TagSpec) -> TagObservation:
@@ -204,8 +204,8 @@ def _sighting(pose: Pose, body: Array, spec: TagSpec) -> TagObservation:
 def _blank(data: JointData) -> JointData:
     """The same cell with nothing recorded."""
     nothing = np.zeros((0, 3))
-    by = np.zeros((0, 6, data.corrections.count)) if data.corrections.count else None
-    tags = Tags(np.zeros((0, 3, 3)), nothing, np.zeros((0, 6, 6)), by)
+    J_refined = np.zeros((0, 6, data.corrections.count)) if data.corrections.count else None
+    tags = Tags(np.zeros((0, 3, 3)), nothing, np.zeros((0, 6, 6)), J_refined)
     axis = data.touches.axis_in_wrist
     touches = TouchSet(np.zeros((0, 3, 3)), nothing, axis, np.zeros(0), np.zeros(0))
     holes = replace(data.holes, cad=nothing, spin=_NONE, pixels=np.zeros((0, 2)))

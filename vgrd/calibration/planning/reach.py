@@ -96,10 +96,11 @@ class Reach:
     @classmethod
     def of(cls, recording: Recording) -> "Reach":
         """The usual one; no tilt for an arm that only ever yawed, as one of four axes does."""
-        seen = [sample.base_from_wrist.rotation for sample in recording.looks]
-        seen += [touch.base_from_wrist.rotation for touch in recording.touches]
-        yaws = np.unique(np.round([R[:, :2].ravel() for R in seen], 2), axis=0) if seen else ()
-        upright = len(yaws) >= _DISTINCT_YAWS and turned_axes(seen)[0] is Axes.ONE
+        rotations = [sample.base_from_wrist.rotation for sample in recording.looks]
+        rotations += [touch.base_from_wrist.rotation for touch in recording.touches]
+        planes = np.round([R[:, :2].ravel() for R in rotations], 2)
+        yaws = np.unique(planes, axis=0) if rotations else ()
+        upright = len(yaws) >= _DISTINCT_YAWS and turned_axes(rotations)[0] is Axes.ONE
         return cls(max_tilt_rad=0.0) if upright else cls()
 
     def allows(self, flange: Pose, tool_axis: Array, nominal_axis: Array) -> bool:
@@ -164,13 +165,13 @@ def touches_within(
     result: JointFit, reach: Reach, targets: Sequence[str] | None = None
 ) -> list[Touching]:
     """Touches of every target (None: all of CAD) that the reach allows."""
-    out, tool = [], np.asarray(result.recording.facts.tool.axis_in_wrist)
+    touches, tool = [], np.asarray(result.recording.facts.tool.axis_in_wrist)
     for name in targets or sorted(result.recording.facts.object.targets):
         straight = usual_wrist(result.recording, name)
         for touching in (Touching(name, R) for R in reach.orientations(straight, tool)):
             if _is_allowed(result, reach, touching, straight):
-                out.append(touching)
-    return out
+                touches.append(touching)
+    return touches
 
 
 def looks_within(result: JointFit, reach: Reach) -> list[Looking]:
@@ -212,10 +213,10 @@ def camera_sees_tag_a(result: JointFit) -> Callable[[Pose], bool]:
     side = np.sign(np.median([_incidence(tag) for tag in result.data.looks.tags.poses()]))
 
     def sees(camera_from_tag: Pose) -> bool:
-        at = camera_from_tag @ corners
-        if at[:, 2].min() <= edge or side * _incidence(camera_from_tag) < _INCIDENCE:
+        points = camera_from_tag @ corners
+        if points[:, 2].min() <= edge or side * _incidence(camera_from_tag) < _INCIDENCE:
             return False
-        pixels = camera.project(at)
+        pixels = camera.project(points)
         return bool((pixels >= 0).all() and (pixels <= size - 1).all())
 
     return sees
@@ -237,22 +238,22 @@ def _is_allowed(result: JointFit, reach: Reach, candidate: Candidate, straight: 
 def _known_places(result: JointFit, straight: Array) -> Iterator[Array]:
     """Flange positions (3,) of looks so far, at most six far apart; else above the touches."""
     recording = result.recording
-    seen = [np.asarray(look.base_from_wrist.translation) for look in recording.looks]
-    if not seen:
+    places = [np.asarray(look.base_from_wrist.translation) for look in recording.looks]
+    if not places:
         back = -_LIFT_MM * straight @ np.asarray(recording.facts.tool.axis_in_wrist)
-        seen = [t.base_from_wrist.translation + back for t in recording.touches]
-    chosen = [seen[0]]
-    while len(chosen) < min(_PLACES, len(seen)):
-        apart = [min(float(np.linalg.norm(s - c)) for c in chosen) for s in seen]
-        chosen.append(seen[int(np.argmax(apart))])
+        places = [t.base_from_wrist.translation + back for t in recording.touches]
+    chosen = [places[0]]
+    while len(chosen) < min(_PLACES, len(places)):
+        apart = [min(float(np.linalg.norm(s - c)) for c in chosen) for s in places]
+        chosen.append(places[int(np.argmax(apart))])
     yield from chosen
 
 
-def _shortest(before: Array, after: Array) -> Array:
+def _shortest(start: Array, end: Array) -> Array:
     """Rotation (3, 3) that takes one unit vector to another the shortest way."""
-    cross, cosine = np.cross(before, after), float(before @ after)
+    cross, cosine = np.cross(start, end), float(start @ end)
     sine = float(np.linalg.norm(cross))
     if sine > _SLACK_RAD:
         return exp_rotation(cross / sine * np.arctan2(sine, cosine))
-    flip = np.linalg.svd(before[None])[2][1] * np.pi
+    flip = np.linalg.svd(start[None])[2][1] * np.pi
     return np.eye(3) if cosine > 0 else exp_rotation(flip)
