@@ -61,7 +61,7 @@ def calibrate_in_steps(
         reference.camera_from_tag_b,
         reference.covariance,
     )
-    points, covariances = taught.points(with_pivot=pivot is not None)
+    points, covariances = taught.points(has_pivot=pivot is not None)
     solution: UniversalSolution | SpecialSolution
     if taught.tcp is None:
         solution = SpecialSolution(chain, hand_eye.mount_from_target, pivot, covariances)
@@ -100,7 +100,7 @@ def _hand_eye_problem(recording: Recording, allow_unobservable: int) -> HandEyeP
 
 def _center(recording: Recording) -> tuple[RotationCenter | None, list[Finding]]:
     """Rotation centre from the spins, or the reason why there is none."""
-    tags = [seen.tag_b for seen in _with_tag_b(recording.spins) if seen.tag_b is not None]
+    tags = [spin.tag_b for spin in _with_tag_b(recording.spins) if spin.tag_b is not None]
     if not recording.spins:
         return None, []
     try:
@@ -113,7 +113,7 @@ def _center(recording: Recording) -> tuple[RotationCenter | None, list[Finding]]
 
 
 def _with_tag_b(observations: Sequence[Observation]) -> list[Observation]:
-    return [seen for seen in observations if seen.tag_b is not None]
+    return [observation for observation in observations if observation.tag_b is not None]
 
 
 def _hole_center(
@@ -154,8 +154,8 @@ def _pivot(
     elif center is not None:
         in_tag, covariance = center.center_in_tag, center.covariance[:3, :3]
         if taught.tcp is not None:
-            wanted = hand_eye.mount_from_camera.inverse() @ taught.pivot_in_base
-            in_tag, _ = center.at_height(wanted)
+            pivot_in_camera = hand_eye.mount_from_camera.inverse() @ taught.pivot_in_base
+            in_tag, _ = center.at_height(pivot_in_camera)
     return Pivot(
         frozen_array(in_tag, 3),
         frozen_array(taught.pivot_in_base, 3),

@@ -69,12 +69,12 @@ def special_expected(
     Needs the rotation of the hand-eye only. Raises InputError when the wrist's orientation differs
     between the two pictures, for which Eq. 19 does not hold.
     """
-    turned = float(
+    turn_rad = float(
         np.linalg.norm(log_rotation(base_from_wrist_now.rotation @ base_from_wrist_ref.rotation.T))
     )
-    if turned > SAME_ORIENTATION_RAD:
+    if turn_rad > SAME_ORIENTATION_RAD:
         raise InputError(
-            f"the wrist is turned by {np.degrees(turned):.3f} degrees against the reference "
+            f"the wrist is turned by {np.degrees(turn_rad):.3f} degrees against the reference "
             "picture: Eq. 19 needs one orientation; use the fixed camera's path"
         )
     Q = motion_about(tag_a_from_tag_b_now, tag_a_from_tag_b_ref, pivot_in_tag_b)

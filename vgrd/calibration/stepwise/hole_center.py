@@ -61,28 +61,28 @@ def find_hole_center(
         raise NotObservable(
             "the centre of turning is not in CAD: set [object] center_mm", rank=0, unknowns=3
         )
-    seen = _seen(recording, sightings, reference, np.asarray(center))
-    count = len(seen.pixels)
+    evidence = _evidence_of(recording, sightings, reference, np.asarray(center))
+    count = len(evidence.pixels)
     fewest = count - int(_MOST_LEFT_OUT * count)
     while True:
-        pose, covariance, scores = _fit(seen)
+        pose, covariance, scores = _fit(evidence)
         worst = int(np.argmax(scores))
         if scores[worst] <= HOLE_SIGMA:
             return HoleCenter(pose.translation, covariance, len(scores))
         if len(scores) <= fewest:
             raise DidNotConverge("the holes in the pictures contradict each other and CAD")
-        seen = seen.without(worst)
+        evidence = evidence.without(worst)
 
 
-def combine(holes: HoleCenter, turned: RotationCenter) -> CombinedCenter:
+def combine(holes: HoleCenter, spins: RotationCenter) -> CombinedCenter:
     """The centre by holes with the axis by turning, across it, each as good as its covariance says.
 
     CAD's centre is taken to be off the axis by `Turntable.center_sigma_mm`. Along the axis the
     centre stays that of the holes.
     """
-    across = np.linalg.svd(turned.axis_in_tag[None])[2][1:]
-    apart = across @ (turned.center_in_tag - holes.center_in_tag)
-    S = across @ (holes.covariance + turned.covariance[:3, :3]) @ across.T
+    across = np.linalg.svd(spins.axis_in_tag[None])[2][1:]
+    apart = across @ (spins.center_in_tag - holes.center_in_tag)
+    S = across @ (holes.covariance + spins.covariance[:3, :3]) @ across.T
     S = S + Turntable().center_sigma_mm ** 2 * np.eye(2)
     gain = holes.covariance @ across.T @ np.linalg.inv(S)
     squares = np.array([apart @ np.linalg.solve(S, apart)])
@@ -95,7 +95,7 @@ def combine(holes: HoleCenter, turned: RotationCenter) -> CombinedCenter:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class _Seen:
+class _Evidence:
     """m sightings in pictures (m,): offsets (m, 3) of their holes from CAD's centre, pixels (m, 2).
 
     rotations (m, 3, 3), translations (m, 3): of the tag in the camera, for each sighting;
@@ -111,7 +111,7 @@ class _Seen:
     translations: Array
     covariances: Sequence[Array]
 
-    def without(self, i: int) -> "_Seen":
+    def without(self, i: int) -> "_Evidence":
         """All but one."""
         return replace(
             self,
@@ -130,18 +130,18 @@ class _Seen:
     def covariance(self, places: Array) -> Array:
         """Of all pixels (2 m, 2 m): their own errors, and those of the tag in each picture."""
         J = self.camera.linearize(places)[1]
-        by_tag = J @ np.concatenate([np.broadcast_to(np.eye(3), (len(J), 3, 3)), -hat(places)], 2)
+        J_tag = J @ np.concatenate([np.broadcast_to(np.eye(3), (len(J), 3, 3)), -hat(places)], 2)
         total = np.diag(np.repeat(self.sigmas_px**2, 2))
         for k, tag in enumerate(self.covariances):
             rows = np.repeat(self.pictures == k, 2)
-            shift = by_tag.reshape(-1, 6)[rows]
+            shift = J_tag.reshape(-1, 6)[rows]
             total[np.ix_(rows, rows)] += shift @ tag @ shift.T
         return total
 
 
-def _seen(
+def _evidence_of(
     recording: Recording, sightings: Sequence[HolePixel], reference: Reference, center: Array
-) -> _Seen:
+) -> _Evidence:
     facts = recording.facts
     poses, covariances = [reference.camera_from_tag_b], [reference.covariance]
     number: dict[int | None, int] = {None: 0}
@@ -150,14 +150,16 @@ def _seen(
             number[k] = len(poses)
             poses.append(spin.tag_b.camera_from_tag)
             covariances.append(spin.tag_b.covariance)
-    kept = [one for one in sightings if one.spin in number]
-    pictures = np.array([number[one.spin] for one in kept], dtype=np.intp)
+    chosen = [hole for hole in sightings if hole.spin in number]
+    pictures = np.array([number[hole.spin] for hole in chosen], dtype=np.intp)
     targets = facts.object.targets
-    return _Seen(
+    return _Evidence(
         CameraModel(facts.camera_matrix, facts.distortion, facts.image_size_px),
-        np.array([targets[one.target].point_in_object - center for one in kept]).reshape(-1, 3),
-        np.array([one.pixel for one in kept]).reshape(-1, 2),
-        np.array([one.sigma_px for one in kept]),
+        np.array([targets[hole.target].point_in_object - center for hole in chosen]).reshape(
+            -1, 3
+        ),
+        np.array([hole.pixel for hole in chosen]).reshape(-1, 2),
+        np.array([hole.sigma_px for hole in chosen]),
         pictures,
         np.array([pose.rotation for pose in poses])[pictures],
         np.array([pose.translation for pose in poses])[pictures],
@@ -165,47 +167,53 @@ def _seen(
     )
 
 
-def _fit(seen: _Seen) -> tuple[Pose, Array, Array]:
+def _fit(evidence: _Evidence) -> tuple[Pose, Array, Array]:
     """Object about CAD's centre in the tag; covariance (3, 3) of its place; scores (m,) in sigmas."""
 
-    def linearize(at: Pose) -> tuple[Array, Array]:
-        arms = seen.offsets @ at.rotation.T
-        pixels, J = seen.camera.linearize(seen.places(arms + at.translation))
-        by_place = J @ seen.rotations
-        by_all = np.concatenate([by_place, -by_place @ hat(arms)], axis=2)
-        return W @ (pixels - seen.pixels).ravel(), W @ by_all.reshape(-1, 6)
+    def linearize(pose: Pose) -> tuple[Array, Array]:
+        arms = evidence.offsets @ pose.rotation.T
+        pixels, J = evidence.camera.linearize(evidence.places(arms + pose.translation))
+        J_place = J @ evidence.rotations
+        J_pose = np.concatenate([J_place, -J_place @ hat(arms)], axis=2)
+        return W @ (pixels - evidence.pixels).ravel(), W @ J_pose.reshape(-1, 6)
 
-    def moved(at: Pose, step: Array) -> Pose:
-        return Pose(exp_rotation(step[3:]) @ at.rotation, at.translation + step[:3])
+    def retract(pose: Pose, step: Array) -> Pose:
+        return Pose(exp_rotation(step[3:]) @ pose.rotation, pose.translation + step[:3])
 
-    at = _start(seen)
+    pose = _start(evidence)
     for _ in range(_ROUNDS):
-        C = seen.covariance(seen.places(at @ seen.offsets))
+        C = evidence.covariance(evidence.places(pose @ evidence.offsets))
         W = sqrt_information(C)
-        minimum = minimize(linearize, moved, at)
+        minimum = minimize(linearize, retract, pose)
         check_convergence(minimum.report, "centre by holes")
-        at = minimum.state
-    off = np.linalg.solve(W, minimum.residuals).reshape(-1, 2)
-    own = np.array([C[2 * i : 2 * i + 2, 2 * i : 2 * i + 2] for i in range(len(off))])
-    squares = np.einsum("mi,mi->m", off, np.linalg.solve(own, off[..., None])[..., 0])
+        pose = minimum.state
+    residuals = np.linalg.solve(W, minimum.residuals).reshape(-1, 2)
+    covariances = np.array(
+        [C[2 * i : 2 * i + 2, 2 * i : 2 * i + 2] for i in range(len(residuals))]
+    )
+    squares = np.einsum(
+        "mi,mi->m", residuals, np.linalg.solve(covariances, residuals[..., None])[..., 0]
+    )
     scale = variance_inflation(2 * minimum.report.cost, minimum.residuals.size - 6)
     covariance = covariance_from(minimum.jacobian)[:3, :3] * scale
-    return at, covariance, equivalent_sigmas(squares, np.full(len(off), 2))
+    return pose, covariance, equivalent_sigmas(squares, np.full(len(residuals), 2))
 
 
-def _start(seen: _Seen) -> Pose:
+def _start(evidence: _Evidence) -> Pose:
     """The holes taken to be in the plane of the tag."""
-    count = len(np.unique(seen.offsets.round(6), axis=0))
+    count = len(np.unique(evidence.offsets.round(6), axis=0))
     if count < _FEWEST_HOLES:
         raise TooFewObservations(
             f"a centre by holes needs {_FEWEST_HOLES} holes in the pictures, there are {count}"
         )
-    if are_in_line(seen.offsets, HOLES_LINE):
+    if are_in_line(evidence.offsets, HOLES_LINE):
         raise NotObservable(
             "the holes that were seen are on one line: measure one beside it", rank=5, unknowns=6
         )
-    rays = np.column_stack([seen.camera.normalize(seen.pixels), np.ones(len(seen.pixels))])
-    directions = np.einsum("mji,mj->mi", seen.rotations, rays)
-    origins = -np.einsum("mji,mj->mi", seen.rotations, seen.translations)
+    rays = np.column_stack(
+        [evidence.camera.normalize(evidence.pixels), np.ones(len(evidence.pixels))]
+    )
+    directions = np.einsum("mji,mj->mi", evidence.rotations, rays)
+    origins = -np.einsum("mji,mj->mi", evidence.rotations, evidence.translations)
     flat = origins - directions * (origins[:, 2] / directions[:, 2])[:, None]
-    return kabsch(seen.offsets, flat)
+    return kabsch(evidence.offsets, flat)

@@ -35,7 +35,7 @@ class _Flange:
     """Where the flange must be now, mm: position (3,), how the object moved, derivative by the touches."""
 
     position: Array
-    moved: MovedPoint
+    motion: MovedPoint
     J_touches: Array
 
 
@@ -91,23 +91,23 @@ class StepwiseSolution:
         what the calibration cannot serve, naming the remedy.
         """
         flange = self._flange(facts, taught, tag_b, policy, R_work)
-        turn = flange.moved.rotation
+        turn = flange.motion.rotation
         touches = self.touch_covariances.get(taught.target.name, taught.covariance)
         if flange.J_touches.shape[1] == 3:
             touches = taught.covariance
         covariance = (
             flange.J_touches @ touches @ flange.J_touches.T
-            + flange.moved.covariance
+            + flange.motion.covariance
             + facts.robot_sigma_mm**2 * _EYE
         )
         follows = policy is Policy.FOLLOW
-        turned = self.chain.rotation_covariance(tag_b, turn)
+        rotation_covariance = self.chain.rotation_covariance(tag_b, turn)
         return ExpectedCoordinate(
             target=taught.target,
             base_from_wrist=Pose(_wrist(policy, turn, R_work), flange.position),
             position_covariance=frozen_array(covariance, 3, 3),
             u95_mm=radius95(covariance),
-            u95_rad=radius95(turned) if follows else 0.0,
+            u95_rad=radius95(rotation_covariance) if follows else 0.0,
         )
 
     @abstractmethod
@@ -150,14 +150,14 @@ class UniversalSolution(StepwiseSolution):
         tip = taught.flange_in_base + taught.base_from_work @ tip_in_wrist
         J_pivot = np.zeros((3, 3))
         if policy is not Policy.FOLLOW and self.pivot is not None:
-            moved = self.chain.move_about(self.pivot, tip, now)
-            J_pivot = _EYE - moved.rotation
+            motion = self.chain.move_about(self.pivot, tip, now)
+            J_pivot = _EYE - motion.rotation
         else:
-            moved = self.chain.move(tip, now)
-        R_now = _wrist(policy, moved.rotation, R_work)
-        J_tcp = moved.rotation @ taught.base_from_work - R_now
-        J_touches = np.hstack([moved.rotation, J_pivot, J_tcp])
-        return _Flange(moved.position - R_now @ tip_in_wrist, moved, J_touches)
+            motion = self.chain.move(tip, now)
+        R_now = _wrist(policy, motion.rotation, R_work)
+        J_tcp = motion.rotation @ taught.base_from_work - R_now
+        J_touches = np.hstack([motion.rotation, J_pivot, J_tcp])
+        return _Flange(motion.position - R_now @ tip_in_wrist, motion, J_touches)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -187,15 +187,17 @@ class SpecialSolution(StepwiseSolution):
         _check_orientation(taught, R_work)
         flange = taught.flange_in_base
         if policy is Policy.FOLLOW:
-            moved = self.chain.move(flange, now)
-            return _Flange(moved.position, moved, moved.rotation)
+            motion = self.chain.move(flange, now)
+            return _Flange(motion.position, motion, motion.rotation)
         if self.pivot is None:
             raise InputError(
                 "policy 'fixed' needs the rotation centre or the TCP: record spins of the turntable "
                 "(and its centre in CAD), or touch with varied wrists, or use policy 'follow'"
             )
-        moved = self.chain.move_about(self.pivot, flange, now)
-        return _Flange(moved.position, moved, np.hstack([moved.rotation, _EYE - moved.rotation]))
+        motion = self.chain.move_about(self.pivot, flange, now)
+        return _Flange(
+            motion.position, motion, np.hstack([motion.rotation, _EYE - motion.rotation])
+        )
 
 
 def _wrist(policy: Policy, turn: Array, R_work: Array) -> Array:
@@ -203,9 +205,9 @@ def _wrist(policy: Policy, turn: Array, R_work: Array) -> Array:
 
 
 def _check_orientation(taught: TaughtPoint, R_work: Array) -> None:
-    turned = float(np.linalg.norm(log_rotation(R_work @ taught.base_from_work.T)))
-    if turned > SAME_ORIENTATION_RAD:
+    turn_rad = float(np.linalg.norm(log_rotation(R_work @ taught.base_from_work.T)))
+    if turn_rad > SAME_ORIENTATION_RAD:
         raise InputError(
-            f"the wrist is to be turned by {np.degrees(turned):.2f} degrees against the touches, but "
+            f"the wrist is to be turned by {np.degrees(turn_rad):.2f} degrees against the touches, but "
             "the TCP is unknown (all touches had one orientation): touch with varied wrists"
         )

@@ -43,24 +43,24 @@ class FittedTouches:
     residuals_mm: Array
     scores: Array
 
-    def points(self, *, with_pivot: bool) -> tuple[dict[str, TaughtPoint], dict[str, Array]]:
+    def points(self, *, has_pivot: bool) -> tuple[dict[str, TaughtPoint], dict[str, Array]]:
         """Taught points, and `touch_covariances` as the solutions have them."""
-        pivot = self.pivot_jacobian if with_pivot else np.zeros_like(self.pivot_jacobian)
+        pivot = self.pivot_jacobian if has_pivot else np.zeros_like(self.pivot_jacobian)
         points, covariances = {}, {}
         for name, (target, flange, R_work, J) in self.flanges.items():
             rows = [J, pivot]
             if self.tcp is not None:
                 rows.append(np.eye(3, 9, 6))
-            stacked = np.vstack(rows)
-            together = stacked @ self.parameters @ stacked.T
+            jacobian = np.vstack(rows)
+            covariance = jacobian @ self.parameters @ jacobian.T
             points[name] = TaughtPoint(
                 target=target,
                 flange_in_base=frozen_array(flange, 3),
                 base_from_work=frozen_array(R_work, 3, 3),
-                covariance=frozen_array(together[:3, :3], 3, 3),
+                covariance=frozen_array(covariance[:3, :3], 3, 3),
             )
-            if self.tcp is not None or with_pivot:
-                covariances[name] = frozen_copy(together)
+            if self.tcp is not None or has_pivot:
+                covariances[name] = frozen_copy(covariance)
         return points, covariances
 
 
@@ -84,8 +84,8 @@ def fit_touches(recording: Recording) -> FittedTouches:
 def _target(recording: Recording, touch: Touch) -> Target:
     targets = recording.facts.object.targets
     if touch.target not in targets:
-        known = ", ".join(sorted(targets))
-        raise InputError(f"touched target {touch.target!r} is not in CAD; there are: {known}")
+        names = ", ".join(sorted(targets))
+        raise InputError(f"touched target {touch.target!r} is not in CAD; there are: {names}")
     return targets[touch.target]
 
 
@@ -98,12 +98,12 @@ def _special(recording: Recording, fit: CadFit) -> FittedTouches:
         p = target.point_in_object
         flanges[name] = (target, fit.flange(p) - R_work @ offset, R_work, fit.jacobian(p))
     center = recording.facts.object.center_in_object
-    at = np.zeros(3) if center is None else center
+    pivot = np.zeros(3) if center is None else center
     return FittedTouches(
         tcp=None,
         pivot_in_base=None if center is None else fit.flange(center) - R_work @ offset,
         parameters=fit.covariance,
-        pivot_jacobian=fit.jacobian(at),
+        pivot_jacobian=fit.jacobian(pivot),
         flanges=flanges,
         residuals_mm=fit.residuals_mm,
         scores=fit.scores,
@@ -113,10 +113,10 @@ def _special(recording: Recording, fit: CadFit) -> FittedTouches:
 def _check_same_orientation(target: Target, R_work: Array) -> None:
     if target.base_from_work is None:
         return
-    turned = float(np.linalg.norm(log_rotation(target.base_from_work @ R_work.T)))
-    if turned > SAME_ORIENTATION_RAD:
+    turn_rad = float(np.linalg.norm(log_rotation(target.base_from_work @ R_work.T)))
+    if turn_rad > SAME_ORIENTATION_RAD:
         raise NotObservable(
-            f"target {target.name!r} works with the wrist turned by {np.degrees(turned):.2f} degrees "
+            f"target {target.name!r} works with the wrist turned by {np.degrees(turn_rad):.2f} degrees "
             "against all touches, which needs the TCP: touch with varied wrists",
             rank=6,
             unknowns=9,
@@ -136,14 +136,14 @@ def _universal(recording: Recording, result: UniversalResult) -> FittedTouches:
         J = np.hstack([-R, R @ hat(p), -R_work])
         flanges[name] = (target, base_from_object @ p - R_work @ tip, R_work, J)
     center = recording.facts.object.center_in_object
-    at = np.zeros(3) if center is None else center
+    pivot = np.zeros(3) if center is None else center
     return FittedTouches(
         tcp=TcpEstimate(
             frozen_array(result.tcp_in_wrist, 3), frozen_array(result.covariance[6:, 6:], 3, 3)
         ),
         pivot_in_base=None if center is None else base_from_object @ center,
         parameters=result.covariance,
-        pivot_jacobian=np.hstack([-R, R @ hat(at), np.zeros((3, 3))]),
+        pivot_jacobian=np.hstack([-R, R @ hat(pivot), np.zeros((3, 3))]),
         flanges=flanges,
         residuals_mm=result.residuals_mm,
         scores=result.scores,

@@ -144,7 +144,7 @@ def _pivot_disagrees(evidence: StepwiseEvidence, center: RotationCenter) -> list
 
 def _residuals(evidence: StepwiseEvidence) -> dict[str, float]:
     used = [sample for sample in evidence.hand_eye.samples if sample.used]
-    out = {
+    residuals = {
         "touch_rms_mm": rms(np.linalg.norm(evidence.taught.residuals_mm, axis=1)),
         "touch_worst_sigma": float(evidence.taught.scores.max()),
         "hand_eye_rms_mm": rms([sample.mm for sample in used]),
@@ -153,5 +153,5 @@ def _residuals(evidence: StepwiseEvidence) -> dict[str, float]:
         "reference_scatter_mm": evidence.reference.scatter_mm,
     }
     if evidence.center is not None:
-        out["spin_rms_mm"] = rms(np.linalg.norm(evidence.center.residuals_mm, axis=1))
-    return out
+        residuals["spin_rms_mm"] = rms(np.linalg.norm(evidence.center.residuals_mm, axis=1))
+    return residuals

@@ -78,7 +78,7 @@ def _unknown_plane(touches: TouchSet) -> SurfaceResult[Plane]:
     problem = _PlaneProblem(touches, center)
     check_touches(finite.astype(float), 6 + SPARE, "unknown plane")
     check_turns(touches.subset(np.flatnonzero(finite)), 6, "unknown plane")
-    best, *others = problem.minima(finite.astype(float))
+    best, *minima = problem.minima(finite.astype(float))
     tcp, n, d = best.state
     residuals, J = problem.raw(best.state)
     weights = problem.weights(n)
@@ -90,7 +90,7 @@ def _unknown_plane(touches: TouchSet) -> SurfaceResult[Plane]:
     check_rank(scaled, "unknown plane", remedy, noise)
     check_convergence(best.report, "plane")
     surface = Plane(n, d + float(n @ center))
-    rivals = [(other.state[0], other.report.cost) for other in others]
+    rivals = [(minimum.state[0], minimum.report.cost) for minimum in minima]
     return surface_result(tcp, surface, residuals, J, weights, rivals)
 
 
@@ -118,11 +118,11 @@ class _PlaneProblem:
         b = -(normals @ self._t.T) * weights
         Q, _ = np.linalg.qr(A)
         left = b - np.einsum("kmi,kji,kj->km", Q, Q, b)
-        kept: list[Array] = []
+        chosen: list[Array] = []
         for k in np.argsort(np.sum(left**2, axis=1)):
-            if all(abs(float(normals[k] @ one)) < _SAME_DIRECTION for one in kept):
-                kept.append(normals[k])
-        return kept[:_STARTS]
+            if all(abs(float(normals[k] @ normal)) < _SAME_DIRECTION for normal in chosen):
+                chosen.append(normals[k])
+        return chosen[:_STARTS]
 
     def weights(self, n: Array) -> Array:
         """One over sigma along the normal, (m,)."""

@@ -62,7 +62,7 @@ def fit_sphere(touches: TouchSet, radius_mm: float | None = None) -> SurfaceResu
     check_touches(counts.astype(float), unknowns + SPARE, "ball")
     check_turns(touches.subset(np.flatnonzero(counts)), unknowns, "ball")
     problem = _SphereProblem(touches, radius_mm, counts)
-    best, *others = problem.minima()
+    best, *minima = problem.minima()
     residuals, J = problem.raw(best.state)
     weights = problem.weights(best.state)
     J = J[:, :unknowns]
@@ -70,7 +70,7 @@ def fit_sphere(touches: TouchSet, radius_mm: float | None = None) -> SurfaceResu
     check_rank(J[weights > 0], "ball", _SIDES, noise)
     check_convergence(best.report, "ball")
     tcp, center, radius = best.state
-    rivals = [(other.state[0], other.report.cost) for other in others]
+    rivals = [(minimum.state[0], minimum.report.cost) for minimum in minima]
     return surface_result(tcp, Sphere(center, radius), residuals, J, weights, rivals)
 
 
@@ -130,9 +130,9 @@ class _SphereProblem:
 
     def _ways(self, state: SphereState) -> tuple[Array, Array]:
         """How far (m,) and in which direction (m, 3) the tips are from the centre."""
-        off = self._touches.rotations @ state[0] + self._touches.translations - state[1]
-        length = np.maximum(np.linalg.norm(off, axis=1), _TINY_MM)
-        return length, off / length[:, None]
+        arms = self._touches.rotations @ state[0] + self._touches.translations - state[1]
+        length = np.maximum(np.linalg.norm(arms, axis=1), _TINY_MM)
+        return length, arms / length[:, None]
 
     def _fit(self, state: SphereState, weights: Array) -> Minimum[SphereState]:
         """Nearest minimum with these weights (m,)."""
@@ -150,19 +150,19 @@ class _SphereProblem:
 
     def _starts(self) -> list[SphereState]:
         """As if the ball were a point, and the best distinct ones about it, each with its own centre."""
-        some = self._touches.subset(np.flatnonzero(self._counts))
-        at_point = solve_linear(fixed_point_rows(some), -some.translations.ravel())[:3]
-        tried = sorted(self._balls(some, at_point), key=lambda one: one[0])
-        kept: list[SphereState] = []
+        touches = self._touches.subset(np.flatnonzero(self._counts))
+        point_tcp = solve_linear(fixed_point_rows(touches), -touches.translations.ravel())[:3]
+        tried = sorted(self._balls(touches, point_tcp), key=lambda pair: pair[0])
+        states: list[SphereState] = []
         for _, state in tried:
             if all(
-                np.linalg.norm(state[0] - one[0]) > _DISTINCT * max(state[2], one[2])
-                for one in kept
+                np.linalg.norm(state[0] - other[0]) > _DISTINCT * max(state[2], other[2])
+                for other in states
             ):
-                kept.append(state)
-        return kept[:_STARTS]
+                states.append(state)
+        return states[:_STARTS]
 
-    def _balls(self, some: TouchSet, at_point: Array) -> Iterator[tuple[float, SphereState]]:
+    def _balls(self, touches: TouchSet, point_tcp: Array) -> Iterator[tuple[float, SphereState]]:
         """Sum of squares and state for TCPs (3,) about one that takes the ball for a point.
 
         That one is off by the mean direction, in the wrist, in which the ball was touched.
@@ -170,14 +170,14 @@ class _SphereProblem:
         shares = np.array(_SHARES) * self._radius if self._radius else np.array(_SHIFTS_MM)
         shifts = (shares[:, None, None] * _sphere(_DIRECTIONS)).reshape(-1, 3)
         for shift in (np.zeros(3), *shifts):
-            tips = some.rotations @ (at_point + shift) + some.translations
+            tips = touches.rotations @ (point_tcp + shift) + touches.translations
             middle = tips.mean(axis=0)
             about = tips - middle
             rows = np.column_stack([2 * about, np.ones(len(about))])
             x = np.linalg.lstsq(rows, np.sum(about**2, axis=1), rcond=_CENTER_RCOND)[0]
             radius = self._radius or float(np.sqrt(max(x[3] + x[:3] @ x[:3], _TINY_MM)))
-            off = np.linalg.norm(about - x[:3], axis=1) - radius
-            yield float(off @ off), (at_point + shift, middle + x[:3], radius)
+            residuals = np.linalg.norm(about - x[:3], axis=1) - radius
+            yield float(residuals @ residuals), (point_tcp + shift, middle + x[:3], radius)
 
 
 def _sphere(count: int) -> Array:

@@ -93,9 +93,11 @@ def check_touches(weights: Array, needed: int, what: str) -> None:
 
 def check_turns(touches: TouchSet, unknowns: int, what: str) -> None:
     """Raise NotObservable unless the wrist turned about two axes: else the TCP slides with the surface."""
-    left_open = 6 - observability(fixed_point_rows(touches), np.ones(6), TOLERANCE).rank
-    if left_open:
-        _refuse(what, unknowns - left_open, unknowns, missing_rotation(list(touches.rotations)))
+    null_dimension = 6 - observability(fixed_point_rows(touches), np.ones(6), TOLERANCE).rank
+    if null_dimension:
+        _refuse(
+            what, unknowns - null_dimension, unknowns, missing_rotation(list(touches.rotations))
+        )
 
 
 def check_rank(jacobian: Array, what: str, remedy: str, noise: Array | None = None) -> None:
@@ -117,12 +119,12 @@ def check_one_minimum(fit: SurfaceResult[SurfaceT], what: str, remedy: str) -> N
     squares = float(np.sum(fit.whitened**2))
     scale = max(1.0, squares / fit.degrees_of_freedom) if fit.degrees_of_freedom > 0 else 1.0
     for tcp, cost in fit.rivals:
-        off = tcp - fit.tcp_in_wrist
-        apart = float(np.sqrt(off @ np.linalg.solve(fit.covariance * scale, off)))
+        offset = tcp - fit.tcp_in_wrist
+        apart = float(np.sqrt(offset @ np.linalg.solve(fit.covariance * scale, offset)))
         as_likely = 2 * cost - squares < _BY_CHANCE * scale
-        if as_likely and apart > _APART_SIGMA and np.linalg.norm(off) > _APART_MM:
+        if as_likely and apart > _APART_SIGMA and np.linalg.norm(offset) > _APART_MM:
             raise NotObservable(
-                f"{what}: two TCPs, {np.linalg.norm(off):.1f} mm apart, explain the touches equally "
+                f"{what}: two TCPs, {np.linalg.norm(offset):.1f} mm apart, explain the touches equally "
                 f"well: {remedy}",
                 rank=fit.unknowns - 1,
                 unknowns=fit.unknowns,

@@ -151,7 +151,7 @@ def studentized_residuals(residuals: Array, jacobian: Array) -> Array:
 
 def equivalent_sigmas(squares: Array, degrees_of_freedom: Array) -> Array:
     """Normal quantile with the same tail as chi2(freedom) at `squares`; Wilson, Hilferty 1931."""
-    known = np.maximum(degrees_of_freedom, 1)
-    width = 2 / (9 * known)
-    sigmas = ((squares / known) ** (1 / 3) - (1 - width)) / np.sqrt(width)
+    divisor = np.maximum(degrees_of_freedom, 1)
+    width = 2 / (9 * divisor)
+    sigmas = ((squares / divisor) ** (1 / 3) - (1 - width)) / np.sqrt(width)
     return np.where(degrees_of_freedom > 0, np.maximum(sigmas, 0.0), 0.0)

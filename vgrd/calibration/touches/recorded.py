@@ -22,10 +22,10 @@ def arm_touches(touches: Sequence[Touch], recording: Recording) -> TouchSet:
 
 def touched_orientation(touches: Sequence[Touch], target: str | None = None) -> Array:
     """Wrist (3, 3) as that target was touched, else as any was: the most usual orientation of all."""
-    every = np.array([touch.base_from_wrist.rotation for touch in touches])
-    of_target = [i for i, touch in enumerate(touches) if touch.target == target]
+    wrists = np.array([touch.base_from_wrist.rotation for touch in touches])
+    indices = [i for i, touch in enumerate(touches) if touch.target == target]
 
     def unusual(i: int) -> float:
-        return float(np.median(np.linalg.norm(log_rotation(every @ every[i].T), axis=1)))
+        return float(np.median(np.linalg.norm(log_rotation(wrists @ wrists[i].T), axis=1)))
 
-    return np.asarray(every[min(of_target or range(len(every)), key=unusual)])
+    return np.asarray(wrists[min(indices or range(len(wrists)), key=unusual)])

@@ -16,14 +16,14 @@ _MOVED = Difference(squared=40.0, mm=0.05, rad=1e-3)  # 1 in 2 million; less doe
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Reference:
-    """camera_from_tag_b: mean over the touches; covariance (6, 6); moved: touches that disagree.
+    """camera_from_tag_b: mean over the touches; covariance (6, 6); outliers: touches that disagree.
 
     scatter_mm: rms distance of the tag's origin from the mean.
     """
 
     camera_from_tag_b: Pose
     covariance: Array
-    moved: tuple[int, ...]
+    outliers: tuple[int, ...]
     scatter_mm: float
 
 
@@ -32,20 +32,20 @@ def find_reference(touches: Sequence[Touch]) -> Reference:
 
     Raises TooFewObservations when no touch saw tag B.
     """
-    tags, moved = _seen(touches), moved_touches(touches)
+    tags, outliers = _seen(touches), moved_touches(touches)
     if not tags:
         raise TooFewObservations(
             "tag B was not seen in any touch, so there is no reference picture: "
             "touch with tag B in view"
         )
-    still = [tag for i, tag in tags if i not in moved]
+    still = [tag for i, tag in tags if i not in outliers]
     poses = [tag.camera_from_tag for tag in still]
     mean, covariance = mean_pose(poses, [tag.covariance for tag in still])
     scatter = [mean.distance(pose)[0] for pose in poses]
     return Reference(
         mean,
         frozen_array(covariance, 6, 6),
-        moved,
+        outliers,
         float(np.sqrt(np.mean(np.square(scatter)))),
     )
 

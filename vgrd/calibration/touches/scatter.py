@@ -48,15 +48,15 @@ def repeatability(
         raise InputError(f"{len(touches)} touches need as many targets, got {len(targets)}")
     tips = touches.rotations @ tcp_in_wrist + touches.translations
     residuals, degrees_of_freedom = np.zeros_like(tips), 0
-    turned = np.zeros(len(touches))
+    turns = np.zeros(len(touches))
     for name in dict.fromkeys(targets):
-        same = np.array([target == name for target in targets])
-        residuals[same] = tips[same] - tips[same].mean(axis=0)
-        turned[same] = np.linalg.norm(
-            touches.rotations[same] - touches.rotations[same].mean(axis=0), axis=(1, 2)
+        group = np.array([target == name for target in targets])
+        residuals[group] = tips[group] - tips[group].mean(axis=0)
+        turns[group] = np.linalg.norm(
+            touches.rotations[group] - touches.rotations[group].mean(axis=0), axis=(1, 2)
         )
-        degrees_of_freedom += int(same.sum()) - 1
-    if tcp_is_fitted and turned.max() > _SAME_WRIST:
+        degrees_of_freedom += int(group.sum()) - 1
+    if tcp_is_fitted and turns.max() > _SAME_WRIST:
         degrees_of_freedom -= 1
     if degrees_of_freedom < 1:
         raise TooFewObservations(

@@ -94,8 +94,8 @@ class Equations:
         """
         R = state[0]
         W = self._touches.measured().base_sqrt_informations() @ R.T
-        by_X = np.concatenate([np.broadcast_to(-np.eye(3), W.shape), hat(self._p)], axis=2)
-        J = (W @ np.concatenate([by_X, -R @ self._R], axis=2)).reshape(-1, 9)
+        J_X = np.concatenate([np.broadcast_to(-np.eye(3), W.shape), hat(self._p)], axis=2)
+        J = (W @ np.concatenate([J_X, -R @ self._R], axis=2)).reshape(-1, 9)
         about_center = np.eye(9)
         about_center[:3, 3:6] = hat(self._p.mean(axis=0))
         lever = max(float(np.std(self._p, axis=0).max()), 1.0)

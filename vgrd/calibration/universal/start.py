@@ -79,10 +79,10 @@ def nearest_valley(K: Array, R_X: Array) -> Array:
 def _turned_lower(K: Array, S: Array, step: Array, cost: float) -> tuple[Array, float] | None:
     """S after the step, or as small a part of it as lowers the cost; None when none does."""
     while float(np.linalg.norm(step)) > _DONE_RAD:
-        turned = exp_rotation(step) @ S
-        reached = _cost(K, turned)
-        if reached < cost:
-            return turned, reached
+        candidate = exp_rotation(step) @ S
+        candidate_cost = _cost(K, candidate)
+        if candidate_cost < cost:
+            return candidate, candidate_cost
         step = step / 4
     return None
 
@@ -160,7 +160,7 @@ def _exp(rotvecs: Array) -> Array:
     """Rotation matrices (k, 3, 3) of rotation vectors (k, 3)."""
     angle = np.maximum(np.linalg.norm(rotvecs, axis=1), 1e-12)[:, None, None]
     W = hat(rotvecs)
-    out: Array = (
+    rotations: Array = (
         np.eye(3) + np.sin(angle) / angle * W + 2 * (np.sin(angle / 2) / angle) ** 2 * (W @ W)
     )
-    return out
+    return rotations
