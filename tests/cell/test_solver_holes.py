@@ -223,12 +223,12 @@ def test_drawn_pictures_show_every_fit_and_a_covered_hole_with_the_reason(
     files = draw_searched(seen.pictures, covered, tmp_path)
     assert len(files) == len(seen.pictures)
     for path, picture in zip(files, seen.pictures, strict=True):
-        for one in picture.found:
+        for one in picture.sightings:
             truth = place(one.target, picture.spin)
             assert np.linalg.norm(one.hole.outline_px.mean(axis=0) - truth) < 0.5
             apart = one.hole.rim_px[:, None] - one.hole.outline_px
             assert np.linalg.norm(apart, axis=2).min(axis=1).max() < 2.0
-        assert colours(path, GOOD) >= 300 * len(picture.found)
+        assert colours(path, GOOD) >= 300 * len(picture.sightings)
         assert (colours(path, DOUBTFUL) > 100) == bool(picture.missed)
         for name, missed in picture.missed.items():
             truth = place(name, picture.spin)

@@ -70,9 +70,9 @@ def fact_differences(calibrated: CellFacts, configured: CellFacts) -> list[str]:
 
 def file_key(path: str) -> str:
     """Key of the cell file for a path through `CellFacts` such as "tool.axis_in_wrist"."""
-    for known, key in _KEYS.items():
-        if path == known or path.startswith(f"{known}."):
-            return key + path.removeprefix(known)
+    for fact, key in _KEYS.items():
+        if path == fact or path.startswith(f"{fact}."):
+            return key + path.removeprefix(fact)
     start, dot, last = path.rpartition(".")
     return f"{start}{dot}{_KEYS_OF_TARGETS.get(last, last)}"
 
@@ -89,8 +89,8 @@ def _compare(old: object, new: object, path: str) -> Iterator[tuple[str, str]]:
         for key in {**old, **new}:
             yield from _compare_entry(old, new, path, key)
     elif not _same(old, new, path):
-        shown = _AS_IN_FILE.get(path.rpartition(".")[2], _unchanged)
-        yield path, f"was {_words(shown(old))}, is {_words(shown(new))}"
+        convert = _AS_IN_FILE.get(path.rpartition(".")[2], _unchanged)
+        yield path, f"was {_words(convert(old))}, is {_words(convert(new))}"
 
 
 def _compare_entry(
@@ -105,14 +105,14 @@ def _compare_entry(
 
 
 def _same(old: object, new: object, path: str) -> bool:
-    before, after = _numbers(old), _numbers(new)
-    if before is not None and after is not None:
-        alike = before.shape == after.shape
-        return alike and np.allclose(before, after, rtol=ROUNDING, atol=ROUNDING)
-    for value, numbers in ((old, before), (new, after)):
+    old_numbers, new_numbers = _numbers(old), _numbers(new)
+    if old_numbers is not None and new_numbers is not None:
+        alike = old_numbers.shape == new_numbers.shape
+        return alike and np.allclose(old_numbers, new_numbers, rtol=ROUNDING, atol=ROUNDING)
+    for value, numbers in ((old, old_numbers), (new, new_numbers)):
         if numbers is None and value is not None and not _has_equality(value):
             raise TypeError(f"{path}: no rule tells whether two {type(value).__name__} are equal")
-    return before is None and after is None and old == new
+    return old_numbers is None and new_numbers is None and old == new
 
 
 def _numbers(value: object) -> np.ndarray | None:

@@ -18,13 +18,13 @@ def draw_searched(
 
     A hole that was not seen is shown where it should be, with the reason. Nothing is searched again.
     """
-    by_stamp = {picture.stamp_s: k for k, picture in enumerate(searched)}
+    indices = {picture.stamp_s: k for k, picture in enumerate(searched)}
     drawn = []
-    for image in images(by_stamp.keys()):
-        k = by_stamp[image.stamp_s]
+    for image in images(indices.keys()):
+        k = indices[image.stamp_s]
         stands = searched[k].spin
-        where = "touched" if stands is None else f"spin-{stands + 1}"
-        path = folder / f"holes-{k + 1:02d}-{where}.png"
+        stance = "touched" if stands is None else f"spin-{stands + 1}"
+        path = folder / f"holes-{k + 1:02d}-{stance}.png"
         write_picture(path, contact_sheet(_tiles(image.pixels, searched[k])))
         drawn.append(path)
     return tuple(sorted(drawn))
@@ -32,14 +32,14 @@ def draw_searched(
 
 def _tiles(picture: Pixels, searched: SearchedPicture) -> list[Tile]:
     tiles = {}
-    for one in searched.found:
-        hole = one.hole
+    for sighting in searched.sightings:
+        hole = sighting.hole
         caption = (
-            f"{one.target}: sigma {one.sigma_px:.3f} px, radius {hole.radius_mm:.3f} mm, "
+            f"{sighting.target}: sigma {sighting.sigma_px:.3f} px, radius {hole.radius_mm:.3f} mm, "
             f"{hole.rim:.0%} of the rim, chi2 {hole.chi2:.1f}"
         )
-        drawing = draw_hole(picture, hole.rim_px, hole.outline_px, hole.center_px, one.target)
-        tiles[one.target] = Tile(drawing, "; ".join((caption, *hole.findings)))
+        drawing = draw_hole(picture, hole.rim_px, hole.outline_px, hole.center_px, sighting.target)
+        tiles[sighting.target] = Tile(drawing, "; ".join((caption, *hole.findings)))
     for name, missed in searched.missed.items():
         centre = missed.outline_px.mean(axis=0)
         drawing = draw_hole(

@@ -48,7 +48,7 @@ class SearchedPicture:
 
     stamp_s: float
     spin: int | None
-    found: tuple[HoleSighting, ...]
+    sightings: tuple[HoleSighting, ...]
     missed: Mapping[str, Missed]
 
 
@@ -65,7 +65,7 @@ class HolesSeen:
 class _Shot:
     """A picture of tag B; spin: index of the spin that the object stands as in, None: as touched."""
 
-    seen: Observation
+    observation: Observation
     tag_b: TagObservation
     spin: int | None
 
@@ -92,22 +92,22 @@ def holes_of(recording: Recording) -> dict[str, HoleSpec]:
 
 def see_holes(
     recording: Recording,
-    seen: Iterable[Observation],
+    observations: Iterable[Observation],
     images: Images,
     report: Report | None = None,
 ) -> HolesSeen:
     """Look for the holes of the object in the pictures of a session.
 
-    seen: what was observed in the pictures; `images` gives those of wanted stamps. PICTURES are
+    observations: what was observed in the pictures; `images` gives those of wanted stamps. PICTURES are
     searched, fewer where the object has many holes, and as many again for holes that were not seen
     there: more tell little, since CAD's tolerance is the same in all. Where to look comes from the
     joint estimate, first without holes, then with those found; raises what `calibrate_joint` does.
     report: called with (done, total) pictures.
     """
     usable, _ = without_useless_spins(recording)
-    search = _Search(usable, seen)
+    search = _Search(usable, observations)
     search.look(images, report, _without_holes(usable, search.holes))
-    if search.unseen and search.found:
+    if search.unseen and search.hole_views:
         again = calibrate_joint(usable, search.sightings())
         search.look(images, report, again.state)
     return HolesSeen(search.sightings(), search.unseen, tuple(search.pictures))
@@ -126,35 +126,35 @@ def _without_holes(recording: Recording, holes: Mapping[str, HoleSpec]) -> Joint
 class _Search:
     """What came of the searches so far; unseen: reasons by target."""
 
-    def __init__(self, recording: Recording, seen: Iterable[Observation]) -> None:
+    def __init__(self, recording: Recording, observations: Iterable[Observation]) -> None:
         facts = recording.facts
         self._camera = CameraModel(facts.camera_matrix, facts.distortion, facts.image_size_px)
         self._sigma_mm = facts.object.hole_sigma_mm
-        self._shots = _shots(recording, seen)
+        self._shots = _shots(recording, observations)
         self.holes = holes_of(recording)
-        self.found: list[tuple[_View, HoleSighting]] = []
+        self.hole_views: list[tuple[_View, HoleSighting]] = []
         self.pictures: list[SearchedPicture] = []
         self.unseen = dict.fromkeys(self.holes, _NOT_SHOWN)
 
     def look(self, images: Images, report: Report | None, state: JointState) -> None:
         """Look for what was not seen yet in the best pictures that were not taken before."""
-        wanted: dict[float, tuple[_View, list[str]]] = {}
+        searches: dict[float, tuple[_View, list[str]]] = {}
         for shot in self._shots:
             view = _view(shot, state)
             if names := [name for name in self.unseen if self._may_show(view, name)]:
-                wanted[view.stamp_s] = (view, names)
+                searches[view.stamp_s] = (view, names)
         count = int(np.clip(SEARCHES // max(len(self.holes), 1), _FEWEST_PICTURES, PICTURES))
-        chosen = self._best_first([view for view, _ in wanted.values()], count)[:count]
+        chosen = self._best_first([view for view, _ in searches.values()], count)[:count]
         stamps = {view.stamp_s for view in chosen}
-        self._shots = [shot for shot in self._shots if shot.seen.stamp_s not in stamps]
-        for done, image in enumerate(images(stamps), 1):
-            self._look_at(image, *wanted[image.stamp_s], state.object_from_tag_b)
+        self._shots = [shot for shot in self._shots if shot.observation.stamp_s not in stamps]
+        for number, image in enumerate(images(stamps), 1):
+            self._look_at(image, *searches[image.stamp_s], state.object_from_tag_b)
             if report is not None:
-                report(done, len(stamps))
+                report(number, len(stamps))
 
     def sightings(self) -> tuple[HolePixel, ...]:
         """All that was seen, each hole's tolerance in CAD shared among its sightings."""
-        counts = Counter(hole.target for _, hole in self.found)
+        counts = Counter(hole.target for _, hole in self.hole_views)
         return tuple(
             HolePixel(
                 hole.target,
@@ -162,22 +162,22 @@ class _Search:
                 float(np.hypot(hole.sigma_px, self._cad_px(view, hole.target, counts))),
                 view.spin,
             )
-            for view, hole in self.found
+            for view, hole in self.hole_views
         )
 
     def _look_at(
         self, image: CameraImage, view: _View, names: list[str], object_from_tag_b: Pose
     ) -> None:
         holes = {name: self.holes[name] for name in names}
-        seen, missing = sight_holes(
+        sightings, missing = sight_holes(
             image.pixels, self._camera, view.camera_from_tag_b, object_from_tag_b, holes
         )
-        self.found += [(view, hole) for hole in seen]
+        self.hole_views += [(view, hole) for hole in sightings]
         missed = {
             name: Missed(why, self._expected_px(view, name)) for name, why in missing.items()
         }
-        self.pictures.append(SearchedPicture(view.stamp_s, view.spin, tuple(seen), missed))
-        for hole in seen:
+        self.pictures.append(SearchedPicture(view.stamp_s, view.spin, tuple(sightings), missed))
+        for hole in sightings:
             self.unseen.pop(hole.target, None)
         self.unseen.update((name, why) for name, why in missing.items() if name in self.unseen)
 
@@ -205,9 +205,9 @@ class _Search:
         in_turn = chain.from_iterable(zip_longest(spread, still))
         return [view for view in in_turn if view is not None]
 
-    def _by_object(self, view: _View, at: Array) -> Array:
+    def _by_object(self, view: _View, place: Array) -> Array:
         """Derivative (2, 3), px / mm, of the pixel by a place in the object."""
-        J = self._camera.linearize((view.camera_from_object @ at)[None])[1][0]
+        J = self._camera.linearize((view.camera_from_object @ place)[None])[1][0]
         return np.asarray(J @ view.camera_from_object.rotation)
 
     def _cad_px(self, view: _View, name: str, counts: Mapping[str, int]) -> float:
@@ -220,10 +220,10 @@ def _view(shot: _Shot, state: JointState) -> _View:
     """Where object and tool are."""
     camera_from_tag_b = shot.tag_b.camera_from_tag
     camera_from_object = camera_from_tag_b @ state.object_from_tag_b.inverse()
-    tip_in_base = shot.seen.base_from_wrist @ state.tcp_in_wrist
+    tip_in_base = shot.observation.base_from_wrist @ state.tcp_in_wrist
     tip_in_camera = state.base_from_camera.inverse() @ tip_in_base
     return _View(
-        shot.seen.stamp_s,
+        shot.observation.stamp_s,
         camera_from_tag_b,
         camera_from_object,
         camera_from_object.inverse() @ tip_in_camera,
@@ -231,27 +231,31 @@ def _view(shot: _Shot, state: JointState) -> _View:
     )
 
 
-def _shots(recording: Recording, seen: Iterable[Observation]) -> list[_Shot]:
+def _shots(recording: Recording, observations: Iterable[Observation]) -> list[_Shot]:
     """The pictures in which the object stands as in a sample."""
     samples = _samples(recording)
     shots = []
-    for one in seen:
-        if one.tag_b is None or not samples:
+    for observation in observations:
+        if observation.tag_b is None or not samples:
             continue
-        corners = one.tag_b.corners_px
+        corners = observation.tag_b.corners_px
         shifts = [float(np.abs(corners - tag.corners_px).max()) for _, tag in samples]
         if min(shifts) <= SAME_PLACE_PX:
-            shots.append(_Shot(one, one.tag_b, samples[int(np.argmin(shifts))][0]))
+            shots.append(_Shot(observation, observation.tag_b, samples[int(np.argmin(shifts))][0]))
     return shots
 
 
 def _samples(recording: Recording) -> list[tuple[int | None, TagObservation]]:
     """Where tag B was in the samples that tell how the object stood."""
-    seen = [touch.observation for touch in recording.touches]
-    touched = [(None, one.tag_b) for one in seen if one is not None and one.tag_b is not None]
+    observations = [touch.observation for touch in recording.touches]
+    touched = [
+        (None, observation.tag_b)
+        for observation in observations
+        if observation is not None and observation.tag_b is not None
+    ]
     if recording.facts.object.motion is Motion.FREE:
         return [*touched]
-    spun = [(k, one.tag_b) for k, one in enumerate(recording.spins) if one.tag_b is not None]
+    spun = [(k, spin.tag_b) for k, spin in enumerate(recording.spins) if spin.tag_b is not None]
     return [*touched, *spun]
 
 

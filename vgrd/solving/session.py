@@ -83,10 +83,10 @@ def _holes_in(
     if recording.plan not in (Plan.JOINT, Plan.SPECIAL) or not holes_of(recording):
         return HolesSeen(), []
     try:
-        seen = list(iterate_observations(folder))
-        if not seen:
+        observations = list(iterate_observations(folder))
+        if not observations:
             return HolesSeen(), ["solved without the holes: the session has no pictures"]
-        return see_holes(recording, seen, partial(iterate_images, folder), report), []
+        return see_holes(recording, observations, partial(iterate_images, folder), report), []
     except (StoreError, CalibrationError) as err:
         return HolesSeen(), [f"solved without the holes in the pictures: {err}"]
 
@@ -112,8 +112,8 @@ def summary(calibration: Calibration) -> dict[str, object]:
     }
 
 
-def _log_progress(done: int, total: int) -> None:
-    log.info("looking_for_holes", picture=done, of=total)
+def _log_progress(count: int, total: int) -> None:
+    log.info("looking_for_holes", picture=count, of=total)
 
 
 def main(argv: list[str] | None = None) -> int:

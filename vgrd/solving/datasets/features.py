@@ -52,16 +52,16 @@ def _place(table: FeatureTable) -> FeaturePlace | None:
 
 def _sighting_faults(places: Places, rows: Sequence[tuple[str, SampleTable]]) -> list[str]:
     faults = []
-    for where, row in rows:
+    for label, row in rows:
         faults += [
-            f"{where}.features: '{name}' is no feature{hint(name, tuple(places))}"
+            f"{label}.features: '{name}' is no feature{hint(name, tuple(places))}"
             if places
-            else f"{where}.features: '{name}' is no feature, add [[feature]] name = '{name}'"
+            else f"{label}.features: '{name}' is no feature, add [[feature]] name = '{name}'"
             for name in row.features
             if name not in places
         ]
         if row.features and row.camera_from_target is not None:
-            faults.append(f"{where}.features: pixels need image or points, not camera_from_target")
+            faults.append(f"{label}.features: pixels need image or points, not camera_from_target")
     for name, place in places.items():
         count = sum(name in row.features for _, row in rows)
         if place is None and count < _SIGHTINGS:

@@ -42,15 +42,15 @@ class Fitter(ABC):
         """Fit all samples until the noise level assumed is the one seen in the residuals."""
 
     @abstractmethod
-    def fit(self, chosen: Sequence[int], near: HandEyeResult) -> HandEyeResult:
+    def fit(self, chosen: Sequence[int], start: HandEyeResult) -> HandEyeResult:
         """Fit the chosen samples, as they are, starting from a result near by."""
 
     @abstractmethod
-    def scale(self, near: HandEyeResult) -> TargetScale:
+    def scale(self, start: HandEyeResult) -> TargetScale:
         """The size of the target, from all samples."""
 
     @abstractmethod
-    def refined_px(self, near: HandEyeResult) -> float:
+    def refined_px(self, start: HandEyeResult) -> float:
         """Reprojection error, px, if the intrinsics were refined; NaN where that cannot be."""
 
     @abstractmethod
@@ -112,27 +112,27 @@ class PointFitter(Fitter):
         """Noise of one pixel coordinate when every picture has its own pose."""
         squares = degrees_of_freedom = 0.0
         for index, sample in enumerate(self._problem.samples):
-            off = self.off_px(index, result.camera, self.own_pose(index, result.camera))
-            squares += float((off * off).sum())
+            residuals = self.off_px(index, result.camera, self.own_pose(index, result.camera))
+            squares += float((residuals * residuals).sum())
             degrees_of_freedom += sample.pixels.size - 6
         return max(float(np.sqrt(squares / max(degrees_of_freedom, 1))), _MIN_SIGMA_PX)
 
-    def fit(self, chosen: Sequence[int], near: HandEyeResult) -> HandEyeResult:
+    def fit(self, chosen: Sequence[int], start: HandEyeResult) -> HandEyeResult:
         """Fit the chosen samples, as they are, starting from a result near by."""
         samples = [self._problem.samples[i] for i in chosen]
-        problem = replace(self._problem, samples=samples, start=near, robust=False)
+        problem = replace(self._problem, samples=samples, start=start, robust=False)
         return calibrate_hand_eye_from_points(problem)
 
-    def scale(self, near: HandEyeResult) -> TargetScale:
+    def scale(self, start: HandEyeResult) -> TargetScale:
         """The size of the target, from all samples."""
         result = calibrate_hand_eye_from_points(
-            replace(self._problem, estimate_scale=True, start=near)
+            replace(self._problem, estimate_scale=True, start=start)
         )
         return TargetScale(result.target_scale, result.target_scale_sigma)
 
-    def refined_px(self, near: HandEyeResult) -> float:
+    def refined_px(self, start: HandEyeResult) -> float:
         """Reprojection error, px, if the intrinsics were refined; NaN where that cannot be."""
-        problem = replace(self._problem, refine_intrinsics=True, start=near, robust=False)
+        problem = replace(self._problem, refine_intrinsics=True, start=start, robust=False)
         try:
             result = calibrate_hand_eye_from_points(problem)
         except CalibrationError:
@@ -142,10 +142,10 @@ class PointFitter(Fitter):
     def own_pose(self, index: int, camera: CameraModel | None) -> Pose:
         """camera_from_target with the lowest reprojection error of this sample alone."""
         sample = self._problem.samples[index]
-        found = pose_from_points(
+        resection = pose_from_points(
             sample.points_in_target, sample.pixels, camera or self._problem.camera
         )
-        return found.camera_from_target
+        return resection.camera_from_target
 
     def off_px(self, index: int, camera: CameraModel | None, predicted: Pose) -> Array:
         """Predicted minus seen pixels (n, 2)."""
@@ -191,20 +191,20 @@ class PoseFitter(Fitter):
         rad = share * np.sqrt(np.mean([np.radians(residual.deg) ** 2 for residual in good]))
         return replace(self._problem, samples=_with_noise(self._problem.samples, mm, rad))
 
-    def fit(self, chosen: Sequence[int], near: HandEyeResult) -> HandEyeResult:
+    def fit(self, chosen: Sequence[int], start: HandEyeResult) -> HandEyeResult:
         """Fit the chosen samples, as they are, starting from a result near by."""
         samples = [self._problem.samples[i] for i in chosen]
-        problem = replace(self._problem, samples=samples, start=near, robust=False)
+        problem = replace(self._problem, samples=samples, start=start, robust=False)
         return calibrate_hand_eye(problem)
 
-    def scale(self, near: HandEyeResult) -> TargetScale:
+    def scale(self, start: HandEyeResult) -> TargetScale:
         """The size of the target, from all samples."""
-        result = calibrate_hand_eye(replace(self._problem, estimate_scale=True, start=near))
+        result = calibrate_hand_eye(replace(self._problem, estimate_scale=True, start=start))
         return TargetScale(result.target_scale, result.target_scale_sigma)
 
-    def refined_px(self, near: HandEyeResult) -> float:
+    def refined_px(self, start: HandEyeResult) -> float:
         """NaN: poses hold no pixels."""
-        del near
+        del start
         return float("nan")
 
     def own_pose(self, index: int, camera: CameraModel | None) -> Pose:
@@ -229,9 +229,9 @@ def reprojection_px(result: HandEyeResult) -> float:
 def _with_noise(samples: Sequence[PoseSample], mm: float, rad: float) -> list[PoseSample]:
     """Independent noise of the target's position and orientation, as left tangent covariances."""
     variances = np.square([max(mm, _MIN_SIGMA_MM)] * 3 + [max(rad, _MIN_SIGMA_RAD)] * 3)
-    out = []
+    noisy_samples = []
     for sample in samples:
         A = np.eye(6)
         A[:3, 3:] = hat(sample.camera_from_target.translation)
-        out.append(replace(sample, covariance=A * variances @ A.T))
-    return out
+        noisy_samples.append(replace(sample, covariance=A * variances @ A.T))
+    return noisy_samples

@@ -44,7 +44,7 @@ class Miss:
 class DatasetEvidence:
     """All that the verdict looks at; misses: None where the others did not determine a fit.
 
-    unseen, partly_seen: reasons by sample. refined_px: reprojection error with refined intrinsics
+    unseen, few_points: reasons by sample. refined_px: reprojection error with refined intrinsics
     where they were not asked for.
     """
 
@@ -54,7 +54,7 @@ class DatasetEvidence:
     result: HandEyeResult
     misses: Sequence[Miss | None]
     unseen: dict[str, str]
-    partly_seen: dict[str, str]
+    few_points: dict[str, str]
     scale: TargetScale
     refined_px: Callable[[], float]
 
@@ -75,7 +75,7 @@ def judge(evidence: DatasetEvidence) -> Verdict:
             for sample in evidence.result.samples
             if not sample.used
         ),
-        *(finding("few_points", f"sample {n}: {r}") for n, r in evidence.partly_seen.items()),
+        *(finding("few_points", f"sample {n}: {r}") for n, r in evidence.few_points.items()),
         *(finding("sample_doubtful", f"sample {n}: {r}") for n, r in doubtful(evidence).items()),
     ]
     if any(miss is None for miss in evidence.misses):
@@ -91,15 +91,15 @@ def judge(evidence: DatasetEvidence) -> Verdict:
 
 def doubtful(evidence: DatasetEvidence) -> dict[str, str]:
     """Samples that the fit of the others misses by far more than the rest, with the figures."""
-    known = {n: m for n, m in zip(evidence.names, evidence.misses, strict=True) if m is not None}
-    if not known:
+    misses = {n: m for n, m in zip(evidence.names, evidence.misses, strict=True) if m is not None}
+    if not misses:
         return {}
-    mm = float(np.median([miss.mm for miss in known.values()]))
-    deg = float(np.median([miss.deg for miss in known.values()]))
+    mm = float(np.median([miss.mm for miss in misses.values()]))
+    deg = float(np.median([miss.deg for miss in misses.values()]))
     return {
         name: f"{miss.mm:.1f} mm and {miss.deg:.2f} deg off the fit of the others (typical "
         f"{mm:.1f} mm, {deg:.2f} deg)"
-        for name, miss in known.items()
+        for name, miss in misses.items()
         if miss.mm > _DOUBTFUL * mm + _DOUBTFUL_MM or miss.deg > _DOUBTFUL * deg + _DOUBTFUL_DEG
     }
 
@@ -141,21 +141,25 @@ def suspects(
             continue
         for mount in Mount:
             moves = Poses.of([flange_motion_of(mount, pose) for pose in poses])
-            meant = None if fmt is dataset.rotation else fmt
+            other_format = None if fmt is dataset.rotation else fmt
             readings[fmt, mount] = Interpretation(
-                moves, meant=meant, inverted=mount != dataset.mount
+                moves, meant=other_format, inverted=mount != dataset.mount
             )
-    own = agreement(readings.pop((dataset.rotation, dataset.mount)).poses, cameras)
-    found = best_of(
+    baseline = agreement(readings.pop((dataset.rotation, dataset.mount)).poses, cameras)
+    candidates = best_of(
         list(readings.values()),
         lambda moves: agreement(moves, cameras),
         deg=CONTRADICTORY_DEG,
         mm=CONTRADICTORY_MM,
     )
-    if not found or found[0].fit.mm > _CLEARLY_BETTER * own.mm:
+    if not candidates or candidates[0].fit.mm > _CLEARLY_BETTER * baseline.mm:
         return []
-    best = found[0].fit
-    fitting = {id(one.reading) for one in found if one.fit.mm < best.mm + _SAME_READING_MM}
+    best = candidates[0].fit
+    fitting = {
+        id(candidate.reading)
+        for candidate in candidates
+        if candidate.fit.mm < best.mm + _SAME_READING_MM
+    }
     alike = [key for key, reading in readings.items() if id(reading) in fitting]
     formats = " or ".join(dict.fromkeys(str(fmt) for fmt, _ in alike))
     mounts = " or ".join(dict.fromkeys(str(mount) for _, mount in alike))
@@ -183,22 +187,22 @@ def _weakness(evidence: DatasetEvidence) -> list[Finding]:
 def _camera(evidence: DatasetEvidence) -> list[Finding]:
     if evidence.dataset.refine or evidence.dataset.camera is None:
         return []
-    given, refined = reprojection_px(evidence.result), evidence.refined_px()
-    if not refined < _CLEARLY_BETTER * given:
+    stated_px, refined_px = reprojection_px(evidence.result), evidence.refined_px()
+    if not refined_px < _CLEARLY_BETTER * stated_px:
         return []
     message = (
-        f"camera: refining fx fy cx cy k1 k2 lowers the reprojection error from {given:.2f} to "
-        f"{refined:.2f} px"
+        f"camera: refining fx fy cx cy k1 k2 lowers the reprojection error from {stated_px:.2f} to "
+        f"{refined_px:.2f} px"
     )
     return [finding("intrinsics_doubtful", message)]
 
 
 def _size(evidence: DatasetEvidence) -> list[Finding]:
-    off, sigma = evidence.scale.value - 1, evidence.scale.sigma
-    if abs(off) < max(_SCALE_SIGMAS * sigma, _SCALE_MATTERS):
+    deviation, sigma = evidence.scale.value - 1, evidence.scale.sigma
+    if abs(deviation) < max(_SCALE_SIGMAS * sigma, _SCALE_MATTERS):
         return []
     message = (
-        f"target: by the robot's motion the target is {100 * off:+.2f} +- {100 * sigma:.2f} % off "
-        "the size given"
+        f"target: by the robot's motion the target is {100 * deviation:+.2f} +- {100 * sigma:.2f} "
+        "% off the size given"
     )
     return [finding("target_size", message)]

@@ -32,7 +32,7 @@ class DatasetSample:
 
     name: str
     base_from_wrist: Pose
-    seen: Path | BoardObservation | Pose
+    source: Path | BoardObservation | Pose
     features: Mapping[str, Array] = field(default_factory=dict)
 
 
@@ -64,7 +64,7 @@ def load_dataset(path: Path) -> Dataset:
     poses = parse(PosesTable, data.get("poses", {}), "poses", faults)
     rows = _sample_rows(data, faults)
     reader = _SampleReader(path.resolve().parent, poses, faults)
-    samples = [reader.read(row, where) for where, row in rows]
+    samples = [reader.read(row, label) for label, row in rows]
     kinds = {kind for _, row in rows for kind in _SOURCES if getattr(row, kind) is not None}
     if "camera_from_target" in kinds and len(kinds) > 1:
         faults.append(
@@ -76,8 +76,8 @@ def load_dataset(path: Path) -> Dataset:
     good = [sample for sample in samples if sample is not None]
     if poses is not None:
         faults += arm_faults([(s.name, s.base_from_wrist) for s in good], poses.unit, "sample")
-        seen = [(s.name, s.seen) for s in good if isinstance(s.seen, Pose)]
-        faults += equal_pose_faults(seen, "sample.camera_from_target", "camera")
+        cameras = [(s.name, s.source) for s in good if isinstance(s.source, Pose)]
+        faults += equal_pose_faults(cameras, "sample.camera_from_target", "camera")
     if faults or mount is None or poses is None:
         raise ConfigError(str(path), faults)
     return Dataset(
@@ -155,33 +155,33 @@ class _SampleReader:
         self._poses = poses
         self._faults = faults
 
-    def read(self, row: SampleTable, where: str) -> DatasetSample | None:
+    def read(self, row: SampleTable, label: str) -> DatasetSample | None:
         """The sample, or None with its faults appended."""
-        before = len(self._faults)
-        given = [kind for kind in _SOURCES if getattr(row, kind) is not None]
-        if len(given) != 1:
+        fault_count = len(self._faults)
+        kinds = [kind for kind in _SOURCES if getattr(row, kind) is not None]
+        if len(kinds) != 1:
             self._faults.append(
-                f"{where}: needs exactly one of {', '.join(_SOURCES)}, has "
-                + (" and ".join(given) or "none")
+                f"{label}: needs exactly one of {', '.join(_SOURCES)}, has "
+                + (" and ".join(kinds) or "none")
             )
-        pose = self._pose(row, where)
-        seen = self._seen(row, given[0], where) if given else None
-        if len(self._faults) > before or pose is None or seen is None:
+        pose = self._pose(row, label)
+        source = self._source(row, kinds[0], label) if kinds else None
+        if len(self._faults) > fault_count or pose is None or source is None:
             return None
         features = {name: np.array(pixel) for name, pixel in row.features.items()}
-        return DatasetSample(row.name, pose, seen, features)
+        return DatasetSample(row.name, pose, source, features)
 
-    def _pose(self, row: SampleTable, where: str) -> Pose | None:
+    def _pose(self, row: SampleTable, label: str) -> Pose | None:
         if self._poses is None:
             return None
         try:
             return pose_from(row.pose, RotationFormat(self._poses.rotation), self._poses.unit)
         except InputError as error:
-            self._faults.append(f"{where}.pose: {error}")
+            self._faults.append(f"{label}.pose: {error}")
             return None
 
-    def _seen(
-        self, row: SampleTable, kind: str, where: str
+    def _source(
+        self, row: SampleTable, kind: str, label: str
     ) -> Path | BoardObservation | Pose | None:
         try:
             if row.camera_from_target is not None:
@@ -189,7 +189,7 @@ class _SampleReader:
             path = self._file(str(getattr(row, kind)))
             return path if kind == "image" else read_points(path)
         except InputError as error:
-            self._faults.append(f"{where}.{kind}: {error}")
+            self._faults.append(f"{label}.{kind}: {error}")
             return None
 
     def _file(self, name: str) -> Path:

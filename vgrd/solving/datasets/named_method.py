@@ -36,21 +36,21 @@ class NamedMethodFitter(Fitter):
         self._inner = inner
         self._samples = samples
         self._camera = camera
-        self._own = [inner.own_pose(i, camera) for i in range(len(samples))]
+        self._target_poses = [inner.own_pose(i, camera) for i in range(len(samples))]
 
     def match_noise(self) -> HandEyeResult:
         """The method's poses from all samples; noise and covariance of the likelihood."""
         self._likely = self._inner.match_noise()
         return self.fit(range(len(self._samples)), self._likely)
 
-    def fit(self, chosen: Sequence[int], near: HandEyeResult) -> HandEyeResult:
-        """The method's poses from the chosen samples; `near` gives noise and covariance only."""
-        pairs = [PosePair(self._samples[i][1], self._own[i]) for i in chosen]
-        found = self._method.solve(pairs, near.mount)
+    def fit(self, chosen: Sequence[int], start: HandEyeResult) -> HandEyeResult:
+        """The method's poses from the chosen samples; `start` gives noise and covariance only."""
+        pairs = [PosePair(self._samples[i][1], self._target_poses[i]) for i in chosen]
+        solution = self._method.solve(pairs, start.mount)
         result = replace(
-            near,
-            mount_from_camera=found.mount_from_camera,
-            mount_from_target=found.mount_from_target,
+            start,
+            mount_from_camera=solution.mount_from_camera,
+            mount_from_target=solution.mount_from_target,
             certificate=None,
         )
         return replace(result, samples=tuple(self._residual(i, result) for i in chosen))
@@ -58,19 +58,19 @@ class NamedMethodFitter(Fitter):
     def _residual(self, index: int, result: HandEyeResult) -> SampleResidual:
         name, wrist = self._samples[index]
         predicted = result.predict(wrist)
-        mm, rad = predicted.distance(self._own[index])
-        off = self.off_px(index, self._camera, predicted)
-        px = float(np.sqrt(np.mean(off**2))) if off.size else float("nan")
+        mm, rad = predicted.distance(self._target_poses[index])
+        residuals = self.off_px(index, self._camera, predicted)
+        px = float(np.sqrt(np.mean(residuals**2))) if residuals.size else float("nan")
         return SampleResidual(name, used=True, reason="", deg=float(np.degrees(rad)), mm=mm, px=px)
 
-    def scale(self, near: HandEyeResult) -> TargetScale:
+    def scale(self, start: HandEyeResult) -> TargetScale:
         """The size of the target, by maximum likelihood."""
-        del near
+        del start
         return self._inner.scale(self._likely)
 
-    def refined_px(self, near: HandEyeResult) -> float:
+    def refined_px(self, start: HandEyeResult) -> float:
         """NaN: refining would be compared with a fit that minimises something else."""
-        del near
+        del start
         return float("nan")
 
     def own_pose(self, index: int, camera: CameraModel | None) -> Pose:

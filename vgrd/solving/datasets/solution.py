@@ -99,12 +99,12 @@ class DatasetSolution:
         }
 
     def _where_any(self) -> dict[str, Any]:
-        found: dict[str, Any] = {}
+        entries: dict[str, Any] = {}
         if self.undetermined:
-            found["undetermined"] = list(self.undetermined)
+            entries["undetermined"] = list(self.undetermined)
         if self.features:
-            found["features"] = {name: at.tolist() for name, at in self.features.items()}
-        return found
+            entries["features"] = {name: place.tolist() for name, place in self.features.items()}
+        return entries
 
     def _intrinsics(self) -> dict[str, Any] | None:
         if self.camera is None:
@@ -119,7 +119,7 @@ class DatasetSolution:
     def summary_rows(self) -> list[tuple[str, str]]:
         """Rows (what, value with unit) for a table on a terminal."""
         loo = self.leave_one_out
-        seen = sum(not math.isnan(sample.mm) for sample in self.samples)
+        count = sum(not math.isnan(sample.mm) for sample in self.samples)
         used = sum(sample.used for sample in self.samples)
         rows = [("samples", f"{used} of {len(self.samples)} used")]
         for name, pose in self.transforms().items():
@@ -134,7 +134,7 @@ class DatasetSolution:
             for name, (x, y, z) in self.features.items()
         ]
         errors = f"{_text(loo.deg, 3)} deg, {_text(loo.mm, 2)} mm, {_text(loo.px, 2)} px"
-        rows.append(("leave-one-out", f"{errors} over {seen} samples"))
+        rows.append(("leave-one-out", f"{errors} over {count} samples"))
         scale = self.target_scale
         rows.append(("target scale", f"{scale.value:.5f} +- {scale.sigma:.5f}"))
         intrinsics = self._intrinsics()

@@ -27,11 +27,11 @@ _PARTLY = 0.5  # of the target's points: fewer are told
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Found:
+class Sightings:
     """The samples in which the target was seen, and why it was not in the others."""
 
     samples: Sequence[DatasetSample]
-    seen: Sequence[BoardObservation | Pose]
+    observations: Sequence[BoardObservation | Pose]
     unseen: dict[str, str]
 
     @property
@@ -44,14 +44,14 @@ class _Steps:
     """Counts what is done, for a progress bar."""
 
     def __init__(self, progress: Progress | None, total: int) -> None:
-        self._progress = progress or (lambda _done, _total: None)
+        self._progress = progress or (lambda _count, _total: None)
         self._total = total
-        self._done = 0
+        self._count = 0
         self._progress(0, total)
 
     def advance(self) -> None:
-        self._done += 1
-        self._progress(self._done, self._total)
+        self._count += 1
+        self._progress(self._count, self._total)
 
     def finish(self) -> None:
         self._progress(self._total, self._total)
@@ -71,23 +71,23 @@ def solve_dataset(
         check_method(method)
     dataset = load_dataset(path)
     steps = _Steps(progress, 2 * len(dataset.samples) + 2)
-    found = _look(dataset, steps)
-    fitter = _fitter(dataset, found, method)
-    own = [fitter.own_pose(i, dataset.camera) for i in range(len(found.samples))]
+    sightings = _look(dataset, steps)
+    fitter = _fitter(dataset, sightings, method)
+    target_poses = [fitter.own_pose(i, dataset.camera) for i in range(len(sightings.samples))]
     try:
         result = fitter.match_noise()
     except CalibrationError as error:
-        raise error.with_hints(suspects(dataset, found.names, own)) from error
+        raise error.with_hints(suspects(dataset, sightings.names, target_poses)) from error
     steps.advance()
-    misses = _leave_one_out(fitter, found, result, steps)
+    misses = _leave_one_out(fitter, sightings, result, steps)
     evidence = DatasetEvidence(
         dataset=dataset,
-        names=found.names,
-        camera_from_target=own,
+        names=sightings.names,
+        camera_from_target=target_poses,
         result=result,
         misses=misses,
-        unseen=found.unseen,
-        partly_seen=_partly_seen(found),
+        unseen=sightings.unseen,
+        few_points=_few_points(sightings),
         scale=fitter.scale(result),
         refined_px=lambda: fitter.refined_px(result),
     )
@@ -109,12 +109,12 @@ def solve_dataset(
     return solution
 
 
-def _look(dataset: Dataset, steps: _Steps) -> Found:
+def _look(dataset: Dataset, steps: _Steps) -> Sightings:
     """Find the target in every sample; ConfigError names all pictures that cannot be read."""
-    samples, seen, unseen, faults = [], [], {}, []
+    samples, observations, unseen, faults = [], [], {}, []
     for sample in dataset.samples:
         try:
-            seen.append(_seen(sample, dataset.target))
+            observations.append(_observe(sample, dataset.target))
             samples.append(sample)
         except TagNotSeen as reason:
             unseen[sample.name] = str(reason)
@@ -129,50 +129,56 @@ def _look(dataset: Dataset, steps: _Steps) -> Found:
             f"{dataset.path}: the target was seen in {len(samples)} of {len(dataset.samples)} "
             f"samples, at least {MIN_SAMPLES} are needed. {reasons}"
         )
-    return Found(samples, seen, unseen)
+    return Sightings(samples, observations, unseen)
 
 
-def _seen(sample: DatasetSample, target: TargetSpec | None) -> BoardObservation | Pose:
-    match sample.seen:
+def _observe(sample: DatasetSample, target: TargetSpec | None) -> BoardObservation | Pose:
+    match sample.source:
         case Pose():
-            return sample.seen
+            return sample.source
         case BoardObservation():
             try:
-                checked_points(sample.seen.points_in_target, sample.seen.pixels)
+                checked_points(sample.source.points_in_target, sample.source.pixels)
             except InputError as error:
                 raise TagNotSeen(str(error)) from error
-            return sample.seen
-    image = cv2.imread(str(sample.seen), cv2.IMREAD_GRAYSCALE)
+            return sample.source
+    image = cv2.imread(str(sample.source), cv2.IMREAD_GRAYSCALE)
     if image is None:
-        raise InputError(f"{sample.seen} is not a picture that OpenCV can read")
+        raise InputError(f"{sample.source} is not a picture that OpenCV can read")
     if target is None:
         raise InputError("an image needs [target]")
     return detect_board(np.asarray(image, dtype=np.uint8), target)
 
 
-def _fitter(dataset: Dataset, found: Found, method: str | None) -> Fitter:
+def _fitter(dataset: Dataset, sightings: Sightings, method: str | None) -> Fitter:
     if method is None:
-        return _likelihood_fitter(dataset, found)
+        return _likelihood_fitter(dataset, sightings)
     if dataset.refine:
         raise InputError(
             f"{dataset.path}: method '{method}' refines no intrinsics: set camera.refine = false, "
             "or leave the method out"
         )
-    samples = [(sample.name, sample.base_from_wrist) for sample in found.samples]
-    return NamedMethodFitter(method, _likelihood_fitter(dataset, found), samples, dataset.camera)
+    samples = [(sample.name, sample.base_from_wrist) for sample in sightings.samples]
+    return NamedMethodFitter(
+        method, _likelihood_fitter(dataset, sightings), samples, dataset.camera
+    )
 
 
-def _likelihood_fitter(dataset: Dataset, found: Found) -> Fitter:
-    pairs = list(zip(found.samples, found.seen, strict=True))
-    axes, _ = turned_axes([sample.base_from_wrist.rotation for sample in found.samples])
+def _likelihood_fitter(dataset: Dataset, sightings: Sightings) -> Fitter:
+    pairs = list(zip(sightings.samples, sightings.observations, strict=True))
+    axes, _ = turned_axes([sample.base_from_wrist.rotation for sample in sightings.samples])
     allow_unobservable = int(axes is not Axes.NONE)
     if dataset.camera is None:
         return PoseFitter(
             dataset.mount,
-            [(s.name, s.base_from_wrist, seen) for s, seen in pairs if isinstance(seen, Pose)],
+            [
+                (s.name, s.base_from_wrist, observation)
+                for s, observation in pairs
+                if isinstance(observation, Pose)
+            ],
             allow_unobservable=allow_unobservable,
         )
-    boards = [seen for _, seen in pairs if isinstance(seen, BoardObservation)]
+    boards = [observation for _, observation in pairs if isinstance(observation, BoardObservation)]
     if dataset.target is not None and not has_direction(dataset.target):
         boards = turn_alike([s.base_from_wrist for s, _ in pairs], boards, dataset.camera)
     points = [
@@ -192,46 +198,49 @@ def _likelihood_fitter(dataset: Dataset, found: Found) -> Fitter:
 
 
 def _leave_one_out(
-    fitter: Fitter, found: Found, result: HandEyeResult, steps: _Steps
+    fitter: Fitter, sightings: Sightings, result: HandEyeResult, steps: _Steps
 ) -> list[Miss | None]:
     """How far a fit without each sample misses it; its own pose is seen through that fit's camera.
 
     Samples that do not fit the others are in no fit, but predicted and counted as all are.
     """
     misses: list[Miss | None] = []
-    kept = [i for i, residual in enumerate(result.samples) if residual.used]
-    for left_out, sample in enumerate(found.samples):
+    inliers = [i for i, residual in enumerate(result.samples) if residual.used]
+    for index, sample in enumerate(sightings.samples):
         try:
-            fit = fitter.fit([i for i in kept if i != left_out], result)
+            fit = fitter.fit([i for i in inliers if i != index], result)
         except CalibrationError:
             misses.append(None)
         else:
             predicted = fit.predict(sample.base_from_wrist)
-            mm, rad = predicted.distance(fitter.own_pose(left_out, fit.camera))
-            off = fitter.off_px(left_out, fit.camera, predicted)
-            misses.append(Miss(float(np.degrees(rad)), mm, float((off * off).sum()), len(off)))
+            mm, rad = predicted.distance(fitter.own_pose(index, fit.camera))
+            residuals_px = fitter.off_px(index, fit.camera, predicted)
+            squares_px = float((residuals_px * residuals_px).sum())
+            misses.append(Miss(float(np.degrees(rad)), mm, squares_px, len(residuals_px)))
         steps.advance()
     return misses
 
 
 def _summary(misses: Sequence[Miss | None]) -> LeaveOneOut:
     """Means over all; unknown as soon as one is: a mean over the easy samples would flatter."""
-    known = [miss for miss in misses if miss is not None]
-    if len(known) < len(misses):
+    valid_misses = [miss for miss in misses if miss is not None]
+    if len(valid_misses) < len(misses):
         return LeaveOneOut(np.nan, np.nan, np.nan)
-    count = sum(miss.count for miss in known)
+    count = sum(miss.count for miss in valid_misses)
     return LeaveOneOut(
-        deg=float(np.mean([miss.deg for miss in known])),
-        mm=float(np.mean([miss.mm for miss in known])),
-        px=float(np.sqrt(sum(m.squares_px for m in known) / count)) if count else np.nan,
+        deg=float(np.mean([miss.deg for miss in valid_misses])),
+        mm=float(np.mean([miss.mm for miss in valid_misses])),
+        px=float(np.sqrt(sum(m.squares_px for m in valid_misses) / count)) if count else np.nan,
     )
 
 
-def _partly_seen(found: Found) -> dict[str, str]:
+def _few_points(sightings: Sightings) -> dict[str, str]:
     return {
-        sample.name: f"only {len(seen.pixels)} of {seen.total} points seen: its own pose is weak"
-        for sample, seen in zip(found.samples, found.seen, strict=True)
-        if isinstance(seen, BoardObservation) and len(seen.pixels) < _PARTLY * seen.total
+        sample.name: f"only {len(observation.pixels)} of {observation.total} points seen: "
+        "its own pose is weak"
+        for sample, observation in zip(sightings.samples, sightings.observations, strict=True)
+        if isinstance(observation, BoardObservation)
+        and len(observation.pixels) < _PARTLY * observation.total
     }
 
 
@@ -245,7 +254,7 @@ def _reports(evidence: DatasetEvidence) -> tuple[SampleReport, ...]:
     for residual, miss in zip(evidence.result.samples, evidence.misses, strict=True):
         name = residual.name
         reasons = (
-            [evidence.partly_seen.get(name), odd.get(name)] if residual.used else [residual.reason]
+            [evidence.few_points.get(name), odd.get(name)] if residual.used else [residual.reason]
         )
         reason = "; ".join(text for text in reasons if text)
         if miss is None:

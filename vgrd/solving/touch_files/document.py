@@ -124,8 +124,8 @@ def load_touches(path: Path) -> TouchFile:
 
 
 def _kind(data: dict[str, Any], faults: list[str]) -> TouchKind | None:
-    known = tuple(TouchKind)
-    word = one_word(data, "kind", known, f"one of {', '.join(known)}", faults)
+    kinds = tuple(TouchKind)
+    word = one_word(data, "kind", kinds, f"one of {', '.join(kinds)}", faults)
     return None if word is None else TouchKind(word)
 
 
@@ -143,8 +143,8 @@ def _rows(
     rows = named_rows(TouchTable, "touch", tables, faults)
     if kind is TouchKind.UNIVERSAL:
         faults += [
-            f"{where}.target: is missing, add the CAD point [x, y, z] in mm"
-            for where, row in rows
+            f"{label}.target: is missing, add the CAD point [x, y, z] in mm"
+            for label, row in rows
             if row.target is None
         ]
     return rows
@@ -153,16 +153,18 @@ def _rows(
 def _surface(
     data: dict[str, Any],
     kind: TouchKind | None,
-    of: TouchKind,
+    table_kind: TouchKind,
     model: type[TableT],
     faults: list[str],
 ) -> TableT | None:
     """The [plane] or [sphere] table where there is one."""
-    if of.value not in data:
+    if table_kind.value not in data:
         return None
-    if kind not in (of, None):
-        faults.append(f"{of}: kind {kind} has no [{of}]; remove the table or correct kind")
-    return parse(model, data[of.value], of.value, faults)
+    if kind not in (table_kind, None):
+        faults.append(
+            f"{table_kind}: kind {kind} has no [{table_kind}]; remove the table or correct kind"
+        )
+    return parse(model, data[table_kind.value], table_kind.value, faults)
 
 
 def _plane(table: PlaneTable | None, faults: list[str]) -> Plane | None:
@@ -183,11 +185,11 @@ def _arm(
     if poses is None:
         return []
     arm = []
-    for where, row in rows:
+    for label, row in rows:
         try:
             arm.append(pose_from(row.pose, RotationFormat(poses.rotation), poses.unit))
         except InputError as error:
-            faults.append(f"{where}.pose: {error}")
+            faults.append(f"{label}.pose: {error}")
     if len(arm) == len(rows):
         named = [(row.name, pose) for (_, row), pose in zip(rows, arm, strict=True)]
         faults += arm_faults(named, poses.unit, "touch")
@@ -196,16 +198,16 @@ def _arm(
 
 def _axis(rows: Sequence[TouchTable], faults: list[str]) -> Array:
     """The tool's axis (3,) in the wrist frame, one for all touches."""
-    given = np.array([row.axis for row in rows if row.axis is not None], dtype=np.float64)
-    if not len(given):
+    directions = np.array([row.axis for row in rows if row.axis is not None], dtype=np.float64)
+    if not len(directions):
         return np.array([0.0, 0.0, 1.0])
-    lengths = np.linalg.norm(given, axis=1)
+    lengths = np.linalg.norm(directions, axis=1)
     if not lengths.all():
         faults.append(
             "touch.axis: has no length; give the direction out of the tip, such as 0 0 1"
         )
         return np.array([0.0, 0.0, 1.0])
-    axes = given / lengths[:, None]
+    axes = directions / lengths[:, None]
     if np.abs(axes - axes[0]).max() > _SAME_AXIS:
         faults.append("touch.axis: differs between touches; one tool has one axis in the flange")
     return np.asarray(axes[0])

@@ -44,16 +44,16 @@ def find_repeats(file: TouchFile, tcp_in_wrist: Array, used: NDArray[np.bool_]) 
     touches = file.touches.subset(chosen)
     targets = [str(file.points_in_object[i].tolist()) for i in chosen]
     try:
-        found = repeatability(touches, targets, tcp_in_wrist, tcp_is_fitted=True)
+        scatter = repeatability(touches, targets, tcp_in_wrist, tcp_is_fitted=True)
     except TooFewObservations:
         return None
-    return Repeats(found, bool(np.isfinite(touches.axial_sigma_mm).all()))
+    return Repeats(scatter, bool(np.isfinite(touches.axial_sigma_mm).all()))
 
 
 def with_repeated_sigma(file: TouchFile, repeats: Repeats) -> TouchFile | None:
     """The file with that sigma where none was given; None where all were, or the repeats are few."""
-    scatter, given = repeats.scatter, np.array(file.sigma_given)
-    if given.all() or not repeats.has_axial or scatter.axial.degrees_of_freedom < _ENOUGH:
+    scatter, has_sigma = repeats.scatter, np.array(file.sigma_given)
+    if has_sigma.all() or not repeats.has_axial or scatter.axial.degrees_of_freedom < _ENOUGH:
         return None
     old = file.touches
     lateral, axial = (max(s.value_mm, _LEAST_MM) for s in (scatter.lateral, scatter.axial))
@@ -61,7 +61,7 @@ def with_repeated_sigma(file: TouchFile, repeats: Repeats) -> TouchFile | None:
         old.rotations,
         old.translations,
         old.axis_in_wrist,
-        np.where(given, old.lateral_sigma_mm, lateral),
-        np.where(given, old.axial_sigma_mm, axial),
+        np.where(has_sigma, old.lateral_sigma_mm, lateral),
+        np.where(has_sigma, old.axial_sigma_mm, axial),
     )
     return replace(file, touches=touches)

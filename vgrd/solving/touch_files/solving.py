@@ -99,13 +99,13 @@ class TouchSolution:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class _Solved:
-    """What the kinds have in common; off_mm: (m,)."""
+class _Estimate:
+    """What the kinds have in common; misses_mm: (m,)."""
 
     fit: RobustFit[Any]
     tcp_in_wrist: Array
     covariance: Array
-    off_mm: Array
+    misses_mm: Array
     object_from_base: Pose | None = None
     certificate: Certificate | None = _CLOSED_FORM
 
@@ -117,33 +117,33 @@ def solve_touches(path: Path) -> TouchSolution:
     missing motion) or DidNotConverge.
     """
     file = load_touches(path)
-    solved = _SOLVERS[file.kind](file)
-    repeats = find_repeats(file, solved.tcp_in_wrist, solved.fit.used)
-    weighed = with_repeated_sigma(file, repeats) if repeats else None
-    if repeats and weighed:
-        file, repeats = weighed, replace(repeats, applied=True)
-        solved = _SOLVERS[file.kind](file)
-    scale = noise_scale(solved.fit.result)
-    noisy = _is_noisy(solved.fit.result)
-    covariance = solved.covariance * (scale**2 if noisy else 1.0)
+    estimate = _SOLVERS[file.kind](file)
+    repeats = find_repeats(file, estimate.tcp_in_wrist, estimate.fit.used)
+    weighted_file = with_repeated_sigma(file, repeats) if repeats else None
+    if repeats and weighted_file:
+        file, repeats = weighted_file, replace(repeats, applied=True)
+        estimate = _SOLVERS[file.kind](file)
+    scale = noise_scale(estimate.fit.result)
+    noisy = _is_noisy(estimate.fit.result)
+    covariance = estimate.covariance * (scale**2 if noisy else 1.0)
     findings = [
-        *_contradiction(file, solved, noisy=noisy),
-        *_unproven(solved),
+        *_contradiction(file, estimate, noisy=noisy),
+        *_unproven(estimate),
         *_weakness(covariance, file.touches),
-        *_outliers(file, solved),
+        *_outliers(file, estimate),
     ]
     return TouchSolution(
-        tcp_in_wrist=solved.tcp_in_wrist,
+        tcp_in_wrist=estimate.tcp_in_wrist,
         covariance=covariance,
-        object_from_base=solved.object_from_base,
-        touches=tuple(_reports(file, solved)),
-        certificate=solved.certificate,
+        object_from_base=estimate.object_from_base,
+        touches=tuple(_reports(file, estimate)),
+        certificate=estimate.certificate,
         verdict=Verdict(tuple(findings)),
         repeats=repeats,
     )
 
 
-def _universal(file: TouchFile) -> _Solved:
+def _universal(file: TouchFile) -> _Estimate:
     def solve(weights: Array) -> UniversalResult:
         weighted = file.touches.weighted(weights)
         return calibrate_universal(UniversalProblem(file.points_in_object, weighted))
@@ -151,7 +151,7 @@ def _universal(file: TouchFile) -> _Solved:
     fit = fit_without_outliers(solve, len(file.names))
     best = fit.result
     X = best.object_from_base
-    return _Solved(
+    return _Estimate(
         fit,
         best.tcp_in_wrist,
         best.covariance[6:, 6:],
@@ -161,17 +161,17 @@ def _universal(file: TouchFile) -> _Solved:
     )
 
 
-def _fixed_point(file: TouchFile) -> _Solved:
+def _fixed_point(file: TouchFile) -> _Estimate:
     def solve(weights: Array) -> FixedPointResult:
         return calibrate_fixed_point(file.touches.weighted(weights))
 
     fit = fit_without_outliers(solve, len(file.names))
     best = fit.result
-    off = _measured_mm(file.touches, best.residuals_mm)
-    return _Solved(fit, best.tcp_in_wrist, best.covariance[:3, :3], off)
+    misses_mm = _measured_mm(file.touches, best.residuals_mm)
+    return _Estimate(fit, best.tcp_in_wrist, best.covariance[:3, :3], misses_mm)
 
 
-def _plane(file: TouchFile) -> _Solved:
+def _plane(file: TouchFile) -> _Estimate:
     fit = fit_without_outliers(
         lambda weights: fit_plane(file.touches.weighted(weights), file.plane),
         len(file.names),
@@ -179,19 +179,19 @@ def _plane(file: TouchFile) -> _Solved:
     best = fit.result
     check_one_plane(best)
     proof = _CLOSED_FORM if file.plane else None
-    off = np.abs(best.residuals_mm)
-    return _Solved(fit, best.tcp_in_wrist, best.covariance, off, certificate=proof)
+    misses_mm = np.abs(best.residuals_mm)
+    return _Estimate(fit, best.tcp_in_wrist, best.covariance, misses_mm, certificate=proof)
 
 
-def _sphere(file: TouchFile) -> _Solved:
+def _sphere(file: TouchFile) -> _Estimate:
     fit = fit_without_outliers(
         lambda weights: fit_sphere(file.touches.weighted(weights), file.radius_mm),
         len(file.names),
     )
     best = fit.result
     check_one_sphere(best)
-    off = np.abs(best.residuals_mm)
-    return _Solved(fit, best.tcp_in_wrist, best.covariance, off, certificate=None)
+    misses_mm = np.abs(best.residuals_mm)
+    return _Estimate(fit, best.tcp_in_wrist, best.covariance, misses_mm, certificate=None)
 
 
 _SOLVERS = {
@@ -202,10 +202,10 @@ _SOLVERS = {
 }
 
 
-def _measured_mm(touches: TouchSet, off_in_base: Array) -> Array:
+def _measured_mm(touches: TouchSet, errors_in_base: Array) -> Array:
     """Length (m,) of errors (m, 3), directions that were not measured left out."""
-    off = np.einsum("mij,mj->mi", touches.measured().base_sqrt_informations(), off_in_base)
-    return np.asarray(np.linalg.norm(off, axis=1))
+    errors = np.einsum("mij,mj->mi", touches.measured().base_sqrt_informations(), errors_in_base)
+    return np.asarray(np.linalg.norm(errors, axis=1))
 
 
 def _is_noisy(fit: TouchFit) -> bool:
@@ -216,19 +216,19 @@ def _is_noisy(fit: TouchFit) -> bool:
     return 1 - chi2_probability(squares, fit.degrees_of_freedom) < CHANCE
 
 
-def _contradiction(file: TouchFile, solved: _Solved, *, noisy: bool) -> list[Finding]:
-    left_out = int(np.sum(~solved.fit.used))
-    scale = noise_scale(solved.fit.result)
-    if file.kind is TouchKind.UNIVERSAL and (noisy or left_out):
+def _contradiction(file: TouchFile, estimate: _Estimate, *, noisy: bool) -> list[Finding]:
+    outlier_count = int(np.sum(~estimate.fit.used))
+    scale = noise_scale(estimate.fit.result)
+    if file.kind is TouchKind.UNIVERSAL and (noisy or outlier_count):
         points = file.points_in_object
         everything = calibrate_universal(UniversalProblem(points, file.touches))
         wrists = VariedWrists(file.touches)
-        found = misinterpretation(file.names, points, wrists, noise_scale(everything))
-        if found is not None:
-            return [found]
+        mistake = misinterpretation(file.names, points, wrists, noise_scale(everything))
+        if mistake is not None:
+            return [mistake]
     if not noisy:
         return []
-    rms = float(np.sqrt(np.mean(solved.off_mm[solved.fit.used] ** 2)))
+    rms = float(np.sqrt(np.mean(estimate.misses_mm[estimate.fit.used] ** 2)))
     if scale > NOISY_SCALE and rms > TOUCHES_CONTRADICT_MM:
         message = f"the touches contradict each other, {rms:.1f} mm rms"
         return [finding("touches_contradict", message, fatal=True)]
@@ -239,8 +239,8 @@ def _contradiction(file: TouchFile, solved: _Solved, *, noisy: bool) -> list[Fin
     return [finding("touches_scatter", message)]
 
 
-def _unproven(solved: _Solved) -> list[Finding]:
-    proof = solved.certificate
+def _unproven(estimate: _Estimate) -> list[Finding]:
+    proof = estimate.certificate
     if proof is None or proof.tight:
         return []
     message = f"another solution may fit better (gap {proof.gap:.1e})"
@@ -260,23 +260,23 @@ def _weakness(covariance: Array, touches: TouchSet) -> list[Finding]:
     return [finding("weak_motion", message, fatal=True)]
 
 
-def _outliers(file: TouchFile, solved: _Solved) -> list[Finding]:
+def _outliers(file: TouchFile, estimate: _Estimate) -> list[Finding]:
     return [
         finding("touch_outlier", f"touch {report.name}: {report.reason}")
-        for report in _reports(file, solved)
+        for report in _reports(file, estimate)
         if not report.used
     ]
 
 
-def _reports(file: TouchFile, solved: _Solved) -> Sequence[TouchReport]:
+def _reports(file: TouchFile, estimate: _Estimate) -> Sequence[TouchReport]:
     return [
         TouchReport(
             name,
             bool(used),
-            "" if used else f"left out, {off:.2f} mm and {score:.1f} sigma off the others",
-            float(off),
+            "" if used else f"left out, {miss_mm:.2f} mm and {score:.1f} sigma off the others",
+            float(miss_mm),
         )
-        for name, used, off, score in zip(
-            file.names, solved.fit.used, solved.off_mm, solved.fit.scores, strict=True
+        for name, used, miss_mm, score in zip(
+            file.names, estimate.fit.used, estimate.misses_mm, estimate.fit.scores, strict=True
         )
     ]
