@@ -32,10 +32,10 @@ class Eyes:
     def detect(
         self,
         pixels: Pixels,
-        around: Mapping[int, TagObservation] | None = None,
+        previous: Mapping[int, TagObservation] | None = None,
         region: Region | None = None,
     ) -> dict[int, TagObservation]:
-        del around
+        del previous
         part = region or Region(0, 0, WIDTH, HEIGHT)
         assert pixels.shape == (part.height, part.width)
         if self.corners_px is None or not _inside(self.corners_px, part):

@@ -198,10 +198,12 @@ def test_tags_on_a_measured_board_are_not_listed_beside_it():
         grid_pattern([lone], 1, 1.0), pose @ Pose.from_rotvec((0, 0, 0), (-30.0, 20.0, 0))
     )
     pixels = draw(OPTICS, [placed(TAGS, pose), other], seed=1).in_frame(SIZE)
-    report = inspect_picture(Picture(pixels, turned=False), ["36h11"], None, CAMERA, {"b": TAGS})
-    assert [tag.found.id for tag in report.tags] == [200]
+    report = inspect_picture(
+        Picture(pixels, is_turned=False), ["36h11"], None, CAMERA, {"b": TAGS}
+    )
+    assert [sighting.tag.id for sighting in report.tags] == [200]
     assert report.boards[0].pose is not None
-    alone = inspect_picture(Picture(pixels, turned=False), [], None, CAMERA, {"b": TAGS})
+    alone = inspect_picture(Picture(pixels, is_turned=False), [], None, CAMERA, {"b": TAGS})
     assert alone.tags == alone.findings == ()
     with pytest.raises(InputError, match="camera"):
-        inspect_picture(Picture(pixels, turned=False), [], None, None, {"b": TAGS})
+        inspect_picture(Picture(pixels, is_turned=False), [], None, None, {"b": TAGS})

@@ -13,7 +13,7 @@ class Detector(Protocol):
     def detect(
         self,
         pixels: Pixels,
-        around: Mapping[int, TagObservation] | None = None,
+        previous: Mapping[int, TagObservation] | None = None,
         region: Region | None = None,
     ) -> dict[int, TagObservation]:
         """Tags by id, looked for first near where they were seen before; region: of these pixels."""

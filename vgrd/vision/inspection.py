@@ -43,7 +43,7 @@ class TagReport:
     size and camera are known.
     """
 
-    found: FoundTag
+    tag: FoundTag
     corners_px: Array
     corner_covariance: Array
     refined: Refined | None
@@ -57,32 +57,32 @@ class TagReport:
 
     def to_json(self) -> dict[str, object]:
         """As `vgrd detect --json` writes it."""
-        out: dict[str, object] = {
-            "dictionary": self.found.family,
-            "id": self.found.id,
+        document: dict[str, object] = {
+            "dictionary": self.tag.family,
+            "id": self.tag.id,
             "corners_px": self.corners_px.tolist(),
             "corner_covariance_px2": self.corner_covariance.tolist(),
             "quality": self._quality(),
         }
         if self.poses:
-            out["camera_from_tag"] = self.poses[0].pose.matrix().tolist()
-            out["covariance"] = self.poses[0].inflated_covariance.tolist()
-        return out
+            document["camera_from_tag"] = self.poses[0].pose.matrix().tolist()
+            document["covariance"] = self.poses[0].inflated_covariance.tolist()
+        return document
 
     def _quality(self) -> dict[str, object]:
         sigma = float(np.sqrt(np.diag(self.corner_covariance).max()))
-        out: dict[str, object] = {
-            "side_px": self.found.side_px,
+        quality: dict[str, object] = {
+            "side_px": self.tag.side_px,
             "corner_sigma_px": sigma,
-            "contrast": self.found.contrast,
+            "contrast": self.tag.contrast,
             "method": "detection" if self.refined is None else str(self.refined.method),
         }
         fit = None if self.refined is None else self.refined.fit
         if fit is not None:
-            out |= {"chi2": fit.chi2, "blur_px": _blur_px(fit.blur), "bloom_px": fit.bloom_px}
+            quality |= {"chi2": fit.chi2, "blur_px": _blur_px(fit.blur), "bloom_px": fit.bloom_px}
         if self.poses:
-            out["tilt_deg"] = self.poses[0].tilt_deg
-        return out | {"findings": findings_json(self.findings)}
+            quality["tilt_deg"] = self.poses[0].tilt_deg
+        return quality | {"findings": findings_json(self.findings)}
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -107,8 +107,10 @@ class PictureReport:
         """The boards and the tags as they are drawn."""
         boards = [mark for board in self.boards if (mark := board.mark()) is not None]
         return boards + [
-            TagMark(str(tag.found.id), tag.corners_px, self._axes(tag), bool(tag.findings))
-            for tag in self.tags
+            TagMark(
+                str(report.tag.id), report.corners_px, self._axes(report), bool(report.findings)
+            )
+            for report in self.tags
         ]
 
     def _axes(self, tag: TagReport) -> Array | None:
@@ -137,15 +139,15 @@ def inspect_picture(
         inspect_board(grey, name, board, camera) for name, board in boards.items() if camera
     )
     everything = find_tags(grey, families) if families else []
-    found = [tag for tag in everything if not any(_is_within(tag, board) for board in reports)]
-    counts = Counter((tag.family, tag.id) for tag in found)
+    lone_tags = [tag for tag in everything if not any(_is_within(tag, board) for board in reports)]
+    counts = Counter((tag.family, tag.id) for tag in lone_tags)
     tags = tuple(
-        _measured(grey, tag, size_mm, camera, counts[tag.family, tag.id]) for tag in found
+        _measured(grey, tag, size_mm, camera, counts[tag.family, tag.id]) for tag in lone_tags
     )
     findings = []
     if families and not everything:
         findings.append(Finding("no_tag", f"no tag found; looked for {', '.join(families)}"))
-    if picture.turned:
+    if picture.is_turned:
         findings.append(
             Finding("turned", "the file asks viewers to turn it; pixels here are as stored")
         )
@@ -159,9 +161,9 @@ def remarks(findings: Sequence[Mapping[str, str]]) -> Iterator[str]:
     """
     counts = Counter(finding["code"] for finding in findings)
     for finding in findings:
-        others = counts.pop(finding["code"], 0) - 1
-        if others >= 0:
-            also = f" (and {others} more)" if others else ""
+        count = counts.pop(finding["code"], 0) - 1
+        if count >= 0:
+            also = f" (and {count} more)" if count else ""
             yield f"{finding['code']}: {finding['message']}{also}"
 
 
@@ -192,36 +194,40 @@ def _measured(
 
 
 def _place_remarks(tag: FoundTag, count: int) -> list[tuple[str, str]]:
-    out = []
+    remarks = []
     if count > 1:
-        out.append(("repeated", f"in the picture {count} times: cover or remove the others"))
+        remarks.append(("repeated", f"in the picture {count} times: cover or remove the others"))
     if tag.mirrored:
-        out.append(("mirrored", "seen as in a mirror: printed wrongly, or the picture is flipped"))
+        remarks.append(
+            ("mirrored", "seen as in a mirror: printed wrongly, or the picture is flipped")
+        )
     if _is_small(tag):
-        out.append(("small", f"{tag.side_px:.0f} px: too small, use a larger tag or come nearer"))
-    return out
+        remarks.append(
+            ("small", f"{tag.side_px:.0f} px: too small, use a larger tag or come nearer")
+        )
+    return remarks
 
 
 def _light_remarks(grey: Grey, tag: FoundTag, refined: Refined | None) -> list[tuple[str, str]]:
     """Remarks on focus and light."""
-    out = []
+    remarks = []
     if tag.contrast < _LEAST_CONTRAST:
-        out.append(("contrast", f"only {tag.contrast:.0f} grey levels: give it more light"))
+        remarks.append(("contrast", f"only {tag.contrast:.0f} grey levels: give it more light"))
     if _clipped_share(grey, tag.corners_px) > _CLIPPED_SHARE:
-        out.append(("overexposed", "white is as bright as it can get: expose less"))
+        remarks.append(("overexposed", "white is as bright as it can get: expose less"))
     if refined is None:
         return [
-            *out,
+            *remarks,
             ("unmeasured", "corners are rough: is it half hidden, bent or out of focus?"),
         ]
     fit = refined.fit
     if fit is not None and _blur_px(fit.blur) > _MOST_BLUR_PX:
         blur = f"blurred by {_blur_px(fit.blur):.1f} px"
-        out.append(("blurred", f"{blur}: focus, or stand still"))
+        remarks.append(("blurred", f"{blur}: focus, or stand still"))
     trouble = disturbance(refined)
     if trouble is not None and not _is_small(tag):
-        out.append(trouble)
-    return out
+        remarks.append(trouble)
+    return remarks
 
 
 def _pose_remarks(
@@ -229,18 +235,18 @@ def _pose_remarks(
 ) -> list[tuple[str, str]]:
     if not poses:
         return []
-    out = []
+    remarks = []
     tilt = poses[0].tilt_deg
     if misfit_px > MOST_MISFIT_PX:
-        off = f"its corners are off a square by {misfit_px:.2f} px"
-        out.append(("misfit", f"{off}: is the camera file right, the tag flat?"))
+        deviation = f"its corners are off a square by {misfit_px:.2f} px"
+        remarks.append(("misfit", f"{deviation}: is the camera file right, the tag flat?"))
     if is_ambiguous(poses):
         remedy = "tilt it by 10" if tilt < _LEAST_TILT_DEG else "use a larger tag or come nearer"
-        out.append(("ambiguous", f"two poses fit (tilt {tilt:.0f} degrees): {remedy}"))
+        remarks.append(("ambiguous", f"two poses fit (tilt {tilt:.0f} degrees): {remedy}"))
     elif tilt < _LEAST_TILT_DEG:
         side = f"{tag.side_px:.0f} px, tilt {tilt:.0f} degrees"
-        out.append(("frontal", f"{side}: too frontal, tilt it by 10"))
-    return out
+        remarks.append(("frontal", f"{side}: too frontal, tilt it by 10"))
+    return remarks
 
 
 def _is_within(tag: FoundTag, board: BoardReport) -> bool:

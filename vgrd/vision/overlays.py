@@ -13,10 +13,10 @@ _RESIDUAL_SIGMAS = 5.0  # that are shown in full colour
 def write_overlays(path: Path, picture: Picture, report: PictureReport) -> None:
     """Write the picture with its tags and boards, and beside it the residuals of each that was measured."""
     write_picture(path, draw_tags(picture.pixels, report.marks()))
-    for number, tag in enumerate(report.tags):
-        if tag.refined is not None:
-            name = f"{path.stem}-{number}-tag{tag.found.id}.png"
-            _write_residuals(path.with_name(name), picture, tag.refined.fit)
+    for number, sighting in enumerate(report.tags):
+        if sighting.refined is not None:
+            name = f"{path.stem}-{number}-tag{sighting.tag.id}.png"
+            _write_residuals(path.with_name(name), picture, sighting.refined.fit)
     for number, board in enumerate(report.boards):
         if board.fit is not None:
             name = f"{path.stem}-{number}-board.png"

@@ -45,14 +45,14 @@ OUTLIER_SIGMAS = 3.0  # where a residual counts a quarter (Geman and McClure)
 class EdgeFit:
     """Corners (4, 2) px and their covariance (8, 8), from the scatter between edges.
 
-    rms_px: of the weighted offsets of the edges; used: share of the edges that agree.
+    rms_px: of the weighted offsets of the edges; edge_share: share of the edges that agree.
     """
 
     corners_px: Array
     covariance: Array
     q_from_target: Array
     rms_px: float
-    used: float
+    edge_share: float
 
 
 def coarse_homography(
@@ -62,8 +62,8 @@ def coarse_homography(
 
     None when the picture shows fewer than 8 edges.
     """
-    found = _fit(picture, raster, frame, q_from_target, (True, True, False))
-    return None if found is None else (found[0], found[-1] / len(edge_segments(raster)))
+    fit = _fit(picture, raster, frame, q_from_target, (True, True, False))
+    return None if fit is None else (fit[0], fit[-1] / len(edge_segments(raster)))
 
 
 def fit_edges(
@@ -73,10 +73,10 @@ def fit_edges(
 
     A fit that strays from its start ends there; the caller asks `has_strayed`.
     """
-    found = _fit(picture, raster, frame, q_from_target, (False, False))
-    if found is None:
+    fit = _fit(picture, raster, frame, q_from_target, (False, False))
+    if fit is None:
         return None
-    H, scale, covariance, rms, agreeing = found
+    H, scale, covariance, rms, agreeing = fit
     corners_px, covariance = to_pixels(frame, apply(H, raster.corners), covariance[:8, :8], scale)
     return EdgeFit(corners_px, covariance, H, rms, agreeing / len(edge_segments(raster)))
 
@@ -89,11 +89,11 @@ def _fit(
     corners = apply(H, raster.corners)
     scale = _extent(corners)
     for is_wide in wide:
-        found = edge_offsets(picture, raster, frame, H, wide=is_wide)
-        if len(np.unique(found[3])) < _FEWEST_EDGES:
+        measurements = edge_offsets(picture, raster, frame, H, wide=is_wide)
+        if len(np.unique(measurements[3])) < _FEWEST_EDGES:
             return None
         try:
-            change, covariance, rms, agreeing = _step(*found, scale)
+            change, covariance, rms, agreeing = _step(*measurements, scale)
         except np.linalg.LinAlgError:
             return None
         H = moved(H, change[:8], scale)
@@ -204,16 +204,16 @@ def _meat(J: Array, r: Array, weight: Array, edge: NDArray[np.intp]) -> tuple[Ar
 def edge_segments(raster: Raster) -> Array:
     """Edges (n, 6) between cells: x0, y0, x1, y1 mm, and the direction (2) across, towards white."""
     cells, x, y = raster.cells, raster.x, raster.y
-    found: list[tuple[float, ...]] = []
+    segments: list[tuple[float, ...]] = []
     steps = np.diff(cells, axis=1)
     for row, column in np.argwhere(steps != 0).tolist():
         sign = float(np.sign(steps[row, column]))
-        found.append((x[column + 1], y[row], x[column + 1], y[row + 1], sign, 0.0))
+        segments.append((x[column + 1], y[row], x[column + 1], y[row + 1], sign, 0.0))
     steps = np.diff(cells, axis=0)
     for row, column in np.argwhere(steps.T != 0)[:, ::-1].tolist():
         sign = float(np.sign(steps[row, column]))
-        found.append((x[column], y[row + 1], x[column + 1], y[row + 1], 0.0, sign))
-    return np.array(found)
+        segments.append((x[column], y[row + 1], x[column + 1], y[row + 1], 0.0, sign))
+    return np.array(segments)
 
 
 @compiled

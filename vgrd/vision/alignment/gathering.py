@@ -141,12 +141,12 @@ def _kind(U: Array, V: Array, cells: Array, qx: float, qy: float, radius: float)
             if first < -radius or last > radius:
                 return _AWAY
         return _MIXED
-    near = (left < radius, right < radius, above < radius, below < radius)
-    if (near[0] and ku == 0) or (near[1] and ku == columns - 1):
+    is_near = (left < radius, right < radius, above < radius, below < radius)
+    if (is_near[0] and ku == 0) or (is_near[1] and ku == columns - 1):
         return _MIXED
-    if (near[2] and kv == 0) or (near[3] and kv == rows - 1):
+    if (is_near[2] and kv == 0) or (is_near[3] and kv == rows - 1):
         return _MIXED
-    return _MIXED if _varies(cells, ku, kv, near) else _FLAT
+    return _MIXED if _varies(cells, ku, kv, is_near) else _FLAT
 
 
 @inlined
@@ -182,8 +182,8 @@ def _scan(
             kv, above, below = strip_around(V, qx, qy, kv)
             if not (0 <= ku < columns and 0 <= kv < rows):
                 continue
-            near = (left < reach, right < reach, above < reach, below < reach)  # 15
-            edge = not is_flat and _varies(cells, ku, kv, near)
+            is_near = (left < reach, right < reach, above < reach, below < reach)  # 15
+            edge = not is_flat and _varies(cells, ku, kv, is_near)
             if not edge and (i > 0 or j > 0):
                 continue
             if _usable(ku, columns, left, right, reach) and _usable(kv, rows, above, below, reach):
@@ -207,18 +207,18 @@ def _usable(k: int, strips: int, low: float, high: float, reach: float) -> bool:
 
 
 @inlined
-def _varies(cells: Array, ku: int, kv: int, near: tuple[bool, bool, bool, bool]) -> bool:
+def _varies(cells: Array, ku: int, kv: int, is_near: tuple[bool, bool, bool, bool]) -> bool:
     """Whether cells of different colour lie within reach (left, right, above, below)."""
     rows, columns = cells.shape
-    here = cells[kv, ku]
-    v0 = kv - 1 if near[2] and kv > 0 else kv
-    v1 = kv + 1 if near[3] and kv < rows - 1 else kv
-    u0 = ku - 1 if near[0] and ku > 0 else ku
-    u1 = ku + 1 if near[1] and ku < columns - 1 else ku
-    across = cells[kv, u0] != here or cells[kv, u1] != here
-    along = cells[v0, ku] != here or cells[v1, ku] != here
+    colour = cells[kv, ku]
+    v0 = kv - 1 if is_near[2] and kv > 0 else kv
+    v1 = kv + 1 if is_near[3] and kv < rows - 1 else kv
+    u0 = ku - 1 if is_near[0] and ku > 0 else ku
+    u1 = ku + 1 if is_near[1] and ku < columns - 1 else ku
+    across = cells[kv, u0] != colour or cells[kv, u1] != colour
+    along = cells[v0, ku] != colour or cells[v1, ku] != colour
     corners = (cells[v0, u0], cells[v0, u1], cells[v1, u0], cells[v1, u1])
-    return across or along or corners != (here, here, here, here)
+    return across or along or corners != (colour, colour, colour, colour)
 
 
 @compiled
@@ -276,8 +276,8 @@ def _bend(
         return count
     for y in range(py, py + side, 2):
         for x in range(first, last):
-            here = float(picture[y, x])
-            bends[count, 0], bends[count, 1] = colour, here
-            bends[count, 2] = float(picture[y, x - 1]) - 2 * here + float(picture[y, x + 1])
+            level = float(picture[y, x])
+            bends[count, 0], bends[count, 1] = colour, level
+            bends[count, 2] = float(picture[y, x - 1]) - 2 * level + float(picture[y, x + 1])
             count += 1
     return count

@@ -91,9 +91,9 @@ class PhotometricFit:
             slice(max(y.min(), 0), min(y.max() + 1, shape[0])),
             slice(max(x.min(), 0), min(x.max() + 1, shape[1])),
         )
-        out = np.full(shape, np.nan)
-        out[y, x] = self.residuals
-        return region, out[region]
+        residuals = np.full(shape, np.nan)
+        residuals[y, x] = self.residuals
+        return region, residuals[region]
 
     def _beyond_noise(self, chi2: float) -> float:
         level = self.offset[0] + self.gain[0] / 2
@@ -233,9 +233,9 @@ class _Iteration:
 
     def _take(self, change: Array) -> float:
         """Apply a step; returns the largest change, px, of a corner, of the blur's sigma, of the bloom."""
-        before = apply(self.H, self.raster.corners)
+        corners = apply(self.H, self.raster.corners)
         self.H = moved(self.H, change[:SHAPE], self.scale)
-        shift = np.abs(apply(self.H, self.raster.corners) - before).max()
+        shift = np.abs(apply(self.H, self.raster.corners) - corners).max()
         sigma = np.sqrt(self.S[[0, 2]])
         limit = _MOST_SHRINKING * self.S[[0, 0, 2]]
         self.S = _blur_within(self.S + np.clip(change[SHAPE:BLOOM], -limit, 2 * limit))

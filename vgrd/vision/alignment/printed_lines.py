@@ -80,10 +80,10 @@ def _step(
 def _inner(raster: Raster) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
     """Indices of the x lines and y lines strictly inside the square that stands for the target."""
     low, high = raster.corners.min(0), raster.corners.max(0)
-    near = 1e-6 * (high - low)  # rounding of the lines' places
+    tolerance = 1e-6 * (high - low)  # rounding of the lines' places
 
     def within(lines: Array, axis: int) -> NDArray[np.intp]:
-        inside = (lines > low[axis] + near[axis]) & (lines < high[axis] - near[axis])
+        inside = (lines > low[axis] + tolerance[axis]) & (lines < high[axis] - tolerance[axis])
         return np.flatnonzero(inside)
 
     return within(raster.x, 0), within(raster.y, 1)

@@ -32,7 +32,7 @@ class RefinementMethod(StrEnum):
 class Refined:
     """Corners (4, 2) px, their covariance (8, 8), and the method that they come from.
 
-    fit: the photometric fit, if it ended, also where the corners are those of the edges. edges_seen:
+    fit: the photometric fit, if it ended, also where the corners are those of the edges. edge_share:
     share of the edges that agree with the fit of edges.
     """
 
@@ -40,7 +40,7 @@ class Refined:
     covariance: Array
     method: RefinementMethod
     fit: PhotometricFit | None
-    edges_seen: float
+    edge_share: float
 
 
 def refine(
@@ -78,7 +78,9 @@ def refine(
         return None
     if has_strayed(edges.q_from_target, raster, apply(start, raster.corners)):
         return None
-    return Refined(edges.corners_px, edges.covariance, RefinementMethod.EDGES, fit, edges.used)
+    return Refined(
+        edges.corners_px, edges.covariance, RefinementMethod.EDGES, fit, edges.edge_share
+    )
 
 
 def read_only(picture: Grey) -> Grey:

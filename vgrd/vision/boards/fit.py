@@ -106,8 +106,8 @@ def fit_charuco(picture: Grey, board: Charuco, camera: CameraModel) -> BoardFit:
     Raises TagNotSeen when it is not in the picture, is there twice, shows too little of itself, or has
     other sizes than stated.
     """
-    wanted = {(board.dictionary, i) for i in range((board.columns * board.rows + 1) // 2)}
-    _single(find_tags(picture, [board.dictionary]), wanted)
+    markers = {(board.dictionary, i) for i in range((board.columns * board.rows + 1) // 2)}
+    _single(find_tags(picture, [board.dictionary]), markers)
     try:
         detection = detect_board(picture, board)
     except TagNotSeen as error:
@@ -125,19 +125,19 @@ def fit_tag_board(
     place = {(tag.family, tag.id): (tag, np.asarray(centre)) for tag, centre in tags.items()}
     points, pixels = [], []
     candidates = find_tags(picture, sorted({tag.family for tag in tags}))
-    for found in _single(candidates, place.keys()):
-        tag, centre = place[found.family, found.id]
+    for marker in _single(candidates, place.keys()):
+        tag, centre = place[marker.family, marker.id]
         points.append(centre + square_corners(tag.size_mm)[:, :2])
-        pixels.append(found.corners_px)
+        pixels.append(marker.corners_px)
     if not points:
         raise TagNotSeen("none of the board's tags is in the picture: is its file the right one?")
     layout = _tags_layout(tags, margin_mm)
     return _fitted(picture, camera, np.concatenate(points), np.concatenate(pixels), [layout])
 
 
-def _single(found: Iterable[FoundTag], wanted: Set[tuple[str, int]]) -> list[FoundTag]:
+def _single(tags: Iterable[FoundTag], ids: Set[tuple[str, int]]) -> list[FoundTag]:
     """The markers of a board; TagNotSeen when one is there twice, or all as in a mirror."""
-    markers = [tag for tag in found if (tag.family, tag.id) in wanted]
+    markers = [tag for tag in tags if (tag.family, tag.id) in ids]
     upright = [tag for tag in markers if not tag.mirrored]
     if markers and not upright:
         raise TagNotSeen("the board is seen as in a mirror: printed wrongly, or a flipped picture")

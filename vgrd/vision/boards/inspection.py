@@ -38,25 +38,25 @@ class BoardReport:
 
     def to_json(self) -> dict[str, object]:
         """As `vgrd detect --json` writes it."""
-        out: dict[str, object] = {"board": self.name}
+        document: dict[str, object] = {"board": self.name}
         if self.fit is not None:
             if self.pose is not None:
-                out["covariance"] = self.fit.covariance.tolist()
-                out["origin_sigma_mm"] = _origin_sigma_mm(self.pose, self.fit.covariance)
+                document["covariance"] = self.fit.covariance.tolist()
+                document["origin_sigma_mm"] = _origin_sigma_mm(self.pose, self.fit.covariance)
             refined = self.fit.refined
-            out |= {
+            document |= {
                 "corners_px": refined.corners_px.tolist(),
                 "corner_covariance_px2": refined.covariance.tolist(),
                 "corner_sigma_px": float(np.sqrt(np.diag(refined.covariance).max())),
                 "method": str(refined.method),
             }
             if refined.fit is not None:
-                out["chi2"] = refined.fit.chi2
+                document["chi2"] = refined.fit.chi2
         if self.misfit_px is not None:
-            out["misfit_px"] = self.misfit_px
+            document["misfit_px"] = self.misfit_px
         if self.pose is not None:
-            out["camera_from_board"] = self.pose.matrix().tolist()
-        return out | {"findings": findings_json(self.findings)}
+            document["camera_from_board"] = self.pose.matrix().tolist()
+        return document | {"findings": findings_json(self.findings)}
 
     def mark(self) -> TagMark | None:
         """The board as it is drawn."""
@@ -106,26 +106,26 @@ def _origin_sigma_mm(camera_from_board: Pose, covariance: Array) -> float:
 
 def _remarks(fit: BoardFit) -> list[tuple[str, str]]:
     """What makes a pose worse than it could be."""
-    out = [("sizes", sizes_remark(fit.excess))] if fit.excess else []
-    share = fit.refined.edges_seen
+    remarks = [("sizes", sizes_remark(fit.excess))] if fit.excess else []
+    share = fit.refined.edge_share
     if share < _WHOLE:  # looks like a shadow to the fit of the light
         remark = (
             f"only {share:.0%} of its edges are seen: uncover it, or bring it into the picture"
         )
-        return [*out, ("partial", remark)]
+        return [*remarks, ("partial", remark)]
     cause = disturbance(fit.refined)
-    return out if cause is None else [*out, cause]
+    return remarks if cause is None else [*remarks, cause]
 
 
 def _doubts(fit: BoardFit, misfit_px: float | None) -> list[tuple[str, str]]:
     """Why a pose would be a guess."""
-    out = []
+    doubts = []
     if misfit_px is None or misfit_px > MOST_MISFIT_PX:
         amount = "" if misfit_px is None else f" by {misfit_px:.2f} px"
         remedy = "is the camera file right, the board flat?"
-        out.append(("misfit", f"its outline is off a rectangle{amount}: {remedy}"))
+        doubts.append(("misfit", f"its outline is off a rectangle{amount}: {remedy}"))
     if is_ambiguous(fit.poses):
-        out.append(
+        doubts.append(
             ("ambiguous", "two poses fit: tilt it by 10 degrees, come nearer, or uncover it")
         )
-    return out
+    return doubts

@@ -134,15 +134,15 @@ def sight_holes(
     for name, hole in holes.items():
         x, y, z = tag_b_from_object.apply(hole.point_in_object)
         try:
-            found = find_hole(
+            observation = find_hole(
                 grey, camera, camera_from_tag_b, hole.radius_mm, np.array([x, y]),
                 search_mm=search_mm, rim_height_mm=-z,
             )  # fmt: skip
         except HoleNotSeen as reason:
             missing[name] = str(reason)
             continue
-        sigma = float(np.sqrt(np.trace(found.pixel_covariance) / 2))
-        sightings.append(HoleSighting(name, found.center_px, sigma, found))
+        sigma = float(np.sqrt(np.trace(observation.pixel_covariance) / 2))
+        sightings.append(HoleSighting(name, observation.center_px, sigma, observation))
     return sightings, missing
 
 
@@ -190,16 +190,14 @@ def _reason_against(rim: Rim | None, expected: Circle, reach_mm: float) -> str:
 
 def _second_rim(view: PlaneView, rim: Rim, radius_mm: float) -> tuple[str, ...]:
     """Findings about other rims around the same centre; HoleNotSeen when two have the given radius."""
-    others = [radius for radius, share in rims_around(view, rim.circle) if share > _OTHER_RIM]
-    for radius in others:
+    radii = [radius for radius, share in rims_around(view, rim.circle) if share > _OTHER_RIM]
+    for radius in radii:
         if abs(radius / radius_mm - 1) <= RADIUS_TOLERANCE:
             raise HoleNotSeen(
                 f"the hole has two rims, of {rim.circle.radius:.2f} and {radius:.2f} mm radius, "
                 f"and {radius_mm:.2f} mm is near both: give the radius of the one that counts"
             )
-    return tuple(
-        f"a second rim of {radius:.2f} mm radius (chamfer) is around" for radius in others
-    )
+    return tuple(f"a second rim of {radius:.2f} mm radius (chamfer) is around" for radius in radii)
 
 
 def _observation(

@@ -82,9 +82,9 @@ def measure_rim(view: PlaneView, start: Circle) -> Rim | None:
             edges, blur = _edges(band, blur, _FLAT)
         if edges.count < _FEWEST_SECTORS // 2:
             return None
-        rim, moved = _rim(band, edges, circle, blur)
+        rim, shift_px = _rim(band, edges, circle, blur)
         circle = rim.circle
-        if moved < _LINEAR_PX:
+        if shift_px < _LINEAR_PX:
             break
     return rim
 
@@ -104,10 +104,10 @@ def _approach(view: PlaneView, circle: Circle, width_px: float) -> Circle | None
             return None
         # A sharp edge seen through a blurred model seems to be twice as far off as it is.
         shift = _least_absolute(band.slopes[edges.has_edge], edges.offsets[edges.has_edge]) / 2
-        moved = float(np.abs(band.slopes @ shift).max())
-        shift *= min(1.0, blur / moved) if moved > 0 else 1.0
+        shift_px = float(np.abs(band.slopes @ shift).max())
+        shift *= min(1.0, blur / shift_px) if shift_px > 0 else 1.0
         circle = Circle(circle.centre + shift[:2], circle.radius + float(shift[2]))
-        if moved < blur / 3 or circle.radius <= 0:
+        if shift_px < blur / 3 or circle.radius <= 0:
             break
     return circle if circle.radius > 0 else None
 
@@ -134,16 +134,16 @@ class _Band:
     ) -> "_Band | None":
         """Band around the image of a circle, of every n-th pixel; None where there is no picture."""
         outline = Outline.of(view, circle)
-        around = outline.at(turn_angles(_OUTLINE_POINTS))
-        if not np.isfinite(around).all():
+        points = outline.at(turn_angles(_OUTLINE_POINTS))
+        if not np.isfinite(points).all():
             return None
-        length = float(np.abs(np.diff(around, append=around[:1])).sum())
-        thinnest = float(np.abs(around - around.mean()).min())
+        length = float(np.abs(np.diff(points, append=points[:1])).sum())
+        thinnest = float(np.abs(points - points.mean()).min())
         width = float(np.clip(_WIDTH_OF_RADIUS * thinnest, _NARROWEST_PX, widest_px))
-        near = view.pixels_near(np.column_stack([around.real, around.imag]), width)
-        if near is None:
+        pixels = view.pixels_near(np.column_stack([points.real, points.imag]), width)
+        if pixels is None:
             return None
-        places, levels = near[0][::every], near[1][::every]
+        places, levels = pixels[0][::every], pixels[1][::every]
         feet, distances = outline.feet(places[:, 0] + 1j * places[:, 1])
         count = int(np.clip(length / _SECTOR_PX, _FEWEST_SECTORS, _MOST_SECTORS))
         sectors = np.rint(feet / (2 * np.pi) * count).astype(np.intp) % count

@@ -32,7 +32,7 @@ def circles_near(
     places = np.stack(np.meshgrid(ticks, ticks), -1).reshape(-1, 2) + expected.centre
     flat = _normalised(view.levels_at(places, 1 / scale).reshape(n, n))
     radius = expected.radius * scale
-    found = cv2.HoughCircles(
+    candidates = cv2.HoughCircles(
         flat,
         cv2.HOUGH_GRADIENT,
         dp=1.0,
@@ -42,11 +42,11 @@ def circles_near(
         minRadius=int((1 - tolerance) * radius * (1 - _RADIUS_SLACK)),
         maxRadius=int(np.ceil((1 + tolerance) * radius * (1 + _RADIUS_SLACK))),
     )
-    if found is None:
+    if candidates is None:
         return []
     circles = [
         Circle((np.array([x, y]) + 0.5) / scale - half + expected.centre, float(r) / scale)
-        for x, y, r in np.reshape(found, (-1, 3))[:_CANDIDATES]
+        for x, y, r in np.reshape(candidates, (-1, 3))[:_CANDIDATES]
     ]
     limit_mm = (1 + _REACH_SLACK) * reach_mm
     return [c for c in circles if np.linalg.norm(c.centre - expected.centre) <= limit_mm]
@@ -77,8 +77,8 @@ def rims_around(view: PlaneView, circle: Circle) -> list[tuple[float, float]]:
 def _scale(view: PlaneView, expected: Circle, reach_mm: float) -> float:
     """Pixels per mm of the rectified view."""
     radius_px = view.px_per_mm(expected.centre) * expected.radius
-    wanted = float(np.clip(radius_px, *_RADIUS_PX)) / expected.radius
-    return min(wanted, _LARGEST_PX / (2 * (reach_mm + _MARGIN_RADII * expected.radius)))
+    scale = float(np.clip(radius_px, *_RADIUS_PX)) / expected.radius
+    return min(scale, _LARGEST_PX / (2 * (reach_mm + _MARGIN_RADII * expected.radius)))
 
 
 def _normalised(levels: Array) -> NDArray[np.uint8]:

@@ -127,12 +127,12 @@ class Outline:
     def feet(self, places: NDArray[np.complex128]) -> tuple[Array, Array]:
         """Angles (n,) of the nearest points, and the distances (n,) outwards, px."""
         table = turn_angles(_FEET_POINTS)
-        around = self.at(table)
-        middle = around.mean()
-        order = np.argsort(np.angle(around - middle))
+        points = self.at(table)
+        middle = points.mean()
+        order = np.argsort(np.angle(points - middle))
         nearest = np.interp(
             np.angle(places - middle),
-            np.angle(around - middle)[order],
+            np.angle(points - middle)[order],
             np.arange(len(table), dtype=np.float64),
         )
         angles = table[order[np.rint(nearest).astype(np.intp)]]

@@ -25,11 +25,11 @@ class CameraNoise:
 
 def noise_in(flat: Array) -> CameraNoise:
     """Noise from flat pixels (n, 3): colour, level, second difference (16 in docs/photometric.md)."""
-    found = [(level, variance) for level, variance, n in _noise_of(flat) if n >= _LEAST_PIXELS]
-    if not found:
+    levels = [(level, variance) for level, variance, n in _noise_of(flat) if n >= _LEAST_PIXELS]
+    if not levels:
         return CameraNoise(0.0, _UNKNOWN)
-    (dark, variance), (bright, most) = found[0], found[-1]
-    shot = max((most - variance) / max(bright - dark, 1.0), 0.0) if len(found) > 1 else 0.0
+    (dark, variance), (bright, most) = levels[0], levels[-1]
+    shot = max((most - variance) / max(bright - dark, 1.0), 0.0) if len(levels) > 1 else 0.0
     return CameraNoise(shot, max(variance - shot * dark, _LEAST_VARIANCE))
 
 
@@ -39,7 +39,7 @@ def _noise_of(flat: Array) -> Array:
 
     A second difference of more than five sigma is dirt.
     """
-    found = np.zeros((2, 3))
+    noise = np.zeros((2, 3))
     for colour in range(2):
         most = np.inf
         for _ in range(_ROUNDS):
@@ -52,5 +52,5 @@ def _noise_of(flat: Array) -> Array:
                 break
             most = _DIRTY * max(squares / n, 1.0)
             variance = squares / (_OF_SECOND_DIFFERENCE * n)
-            found[colour, 0], found[colour, 1], found[colour, 2] = level / n, variance, n
-    return found
+            noise[colour, 0], noise[colour, 1], noise[colour, 2] = level / n, variance, n
+    return noise

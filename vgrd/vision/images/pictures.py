@@ -19,10 +19,10 @@ _UPRIGHT = 1  # idem: row 0 at the top, column 0 at the left
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Picture:
-    """pixels: (h, w) uint8, or uint16 at full scale, rows as stored; turned: its EXIF asks viewers to turn it."""
+    """pixels: (h, w) uint8, or uint16 at full scale, rows as stored; is_turned: its EXIF asks viewers to turn it."""
 
     pixels: Pixels
-    turned: bool
+    is_turned: bool
 
 
 def read_picture(path: Path) -> Picture:

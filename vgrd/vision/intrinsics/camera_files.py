@@ -177,8 +177,8 @@ def _tables(table: Document, name: str) -> Iterator[tuple[str, Document]]:
 
 def _camera(table: Document, size_px: tuple[int, int] | None) -> CameraModel:
     _refuse_fisheye(table)
-    found = next((table[key] for key in _DISTORTION if key in table), None)
-    distortion = np.zeros(0) if found is None else _values(found, "distortion").ravel()
+    numbers = next((table[key] for key in _DISTORTION if key in table), None)
+    distortion = np.zeros(0) if numbers is None else _values(numbers, "distortion").ravel()
     if distortion.size not in _LENGTHS:
         raise InputError(
             f"distortion has {distortion.size} numbers, OpenCV knows "
@@ -264,14 +264,14 @@ def _expressed(matrix: Array, distortion: Array, size: tuple[int, int]) -> Camer
         return np.asarray((camera(x).project(points) - pixels).ravel())
 
     start = np.append(matrix[[0, 1, 0, 1], [0, 1, 2, 2]], distortion[:_OURS])
-    found = least_squares(residuals, start, x_scale="jac")
-    worst = float(np.abs(found.fun).max())
+    minimum = least_squares(residuals, start, x_scale="jac")
+    worst = float(np.abs(minimum.fun).max())
     if not worst < _SAME_PX:
         raise InputError(
             f"its thin prism or tilt distortion cannot be expressed with 8 numbers ({worst:.2g} px "
             "off): calibrate anew with vgrd intrinsics"
         )
-    return camera(found.x)
+    return camera(minimum.x)
 
 
 def _numbers(values: object) -> str:

@@ -42,8 +42,8 @@ def effect_on_coordinates(
         target = b @ (_LEVER_MM * np.array([np.cos(direction), np.sin(direction), 0.0]))
         drift = _pose_drift(camera, len(covariance), b, tag_mm)
         drift -= _pose_drift(camera, len(covariance), a, tag_mm)
-        moved = a.rotation.T @ np.hstack([np.eye(3), -hat(target)]) @ drift
-        squares += np.diag(moved @ covariance @ moved.T)
+        J = a.rotation.T @ np.hstack([np.eye(3), -hat(target)]) @ drift
+        squares += np.diag(J @ covariance @ J.T)
     x, y, z = squares / _TRIALS
     return Effect(distance_mm, tag_mm, float(np.sqrt(x + y)), float(np.sqrt(z)))
 

@@ -93,34 +93,34 @@ def calibrate_intrinsics(
         raise InputError(f"distortion of {distortion} numbers: one of {LENGTHS} is known")
     nominal = np.asarray(points_in_board, dtype=np.float64)
     screened = [_screened(nominal, view) for view in views]
-    kept = [view for view in screened if isinstance(view, BoardView)]
+    inliers = [view for view in screened if isinstance(view, BoardView)]
     reasons = {v.name: r for v, r in zip(views, screened, strict=True) if isinstance(r, str)}
     noise = (
         PictureNoise() if print_mm is None else PictureNoise(print_mm=print_mm, flat_mm=print_mm)
     )
     gross: dict[str, str] | None = None
     while gross != {}:
-        _require(kept, reasons)
-        state, residuals = _start(nominal, kept, size_px, distortion)
-        kept, gross = _without_bad(kept, residuals)
+        _require(inliers, reasons)
+        state, residuals = _start(nominal, inliers, size_px, distortion)
+        inliers, gross = _without_bad(inliers, residuals)
         reasons |= gross
     while True:
-        bundle = adjust(nominal, kept, state, noise, fixed_print=print_mm is not None)
-        better, bad = _without_bad(kept, bundle.residuals)
-        if _count(better) == _count(kept):
+        bundle = adjust(nominal, inliers, state, noise, fixed_print=print_mm is not None)
+        candidates, bad = _without_bad(inliers, bundle.residuals)
+        if _count(candidates) == _count(inliers):
             break
         reasons |= bad
-        poses = dict(zip((view.name for view in kept), bundle.state.poses, strict=True))
-        kept = better
-        _require(kept, reasons)
-        state = replace(bundle.state, poses=tuple(poses[view.name] for view in kept))
-    reports = _reports(views, kept, reasons, bundle)
+        poses = dict(zip((view.name for view in inliers), bundle.state.poses, strict=True))
+        inliers = candidates
+        _require(inliers, reasons)
+        state = replace(bundle.state, poses=tuple(poses[view.name] for view in inliers))
+    reports = _reports(views, inliers, reasons, bundle)
     return IntrinsicsResult(
         bundle.state.camera(size_px),
         bundle.covariance,
         nominal + bundle.state.offsets,
         bundle,
-        tuple(kept),
+        tuple(inliers),
         reports,
     )
 
@@ -144,11 +144,11 @@ def _count(views: Sequence[BoardView]) -> int:
     return sum(len(view.ids) for view in views)
 
 
-def _require(kept: Sequence[BoardView], reasons: dict[str, str]) -> None:
-    if len(kept) < MIN_VIEWS:
+def _require(inliers: Sequence[BoardView], reasons: dict[str, str]) -> None:
+    if len(inliers) < MIN_VIEWS:
         named = "; ".join(f"{name}: {reason}" for name, reason in reasons.items())
         raise TooFewObservations(
-            f"{len(kept)} usable pictures, at least {MIN_VIEWS} are needed (20 are good)"
+            f"{len(inliers)} usable pictures, at least {MIN_VIEWS} are needed (20 are good)"
             + (f". Not used: {named}" if named else "")
         )
 
@@ -192,9 +192,9 @@ def _without_bad(
         reason = (
             f"off by {medians[worst]:.2g} px where others are by {level:.2g}: blurred or bent?"
         )
-        kept = [view for i, view in enumerate(views) if i != worst]
-        return kept, {views[worst].name: reason}
-    kept, bad = [], {}
+        inliers = [view for i, view in enumerate(views) if i != worst]
+        return inliers, {views[worst].name: reason}
+    inliers, bad = [], {}
     for view, length in zip(views, lengths, strict=True):
         good = length < _OUTLIER * level
         if good.mean() < 1 - _MOST_WRONG or good.sum() < MIN_POINTS:
@@ -202,31 +202,34 @@ def _without_bad(
                 f"{int((~good).sum())} of {len(good)} points are off: blurred or bent?"
             )
         else:
-            kept.append(BoardView(view.name, view.ids[good], view.pixels[good]))
-    return kept, bad
+            inliers.append(BoardView(view.name, view.ids[good], view.pixels[good]))
+    return inliers, bad
 
 
 def _reports(
-    views: Sequence[BoardView], kept: Sequence[BoardView], reasons: dict[str, str], bundle: Bundle
+    views: Sequence[BoardView],
+    inliers: Sequence[BoardView],
+    reasons: dict[str, str],
+    bundle: Bundle,
 ) -> tuple[ViewReport, ...]:
-    place = {view.name: i for i, view in enumerate(kept)}
-    out = []
+    place = {view.name: i for i, view in enumerate(inliers)}
+    reports = []
     for view in views:
         if view.name not in place:
-            out.append(ViewReport(view.name, False, len(view.ids), 0, reasons[view.name]))
+            reports.append(ViewReport(view.name, False, len(view.ids), 0, reasons[view.name]))
             continue
         i = place[view.name]
         pose = bundle.state.poses[i]
-        out.append(
+        reports.append(
             ViewReport(
                 view.name,
                 True,
                 len(view.ids),
-                len(view.ids) - len(kept[i].ids),
+                len(view.ids) - len(inliers[i].ids),
                 rms_px=rms(bundle.residuals[i]),
                 held_out_px=rms(bundle.held_out[i]),
                 distance_mm=float(np.linalg.norm(pose.translation)),
                 tilt_deg=float(np.degrees(np.arccos(min(abs(pose.rotation[2, 2]), 1.0)))),
             )
         )
-    return tuple(out)
+    return tuple(reports)

@@ -135,9 +135,9 @@ class _Problem:
         C = np.diag(inverse(self._reduced(state, self._all_linearized(state))[0]))
         first = len(state.intrinsics) + 2
         prior = self._prior(state)
-        kept = float(np.sum(prior * C))  # unknowns that the prior, not the pixels, determines
+        prior_sum = float(np.sum(prior * C))  # unknowns that the prior, not the pixels, determines
         rows = sum(view.pixels.size for view in self.views)
-        degrees_of_freedom = max(rows + kept - len(prior) - 6 * len(self.views), 1.0)
+        degrees_of_freedom = max(rows + prior_sum - len(prior) - 6 * len(self.views), 1.0)
         squares = sum(float(np.sum(r * r)) for r in self._residuals(state))
         pixel = np.clip(np.sqrt(squares / degrees_of_freedom), *_SIGMAS_PX)
         if fixed_print:
@@ -154,12 +154,12 @@ class _Problem:
         k = len(state.intrinsics)
         held_out = []
         for rows in pictures:
-            own = np.zeros_like(S)
-            gradient = rows.reduce_into(own, np.zeros(len(S)))
-            without = solved(S - own, gradient)
-            off = rows.residuals + rows.by_shared(without)
-            off -= rows.by_pose @ np.linalg.lstsq(rows.by_pose, off, rcond=None)[0]
-            held_out.append(off.reshape(-1, 2) * self.noise.pixel_px)
+            information = np.zeros_like(S)
+            gradient = rows.reduce_into(information, np.zeros(len(S)))
+            step = solved(S - information, gradient)
+            residuals = rows.residuals + rows.residual_change(step)
+            residuals -= rows.J_pose @ np.linalg.lstsq(rows.J_pose, residuals, rcond=None)[0]
+            held_out.append(residuals.reshape(-1, 2) * self.noise.pixel_px)
         return Bundle(
             state,
             self.noise,
@@ -190,13 +190,13 @@ class _Problem:
     def _residuals(self, state: IntrinsicsState) -> list[Array]:
         points = self._points(state)
         K, d = _matrix(state.intrinsics), state.intrinsics[4:]
-        out = []
+        residuals = []
         for view, pose in zip(self.views, state.poses, strict=True):
-            seen = pose @ points[view.ids]
-            pixels = cv2.projectPoints(seen, np.zeros(3), np.zeros(3), K, d)[0][:, 0]
-            behind = seen[:, 2] <= 0
-            out.append(np.where(behind[:, None], np.inf, pixels - view.pixels))
-        return out
+            points_in_camera = pose @ points[view.ids]
+            pixels = cv2.projectPoints(points_in_camera, np.zeros(3), np.zeros(3), K, d)[0][:, 0]
+            is_behind = points_in_camera[:, 2] <= 0
+            residuals.append(np.where(is_behind[:, None], np.inf, pixels - view.pixels))
+        return residuals
 
     def _points(self, state: IntrinsicsState) -> Array:
         a, s = state.stretch
@@ -209,16 +209,16 @@ class _Problem:
         zero = np.zeros(3)
         pixels, D = cv2.projectPoints(pose @ points, zero, zero, K, d)
         n, k, sigma = len(points), len(state.intrinsics), self.noise.pixel_px
-        by_point = (D[:, 3:6] @ pose.rotation).reshape(n, 2, 3)
+        J_point = (D[:, 3:6] @ pose.rotation).reshape(n, 2, 3)
         x, y, _ = self.nominal[view.ids].T / 2
-        by_lens = np.zeros((n, 2, k + 2))
-        by_lens[:, :, :k] = D[:, 6 : 6 + k].reshape(n, 2, k)
-        by_lens[:, :, k] = by_point[:, :, 0] * x[:, None] - by_point[:, :, 1] * y[:, None]
-        by_lens[:, :, k + 1] = by_point[:, :, 0] * y[:, None] + by_point[:, :, 1] * x[:, None]
+        J_lens = np.zeros((n, 2, k + 2))
+        J_lens[:, :, :k] = D[:, 6 : 6 + k].reshape(n, 2, k)
+        J_lens[:, :, k] = J_point[:, :, 0] * x[:, None] - J_point[:, :, 1] * y[:, None]
+        J_lens[:, :, k + 1] = J_point[:, :, 0] * y[:, None] + J_point[:, :, 1] * x[:, None]
         return PictureRows(
             (pixels[:, 0] - view.pixels).ravel() / sigma,
-            by_lens.reshape(2 * n, -1) / sigma,
-            by_point / sigma,
+            J_lens.reshape(2 * n, -1) / sigma,
+            J_point / sigma,
             np.asarray(D[:, _ORDER], np.float64) / sigma,
             (k + 2 + 3 * view.ids[:, None] + np.arange(3)).ravel(),
         )

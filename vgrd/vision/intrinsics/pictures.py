@@ -50,8 +50,8 @@ def read_board_pictures(
     points = board_points(board)
     views: dict[str, tuple[BoardView, tuple[int, int]]] = {}
     unusable = {}
-    for done, path in enumerate(files):
-        report(done, len(files))
+    for number, path in enumerate(files):
+        report(number, len(files))
         try:
             grey = as_8_bit(read_picture(path).pixels)
             views[path.name] = (
@@ -68,8 +68,8 @@ def read_board_pictures(
                 f"has {other[0]} x {other[1]} px, most have {size[0]} x {size[1]}: "
                 "pictures of one camera, uncropped, are needed"
             )
-    kept = tuple(view for view, other in views.values() if other == size)
-    return BoardPictures(points, kept, size, unusable)
+    usable = tuple(view for view, other in views.values() if other == size)
+    return BoardPictures(points, usable, size, unusable)
 
 
 def board_points(board: Board) -> Array:
@@ -97,19 +97,21 @@ def _grid(columns: int, rows: int) -> Array:
 def _view(name: str, grey: Grey, board: Board, points: Array) -> BoardView:
     if isinstance(board, TagGrid):
         return _tags_view(name, grey, board)
-    found = detect_board(grey, board)
-    off = np.linalg.norm(found.points_in_target[:, None] - points, axis=2)
-    return BoardView(name, off.argmin(axis=1), found.pixels)
+    observation = detect_board(grey, board)
+    distances = np.linalg.norm(observation.points_in_target[:, None] - points, axis=2)
+    return BoardView(name, distances.argmin(axis=1), observation.pixels)
 
 
 def _tags_view(name: str, grey: Grey, board: TagGrid) -> BoardView:
-    known = board.corners()
-    tags = [tag for tag in find_tags(grey, [board.dictionary]) if tag.id in known]
+    places = board.corners()
+    tags = [tag for tag in find_tags(grey, [board.dictionary]) if tag.id in places]
     counts = Counter(tag.id for tag in tags)
     corners = {tag.id: _exact_corners(grey, tag, board) for tag in tags if counts[tag.id] == 1}
-    measured = {tag_id: found for tag_id, found in corners.items() if found is not None}
+    measured = {
+        tag_id: corners_px for tag_id, corners_px in corners.items() if corners_px is not None
+    }
     if not measured:
-        raise TagNotSeen(f"none of the board's {len(known)} tags can be measured in the picture")
+        raise TagNotSeen(f"none of the board's {len(places)} tags can be measured in the picture")
     first = np.array([4 * (tag_id - board.first_id) for tag_id in measured])
     ids = (first[:, None] + np.arange(4)).ravel()
     return BoardView(name, ids, np.concatenate(list(measured.values())))
@@ -135,31 +137,35 @@ def draw_coverage(result: IntrinsicsResult) -> Colour:
     """Where the board was seen: outlines, points, residuals as arrows, cells without points red."""
     width, height = result.camera.size_px
     scale = _WIDTH_PX / width
-    out = np.full((round(height * scale), _WIDTH_PX, 3), 255, np.uint8)
+    drawing = np.full((round(height * scale), _WIDTH_PX, 3), 255, np.uint8)
     counts = coverage(result.views, result.camera.size_px)
     for row, column in np.argwhere(counts == 0).tolist():
-        low = (int(column * _WIDTH_PX / counts.shape[1]), int(row * len(out) / len(counts)))
+        low = (int(column * _WIDTH_PX / counts.shape[1]), int(row * len(drawing) / len(counts)))
         high = (
             int((column + 1) * _WIDTH_PX / counts.shape[1]),
-            int((row + 1) * len(out) / len(counts)),
+            int((row + 1) * len(drawing) / len(counts)),
         )
-        cv2.rectangle(out, low, high, (225, 225, 250), -1)
+        cv2.rectangle(drawing, low, high, (225, 225, 250), -1)
     for view in result.views:
         hull = cv2.convexHull(view.pixels.astype(np.float32))
         outline = np.rint(hull * scale).astype(np.int32)
-        cv2.polylines(out, [outline], True, (200, 200, 200), 1, cv2.LINE_AA)
+        cv2.polylines(drawing, [outline], True, (200, 200, 200), 1, cv2.LINE_AA)
     arrow = _ARROW_PX / max(result.rms_px * np.sqrt(2), 1e-9)
     for view, residuals in zip(result.views, result.bundle.residuals, strict=True):
         for pixel, residual in zip(view.pixels * scale, residuals * arrow, strict=True):
             tip = np.rint(pixel - residual).astype(int)
             start = np.rint(pixel).astype(int)
-            cv2.line(out, tuple(start.tolist()), tuple(tip.tolist()), BLUE, 1, cv2.LINE_AA)
-            circle_at(out, pixel, 1.5, GOOD, -1)
+            cv2.line(drawing, tuple(start.tolist()), tuple(tip.tolist()), BLUE, 1, cv2.LINE_AA)
+            circle_at(drawing, pixel, 1.5, GOOD, -1)
     centre = result.camera.matrix[:2, 2] * scale
-    cv2.drawMarker(out, tuple(np.rint(centre).astype(int).tolist()), RED, cv2.MARKER_CROSS, 24, 2)
+    cv2.drawMarker(
+        drawing, tuple(np.rint(centre).astype(int).tolist()), RED, cv2.MARKER_CROSS, 24, 2
+    )
     text = (
         f"{len(result.views)} pictures, rms {result.rms_px:.3g} px (arrows x {arrow / scale:.0f}), "
         "cross: principal point, red: no points"
     )
-    cv2.putText(out, text, (10, 24), cv2.FONT_HERSHEY_SIMPLEX, 0.6, (40, 40, 40), 1, cv2.LINE_AA)
-    return out
+    cv2.putText(
+        drawing, text, (10, 24), cv2.FONT_HERSHEY_SIMPLEX, 0.6, (40, 40, 40), 1, cv2.LINE_AA
+    )
+    return drawing

@@ -14,61 +14,61 @@ from vgrd.geometry import Array
 class PictureRows:
     """One picture linearized, in sigmas: residuals (2n,) and their derivatives.
 
-    by_lens: (2n, k + 2) intrinsics and stretch; by_point: (n, 2, 3), of each pixel's own point,
-    whose unknowns are `columns` (3n,) of the shared ones; by_pose: (2n, 6).
+    J_lens: (2n, k + 2) intrinsics and stretch; J_point: (n, 2, 3), of each pixel's own point,
+    whose unknowns are `columns` (3n,) of the shared ones; J_pose: (2n, 6).
     """
 
     residuals: Array
-    by_lens: Array
-    by_point: Array
-    by_pose: Array
+    J_lens: Array
+    J_point: Array
+    J_pose: Array
     columns: NDArray[np.intp]
 
-    def by_shared(self, step: Array) -> Array:
+    def residual_change(self, step: Array) -> Array:
         """Change (2n,) of the residuals with a step of all shared unknowns."""
-        moved = step[self.columns].reshape(-1, 3)
-        change = self.by_lens @ step[: self.by_lens.shape[1]]
-        return np.asarray(change + np.einsum("nij,nj->ni", self.by_point, moved).ravel())
+        shifts = step[self.columns].reshape(-1, 3)
+        change = self.J_lens @ step[: self.J_lens.shape[1]]
+        return np.asarray(change + np.einsum("nij,nj->ni", self.J_point, shifts).ravel())
 
     def reduce_into(self, S: Array, g: Array, damping: float = 0.0) -> Array:
         """Add this picture, its pose eliminated, to the normal equations; returns g."""
-        lens = slice(0, self.by_lens.shape[1])
-        n = len(self.by_point)
-        blocks = np.einsum("nki,nkj->nij", self.by_point, self.by_point)
-        mixed = self._points_times(self.by_lens).reshape(3 * n, -1)
-        own = self.by_lens.T @ self.by_lens
-        own[np.diag_indices_from(own)] *= 1 + damping
+        lens = slice(0, self.J_lens.shape[1])
+        n = len(self.J_point)
+        blocks = np.einsum("nki,nkj->nij", self.J_point, self.J_point)
+        mixed = self._points_times(self.J_lens).reshape(3 * n, -1)
+        information = self.J_lens.T @ self.J_lens
+        information[np.diag_indices_from(information)] *= 1 + damping
         blocks[:, range(3), range(3)] *= 1 + damping
-        S[lens, lens] += own
+        S[lens, lens] += information
         S[self.columns, lens] += mixed
         S[lens, self.columns] += mixed.T
         places = self.columns.reshape(n, 3)
         S[places[:, :, None], places[:, None, :]] += blocks
         W = np.zeros((len(S), 6))
-        W[lens] = self.by_lens.T @ self.by_pose
-        W[self.columns] = self._points_times(self.by_pose).reshape(3 * n, 6)
+        W[lens] = self.J_lens.T @ self.J_pose
+        W[self.columns] = self._points_times(self.J_pose).reshape(3 * n, 6)
         V = self._information(damping)
-        eliminated = np.linalg.solve(V, np.column_stack([W.T, self.by_pose.T @ self.residuals]))
+        eliminated = np.linalg.solve(V, np.column_stack([W.T, self.J_pose.T @ self.residuals]))
         S -= W @ eliminated[:, :-1]
-        g[lens] += self.by_lens.T @ self.residuals
+        g[lens] += self.J_lens.T @ self.residuals
         g[self.columns] += self._points_times(self.residuals[:, None]).ravel()
         g -= W @ eliminated[:, -1]
         return g
 
     def pose_step(self, step: Array, damping: float) -> Array:
         """Step (6,) of the pose, left tangent, that goes with a step of the shared unknowns."""
-        off = self.residuals + self.by_shared(step)
-        return np.asarray(-np.linalg.solve(self._information(damping), self.by_pose.T @ off))
+        residuals = self.residuals + self.residual_change(step)
+        return np.asarray(-np.linalg.solve(self._information(damping), self.J_pose.T @ residuals))
 
     def _information(self, damping: float) -> Array:
-        V = self.by_pose.T @ self.by_pose
+        V = self.J_pose.T @ self.J_pose
         V[np.diag_indices_from(V)] *= 1 + damping
         return np.asarray(V)
 
     def _points_times(self, rows: Array) -> Array:
         """Derivative by the points, transposed, times rows (2n, c): (n, 3, c)."""
-        mine = rows.reshape(len(self.by_point), 2, -1)
-        return np.asarray(np.einsum("nki,nkc->nic", self.by_point, mine))
+        blocks = rows.reshape(len(self.J_point), 2, -1)
+        return np.asarray(np.einsum("nki,nkc->nic", self.J_point, blocks))
 
 
 def solved(S: Array, g: Array) -> Array:

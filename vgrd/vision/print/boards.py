@@ -49,14 +49,14 @@ class Charuco:
             raise InputError(
                 f"marker_mm = {self.marker_mm:g} must be below square_mm = {self.square_mm:g}"
             )
-        markers, known = (
+        count, capacity = (
             self.columns * self.rows // 2,
             len(dictionary_of(self.dictionary).bytesList),
         )
-        if markers > known:
+        if count > capacity:
             raise InputError(
-                f"{self.columns} x {self.rows} squares hold {markers} markers, dictionary "
-                f"{self.dictionary} has {known}: columns, rows or dictionary are wrong"
+                f"{self.columns} x {self.rows} squares hold {count} markers, dictionary "
+                f"{self.dictionary} has {capacity}: columns, rows or dictionary are wrong"
             )
 
 
@@ -121,14 +121,14 @@ def detect_board(image: Grey, target: TargetSpec) -> BoardObservation:
         raise InputError(f"a grey 8-bit picture is needed, got {image.dtype} {image.shape}")
     match target:
         case Charuco():
-            found = _detect_charuco(image, target)
+            observation = _detect_charuco(image, target)
         case Chessboard():
-            found = _detect_chessboard(image, target)
+            observation = _detect_chessboard(image, target)
         case CircleGrid():
-            found = _detect_circles(image, target)
+            observation = _detect_circles(image, target)
         case SingleTag():
-            found = _detect_tag(image, target)
-    return found
+            observation = _detect_tag(image, target)
+    return observation
 
 
 def _observation(points: Array, pixels: object, total: int) -> BoardObservation:
@@ -159,32 +159,32 @@ def _charuco_detector(target: Charuco, *, legacy: bool) -> cv2.aruco.CharucoDete
 def _detect_charuco(image: Grey, target: Charuco) -> BoardObservation:
     total = (target.columns - 1) * (target.rows - 1)
     best: BoardObservation | None = None
-    markers_seen = 0
+    marker_count = 0
     for legacy in (False, True):
         detector = _charuco_detector(target, legacy=legacy)
         corners, ids, _, marker_ids = detector.detectBoard(image)
-        markers_seen = max(markers_seen, 0 if marker_ids is None else len(marker_ids))
+        marker_count = max(marker_count, 0 if marker_ids is None else len(marker_ids))
         if ids is not None and (best is None or len(ids) > len(best.pixels)):
             all_corners = np.asarray(detector.getBoard().getChessboardCorners(), dtype=np.float64)
             best = _observation(all_corners[np.ravel(ids)], corners, total)
         if best is not None and len(best.pixels) >= MIN_POINTS:
             return _spread(best)
-    seen = 0 if best is None else len(best.pixels)
+    count = 0 if best is None else len(best.pixels)
     raise TagNotSeen(
-        f"no usable charuco board: {seen} of {total} corners ({markers_seen} markers) found, "
+        f"no usable charuco board: {count} of {total} corners ({marker_count} markers) found, "
         f"at least {MIN_POINTS} are needed"
     )
 
 
-def _spread(found: BoardObservation) -> BoardObservation:
+def _spread(observation: BoardObservation) -> BoardObservation:
     values = np.linalg.svd(
-        found.points_in_target - found.points_in_target.mean(0), compute_uv=False
+        observation.points_in_target - observation.points_in_target.mean(0), compute_uv=False
     )
     if values[1] < _MIN_SPREAD * values[0]:
         raise TagNotSeen(
-            f"the {len(found.pixels)} corners found lie on one line: they do not fix a pose"
+            f"the {len(observation.pixels)} corners found lie on one line: they do not fix a pose"
         )
-    return found
+    return observation
 
 
 def _detect_chessboard(image: Grey, target: Chessboard) -> BoardObservation:
@@ -256,9 +256,9 @@ def _apriltag_detector(family: str) -> pyapriltags.Detector:
 
 def _apriltag_corners(image: Grey, target: SingleTag) -> Array:
     """Corners (4, 2), as OpenCV counts: pyapriltags starts at (-1, +1) and at a pixel's rim."""
-    found = _apriltag_detector(target.dictionary).detect(np.ascontiguousarray(image))
-    good = [tag for tag in found if tag.tag_id == target.id and tag.hamming == 0]
-    _check_one(len(good), target, sorted({tag.tag_id for tag in found}))
+    tags = _apriltag_detector(target.dictionary).detect(np.ascontiguousarray(image))
+    good = [tag for tag in tags if tag.tag_id == target.id and tag.hamming == 0]
+    _check_one(len(good), target, sorted({tag.tag_id for tag in tags}))
     return np.asarray(good[0].corners, dtype=np.float64)[[3, 2, 1, 0]] - 0.5
 
 
@@ -271,14 +271,14 @@ def _aruco_detector(dictionary: str) -> cv2.aruco.ArucoDetector:
 
 def _aruco_corners(image: Grey, target: SingleTag) -> Array:
     corners, ids, _ = _aruco_detector(target.dictionary).detectMarkers(image)
-    seen = [] if ids is None else [int(marker) for marker in np.ravel(ids)]
-    _check_one(seen.count(target.id), target, sorted(set(seen)))
-    return np.asarray(corners[seen.index(target.id)], dtype=np.float64).reshape(4, 2)
+    markers = [] if ids is None else [int(marker) for marker in np.ravel(ids)]
+    _check_one(markers.count(target.id), target, sorted(set(markers)))
+    return np.asarray(corners[markers.index(target.id)], dtype=np.float64).reshape(4, 2)
 
 
-def _check_one(count: int, target: SingleTag, seen: list[int]) -> None:
+def _check_one(count: int, target: SingleTag, ids: list[int]) -> None:
     if count == 0:
-        others = f"; other ids seen: {seen}" if seen else ""
+        others = f"; other ids seen: {ids}" if ids else ""
         raise TagNotSeen(f"tag {target.id} of {target.dictionary} is not in the picture{others}")
     if count > 1:
         raise TagNotSeen(f"tag {target.id} of {target.dictionary} is in the picture {count} times")

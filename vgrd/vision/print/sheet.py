@@ -205,26 +205,26 @@ def _outlines(raster: SheetRaster) -> Iterator[list[tuple[float, float]]]:
 
 def _boundary(cells: Cells) -> dict[tuple[int, int], list[tuple[int, int]]]:
     """Edges between black and white by their first end, black to the right of them."""
-    around = np.pad(cells, 1)
+    grid = np.pad(cells, 1)
     edges = defaultdict(list)
     for y, x in np.argwhere(cells).tolist():
-        if not around[y, x + 1]:
+        if not grid[y, x + 1]:
             edges[x, y].append((x + 1, y))
-        if not around[y + 1, x + 2]:
+        if not grid[y + 1, x + 2]:
             edges[x + 1, y].append((x + 1, y + 1))
-        if not around[y + 2, x + 1]:
+        if not grid[y + 2, x + 1]:
             edges[x + 1, y + 1].append((x, y + 1))
-        if not around[y + 1, x]:
+        if not grid[y + 1, x]:
             edges[x, y + 1].append((x, y))
     return edges
 
 
 def _turns(loop: list[tuple[int, int]]) -> list[tuple[int, int]]:
     """The points of a closed loop at which it turns."""
-    before, after = [loop[-1], *loop[:-1]], [*loop[1:], loop[0]]
+    previous, following = [loop[-1], *loop[:-1]], [*loop[1:], loop[0]]
     return [
         point
-        for point, (px, py), (nx, ny) in zip(loop, before, after, strict=True)
+        for point, (px, py), (nx, ny) in zip(loop, previous, following, strict=True)
         if px != nx and py != ny
     ]
 

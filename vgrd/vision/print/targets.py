@@ -49,11 +49,11 @@ class TagGrid:
     first_id: int = 0
 
     def __post_init__(self) -> None:
-        last, known = self.first_id + self.columns * self.rows - 1, code_count(self.dictionary)
-        if self.first_id < 0 or last >= known:
+        last, capacity = self.first_id + self.columns * self.rows - 1, code_count(self.dictionary)
+        if self.first_id < 0 or last >= capacity:
             raise InputError(
                 f"{self.columns} x {self.rows} tags from id {self.first_id} end with id {last}, "
-                f"{self.dictionary} has the ids 0 to {known - 1}"
+                f"{self.dictionary} has the ids 0 to {capacity - 1}"
             )
         if self.size_mm <= 0 or self.gap_mm < self.cell_mm:
             raise InputError(
@@ -100,8 +100,8 @@ def target_sheet(target: Printable, page: str) -> Sheet:
     drawn = _drawn(target)
     width, height = drawn.width_mm + 2 * drawn.rim_mm, drawn.height_mm + 2 * drawn.rim_mm
     if page == BARE:
-        moved = tuple(_moved(raster, drawn.rim_mm, drawn.rim_mm) for raster in drawn.rasters)
-        return Sheet(width, height, moved, ())
+        rasters = tuple(_moved(raster, drawn.rim_mm, drawn.rim_mm) for raster in drawn.rasters)
+        return Sheet(width, height, rasters, ())
     page_width, page_height = _page(page, width, height)
     left = (page_width - drawn.width_mm) / 2
     top = _MARGIN_MM + drawn.rim_mm
@@ -199,8 +199,8 @@ def _page(page: str, width: float, height: float) -> tuple[float, float]:
         try:
             first, second = (float(number) for number in page.lower().split("x"))
         except ValueError:
-            known = ", ".join([*PAGES_MM, "WIDTHxHEIGHT in mm", BARE])
-            raise InputError(f"page {page!r} is unknown; known: {known}") from None
+            names = ", ".join([*PAGES_MM, "WIDTHxHEIGHT in mm", BARE])
+            raise InputError(f"page {page!r} is unknown; known: {names}") from None
         size = (first, second)
     need = (width + 2 * _MARGIN_MM, height + _MARGIN_MM + _FOOTER_MM)
     for page_width, page_height in (size, size[::-1]):

@@ -76,21 +76,21 @@ def find_tags(
     names = [family_named(name) for name in families]
     grey = np.ascontiguousarray(grey)
     levels = _pyramid(grey)
-    found: list[FoundTag] = []
+    tags: list[FoundTag] = []
     for scale, level in reversed(levels) if thorough else levels[-1:]:
         for name in names:
             for tag_id, corners in _candidates(level, name, thorough=thorough):
                 full = scale * (corners + 0.5) - 0.5
                 tag = read_tag(grey, name, tag_id, full)
                 if tag is not None and tag.hamming <= max_hamming:
-                    _keep(found, tag)
+                    _keep(tags, tag)
     if thorough:
-        _keep_mirrored(found, grey, names, levels[-1])
-    return sorted(found, key=lambda tag: (tag.family, tag.id, tag.corners_px[0].tolist()))
+        _keep_mirrored(tags, grey, names, levels[-1])
+    return sorted(tags, key=lambda tag: (tag.family, tag.id, tag.corners_px[0].tolist()))
 
 
 def _keep_mirrored(
-    found: list[FoundTag], grey: Grey, names: Sequence[str], coarsest: tuple[int, Grey]
+    tags: list[FoundTag], grey: Grey, names: Sequence[str], coarsest: tuple[int, Grey]
 ) -> None:
     """Add tags that can only be read in a mirror."""
     scale, level = coarsest
@@ -99,42 +99,42 @@ def _keep_mirrored(
         for tag_id, corners in _candidates(flipped, name, thorough=False):
             back = np.column_stack([level.shape[1] - 1 - corners[:, 0], corners[:, 1]])
             tag = read_tag(grey, name, tag_id, scale * (back + 0.5) - 0.5)
-            if tag is None or tag.hamming or _covers_another(found, tag):
+            if tag is None or tag.hamming or _covers_another(tags, tag):
                 continue
-            _keep(found, tag)
+            _keep(tags, tag)
 
 
-def _covers_another(found: Sequence[FoundTag], tag: FoundTag) -> bool:
+def _covers_another(tags: Sequence[FoundTag], tag: FoundTag) -> bool:
     """Whether a tag lies where one was found without a mirror."""
     middle = tag.corners_px.mean(0)
     return any(
-        np.linalg.norm(other.corners_px.mean(0) - middle) < other.side_px / 2 for other in found
+        np.linalg.norm(other.corners_px.mean(0) - middle) < other.side_px / 2 for other in tags
     )
 
 
-def search_tags(grey: Grey, wanted: Set[tuple[str, int]]) -> list[FoundTag]:
+def search_tags(grey: Grey, ids: Set[tuple[str, int]]) -> list[FoundTag]:
     """Look for the wanted tags (family, id) fast: in a small picture, then in finer ones until all are found.
 
     Lists damaged tags too, and a tag that appears twice twice.
     """
-    found: list[FoundTag] = []
+    tags: list[FoundTag] = []
     for scale, level in reversed(_pyramid(grey)):
         if level.shape[1] > _FINEST_WIDTH_PX:
             break
-        for family in sorted({family for family, _ in wanted}):
+        for family in sorted({family for family, _ in ids}):
             for tag_id, corners in _candidates(level, family, thorough=False):
-                if (family, tag_id) not in wanted:
+                if (family, tag_id) not in ids:
                     continue
                 tag = read_tag(grey, family, tag_id, scale * (corners + 0.5) - 0.5)
                 if tag is not None:
-                    _keep(found, tag)
-        if wanted <= {(tag.family, tag.id) for tag in found}:
+                    _keep(tags, tag)
+        if ids <= {(tag.family, tag.id) for tag in tags}:
             break
-    return found
+    return tags
 
 
 def tags_within(
-    grey: Grey, wanted: Set[tuple[str, int]], corners_px: Array, margin: float
+    grey: Grey, ids: Set[tuple[str, int]], corners_px: Array, margin: float
 ) -> list[FoundTag]:
     """Look for tags around a place (4, 2) px: within `margin` of its extent, at full resolution."""
     low, high = corners_px.min(0), corners_px.max(0)
@@ -144,8 +144,8 @@ def tags_within(
     if x1 - x0 < _LEAST_REGION_PX or y1 - y0 < _LEAST_REGION_PX:
         return []
     origin = np.array([x0, y0], dtype=np.float64)
-    found = search_tags(np.ascontiguousarray(grey[y0:y1, x0:x1]), wanted)
-    return [replace(tag, corners_px=tag.corners_px + origin) for tag in found]
+    tags = search_tags(np.ascontiguousarray(grey[y0:y1, x0:x1]), ids)
+    return [replace(tag, corners_px=tag.corners_px + origin) for tag in tags]
 
 
 def read_tag(grey: Grey, family: str, tag_id: int, corners_px: Array) -> FoundTag | None:
@@ -230,14 +230,14 @@ def _apriltag(family: str) -> pyapriltags.Detector:
     return pyapriltags.Detector(families=f"tag{family}", quad_decimate=1.0)
 
 
-def _keep(found: list[FoundTag], tag: FoundTag) -> None:
+def _keep(tags: list[FoundTag], tag: FoundTag) -> None:
     """Add a tag; of two sightings of the same one keep the better read, and of equals the later."""
     if tag.side_px < _LEAST_SIDE_PX:
         return
-    for i, other in enumerate(found):
+    for i, other in enumerate(tags):
         distance = np.linalg.norm(tag.corners_px.mean(0) - other.corners_px.mean(0))
         if (tag.family, tag.id) == (other.family, other.id) and distance < other.side_px / 2:
             if tag.hamming <= other.hamming:
-                found[i] = tag
+                tags[i] = tag
             return
-    found.append(tag)
+    tags.append(tag)

@@ -92,12 +92,12 @@ class TagDetector:
     def detect(
         self,
         pixels: Pixels,
-        around: Mapping[int, TagObservation] | None = None,
+        previous: Mapping[int, TagObservation] | None = None,
         region: Region | None = None,
     ) -> dict[int, TagObservation]:
         """Find tags in a picture (height, width), uint8 or uint16; returns observations by tag id.
 
-        around: an earlier result; its tags are looked for at their earlier place first, then
+        previous: an earlier result; its tags are looked for at their earlier place first, then
         everywhere, as all others are. region: where the pixels lie in the whole picture, in which the
         corners count. Left out: tags that appear twice, have a damaged code, miss their pose by more
         than 0.5 px rms, or fit two poses. Raises InputError when the picture has another size than
@@ -105,14 +105,14 @@ class TagDetector:
         """
         return {
             tag_id: sighting.observation
-            for tag_id, sighting in self.examine(pixels, around, region).items()
+            for tag_id, sighting in self.examine(pixels, previous, region).items()
             if sighting.observation is not None
         }
 
     def examine(
         self,
         pixels: Pixels,
-        around: Mapping[int, TagObservation] | None = None,
+        previous: Mapping[int, TagObservation] | None = None,
         region: Region | None = None,
     ) -> dict[int, TagSighting]:
         """As `detect`, for every tag that is to be seen, with the reasons why one is left out."""
@@ -121,17 +121,19 @@ class TagDetector:
         self._check_size(pixels, region)
         part = np.ascontiguousarray(as_8_bit(pixels))
         grey = part if region is None else self._framed(part, region)
-        earlier = {tag_id: last for tag_id, last in (around or {}).items() if tag_id in self._tags}
+        earlier = {
+            tag_id: last for tag_id, last in (previous or {}).items() if tag_id in self._tags
+        }
         tracked = self._threads.map(lambda last: self._track(grey, last), earlier.values())
         sightings = {
             tag_id: sighting
             for tag_id, sighting in zip(earlier, tracked, strict=True)
             if sighting is not None
         }
-        wanted = {pair for pair in self._wanted if pair[1] not in sightings}
-        if wanted:
+        rest = {pair for pair in self._wanted if pair[1] not in sightings}
+        if rest:
             origin = (0, 0) if region is None else (region.x, region.y)
-            sightings |= self._search(grey, part, origin, wanted)
+            sightings |= self._search(grey, part, origin, rest)
         return dict(sorted(sightings.items()))
 
     def _check_size(self, pixels: Pixels, region: Region | None) -> None:
@@ -173,22 +175,21 @@ class TagDetector:
         sighting = self._measured(grey, tag, earlier.corners_px)
         if sighting is not None and sighting.is_of_all_pixels:
             return sighting
-        found = tags_within(grey, {(tag.family, tag.id)}, earlier.corners_px, _REGION_MARGIN)
-        if len(found) != 1 or found[0].hamming:
+        tags = tags_within(grey, {(tag.family, tag.id)}, earlier.corners_px, _REGION_MARGIN)
+        if len(tags) != 1 or tags[0].hamming:
             return None
-        return self._measured(grey, tag, found[0].corners_px)
+        return self._measured(grey, tag, tags[0].corners_px)
 
     def _search(
-        self, grey: Grey, part: Grey, origin_px: tuple[int, int], wanted: set[tuple[str, int]]
+        self, grey: Grey, part: Grey, origin_px: tuple[int, int], ids: set[tuple[str, int]]
     ) -> dict[int, TagSighting]:
         """Look for tags everywhere in the part of a picture that there is."""
-        found = [
-            replace(tag, corners_px=tag.corners_px + origin_px)
-            for tag in search_tags(part, wanted)
+        tags = [
+            replace(tag, corners_px=tag.corners_px + origin_px) for tag in search_tags(part, ids)
         ]
-        counts = Counter(tag.id for tag in found)
-        sightings = {tag.id: _not_readable(tag, counts[tag.id]) for tag in found}
-        good = [tag for tag in found if counts[tag.id] == 1 and tag.hamming == 0]
+        counts = Counter(tag.id for tag in tags)
+        sightings = {tag.id: _not_readable(tag, counts[tag.id]) for tag in tags}
+        good = [tag for tag in tags if counts[tag.id] == 1 and tag.hamming == 0]
         if self._threads is not None:
             measured = self._threads.map(
                 lambda tag: self._measured(grey, self._tags[tag.id], tag.corners_px), good
