@@ -21,7 +21,7 @@ COMMANDS = {
 
 def main() -> None:
     """Run the command that is named first; imports only that command's module."""
-    names = "\n".join(f"  {name:14} {what}" for name, (_, what) in COMMANDS.items())
+    names = "\n".join(f"  {name:14} {purpose}" for name, (_, purpose) in COMMANDS.items())
     parser = argparse.ArgumentParser(
         prog="python -m fakes",
         description="Devices that do not exist, speaking the real protocols.",

@@ -102,23 +102,23 @@ class Perturbation:
 
     def _change(self, arguments: dict[str, Any], names: Sequence[str]) -> Order | None:
         """Perturb the arguments in place; the order that puts results back, None for recordings."""
-        given = [name for name in names if arguments.get(name) is not None]
-        if not given:
+        filled = [name for name in names if arguments.get(name) is not None]
+        if not filled:
             return None
         jitter = Jitter(np.random.default_rng(self.seed), self.keep_order)
-        if isinstance(arguments[given[0]], Recording):
-            recording, sightings = arguments[given[0]], arguments.get("sightings", ())
-            arguments[given[0]], seen = jitter.session(recording, sightings)
-            if "sightings" in given:
-                arguments["sightings"] = seen
+        if isinstance(arguments[filled[0]], Recording):
+            recording, sightings = arguments[filled[0]], arguments.get("sightings", ())
+            arguments[filled[0]], hole_pixels = jitter.session(recording, sightings)
+            if "sightings" in filled:
+                arguments["sightings"] = hole_pixels
             return None
-        if given == ["taught"]:
+        if filled == ["taught"]:
             return None  # a result: the recording was perturbed when it was solved
-        counts = {_count(arguments[name]) for name in given}
+        counts = {_count(arguments[name]) for name in filled}
         if len(counts) != 1:
             return None  # the solver is about to refuse them
         order = jitter.order(counts.pop())
-        for name in given:
+        for name in filled:
             value = arguments[name]
             if name not in _EXACT:
                 value = jitter.shaken(value)
@@ -227,18 +227,24 @@ class Jitter:
         orders: dict[str, Order] = {}
         samples: dict[str, Any] = {}
         for kind in kinds:  # verifications last: what is held out changes no other's noise
-            given = getattr(recording, kind)
-            orders[kind] = self.order(len(given))
-            samples[kind] = tuple(self.shaken(one) for one in _taken(given, orders[kind]))
+            originals = getattr(recording, kind)
+            orders[kind] = self.order(len(originals))
+            samples[kind] = tuple(
+                self.shaken(sample) for sample in _taken(originals, orders[kind])
+            )
         place = np.argsort(orders["spins"])
-        seen = _taken([self.shaken(one) for one in sightings], self.order(len(sightings)))
-        moved = (one if one.spin is None else _with_spin(one, place) for one in seen)
-        return replace(recording, **samples), tuple(moved)
+        hole_pixels = _taken(
+            [self.shaken(sample) for sample in sightings], self.order(len(sightings))
+        )
+        holes = (
+            sample if sample.spin is None else _with_spin(sample, place) for sample in hole_pixels
+        )
+        return replace(recording, **samples), tuple(holes)
 
 
 def _with_spin(hole: HolePixel, place: Order) -> HolePixel:
-    known = hole.spin is not None and 0 <= hole.spin < len(place)
-    return replace(hole, spin=int(place[hole.spin])) if known else hole
+    is_known = hole.spin is not None and 0 <= hole.spin < len(place)
+    return replace(hole, spin=int(place[hole.spin])) if is_known else hole
 
 
 def _with_samples(problem: Any, samples: list[Any]) -> Any:
@@ -272,11 +278,11 @@ def _restored(result: Any, back: Order | None) -> Any:
         result, "result"
     ):  # a result within a result: of hand-eye that is determined in part
         return replace(result, result=_restored(result.result, back))
-    told = {name: getattr(result, name, None) for name in _BY_SAMPLE}
-    mine = {name: value for name, value in told.items() if value is not None}
+    values = {name: getattr(result, name, None) for name in _BY_SAMPLE}
+    columns = {name: value for name, value in values.items() if value is not None}
     changed = {
         name: value[back] if isinstance(value, np.ndarray) else tuple(value[i] for i in back)
-        for name, value in mine.items()
+        for name, value in columns.items()
         if len(value) == len(back)
     }
     return replace(result, **changed)
@@ -291,8 +297,8 @@ def installed(perturbation: Perturbation) -> Iterator[Perturbation]:
         home = resolve_name(f"{name.partition(':')[0]}:{owner}")
         function = getattr(home, attribute)
         door = _door(perturbation, name, function)
-        ours = [one for key, one in sys.modules.items() if key.startswith(PACKAGES)]
-        for place in (home, *ours):
+        modules = [module for key, module in sys.modules.items() if key.startswith(PACKAGES)]
+        for place in (home, *modules):
             for key in [key for key, value in vars(place).items() if value is function]:
                 bindings.append((place, key, function))
                 setattr(place, key, door)

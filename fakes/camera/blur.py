@@ -33,10 +33,10 @@ class Blur:
         """Blur a plane with so many samples per pixel and axis."""
         sigma = self.sigma_px * samples
         size = 2 * int(np.ceil(5 * sigma)) + 1
-        out = cv2.GaussianBlur(fine, (size, size), sigma, borderType=cv2.BORDER_REPLICATE)
+        plane = cv2.GaussianBlur(fine, (size, size), sigma, borderType=cv2.BORDER_REPLICATE)
         for kernel in self._kernels(samples):
-            out = cv2.filter2D(out, -1, kernel, borderType=cv2.BORDER_REPLICATE)
-        return np.asarray(out, np.float32)
+            plane = cv2.filter2D(plane, -1, kernel, borderType=cv2.BORDER_REPLICATE)
+        return np.asarray(plane, np.float32)
 
     def _kernels(self, samples: int) -> list[Plane]:
         kernels = []
@@ -51,8 +51,8 @@ def _disc_kernel(radius: float) -> Plane:
     """Even disc (n, n) that sums to 1, of a radius in samples; its rim is drawn area-accurately."""
     half = int(np.ceil(radius)) + 1
     split = 9
-    at = (np.arange((2 * half + 1) * split) + 0.5) / split - half - 0.5
-    inside = (at[:, None] ** 2 + at**2 < radius**2).astype(np.float64)
+    places = (np.arange((2 * half + 1) * split) + 0.5) / split - half - 0.5
+    inside = (places[:, None] ** 2 + places**2 < radius**2).astype(np.float64)
     return _even_kernel(inside, split)
 
 

@@ -48,18 +48,18 @@ class HoleDrawer:
         if angle_rad != self._angle_rad:
             self._holes, self._angle_rad = self._seen_at(angle_rad), angle_rad
         for hole in (hole for hole in self._holes if hole.region.meets(within)):
-            under = picture[hole.region.slices]
+            background = picture[hole.region.slices]
             noisy = with_noise(hole.levels, rng)
-            picture[hole.region.slices] = quantised(noisy + hole.free * (under - noisy))
+            picture[hole.region.slices] = quantised(noisy + hole.free * (background - noisy))
 
     def _seen_at(self, angle_rad: float) -> list[_Hole]:
         camera_from_object = self._camera_from_base @ self._layout.base_from_object(angle_rad)
-        seen = [
+        holes = [
             self._seen(camera_from_object @ Pose(np.eye(3), target.point_in_object), diameter / 2)
             for target in self._layout.targets.values()
             if (diameter := target.hole_diameter_mm) is not None
         ]
-        return [hole for hole in seen if hole is not None]
+        return [hole for hole in holes if hole is not None]
 
     def _seen(self, camera_from_rim: Pose, radius_mm: float) -> _Hole | None:
         optics = self._layout.optics

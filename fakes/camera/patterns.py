@@ -49,12 +49,12 @@ class Pattern:
         """Print everything larger by a factor."""
         return Pattern(self.x_mm * scale, self.y_mm * scale, self.white)
 
-    def on_paper(self, margin_mm: float, around: float) -> "Pattern":
-        """Cut the paper `margin_mm` outside of the outermost lines; `around` is the white beyond it."""
+    def on_paper(self, margin_mm: float, paper: float) -> "Pattern":
+        """Cut the paper `margin_mm` outside of the outermost lines; `paper` is the white beyond it."""
         low, high = self.bounds_mm
         x = np.concatenate([[low[0] - margin_mm], self.x_mm, [high[0] + margin_mm]])
         y = np.concatenate([[low[1] - margin_mm], self.y_mm, [high[1] + margin_mm]])
-        return Pattern(x, y, np.pad(self.white, 1, constant_values=np.float32(around)))
+        return Pattern(x, y, np.pad(self.white, 1, constant_values=np.float32(paper)))
 
     @property
     def bounds_mm(self) -> tuple[Array, Array]:
@@ -164,7 +164,7 @@ def _cells_of(dictionary: str, marker_id: int) -> Plane:
     if dictionary not in BOARD_DICTIONARIES:
         raise ValueError(f"no dictionary {dictionary!r}")
     prefix = "DICT_ARUCO_" if dictionary in _ARUCO_NAMED else "DICT_"
-    known = cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, prefix + dictionary.upper()))
-    side = known.markerSize + 2
-    marker = cv2.aruco.generateImageMarker(known, marker_id, side, borderBits=1)
+    library = cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, prefix + dictionary.upper()))
+    side = library.markerSize + 2
+    marker = cv2.aruco.generateImageMarker(library, marker_id, side, borderBits=1)
     return (marker > 127).astype(np.float32)

@@ -32,10 +32,10 @@ def coverage(
     """
     pad = blur.reach_px
     samples = blur.samples
-    around = PixelRegion(
+    wide_region = PixelRegion(
         region.x - pad, region.y - pad, region.width + 2 * pad, region.height + 2 * pad
     )
-    fine = blur(_fine_shares(camera, camera_from_plane, figure, around, samples), samples)
+    fine = blur(_fine_shares(camera, camera_from_plane, figure, wide_region, samples), samples)
     cut = pad * samples
     inner = fine[cut:-cut, cut:-cut]
     return np.asarray(
@@ -169,8 +169,8 @@ def _bilinear(x: Array, y: Array) -> Array:
 
 def _grid(side: int) -> Array:
     """Weights (4, side * side) of a block's corners at the centres of its samples."""
-    at = (np.arange(side) + 0.5) / side
-    x, y = np.meshgrid(at, at)
+    centres = (np.arange(side) + 0.5) / side
+    x, y = np.meshgrid(centres, centres)
     return _bilinear(x.ravel(), y.ravel())
 
 
@@ -191,9 +191,9 @@ def _positive_share(distance: Plane, slant: Plane) -> Plane:
     distance: of the centre from the line, along the axis that is nearer to the line's normal;
     slant: smaller over larger component of the normal, 0 to 1.
     """
-    beyond = np.maximum((1 + slant) / 2 - np.abs(distance), 0)
-    corner = np.minimum(beyond, slant)
-    missing = beyond - corner + corner * corner / (2 * np.maximum(slant, np.float32(1e-12)))
+    reach = np.maximum((1 + slant) / 2 - np.abs(distance), 0)
+    corner = np.minimum(reach, slant)
+    missing = reach - corner + corner * corner / (2 * np.maximum(slant, np.float32(1e-12)))
     return np.asarray(np.where(distance > 0, 1 - missing, missing))
 
 
@@ -203,10 +203,10 @@ class _DiscBlocks:
     def __init__(self, disc: Disc, four: Array) -> None:
         self._disc = disc
         xy = four[..., :2] / four[..., 2:]
-        beyond = np.linalg.norm(xy - disc.centre_mm, axis=-1) - disc.radius_mm
-        size = np.ptp(beyond, axis=0).max()
-        self.mixed = np.abs(beyond).min(0) < size
-        self.even = np.where(beyond[0] > 0, disc.outside, disc.inside).astype(np.float32)
+        distances = np.linalg.norm(xy - disc.centre_mm, axis=-1) - disc.radius_mm
+        size = np.ptp(distances, axis=0).max()
+        self.mixed = np.abs(distances).min(0) < size
+        self.even = np.where(distances[0] > 0, disc.outside, disc.inside).astype(np.float32)
         self._four = four[:, self.mixed]
 
     def mixed_shares(self, side: int) -> Plane:

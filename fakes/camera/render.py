@@ -74,11 +74,11 @@ class Renderer:
         in_front = [hides(body, points, eye) for body in parts]
         tag_b = snapshot.base_from_tag("b", self.layout)
         self._draw_tag(picture, self.layout.tag_b, tag_b, rng, within)
-        behind = [body for body, front in zip(parts, in_front, strict=True) if not front]
-        scenery.draw_bodies(picture, behind, rng)
+        background = [body for body, front in zip(parts, in_front, strict=True) if not front]
+        scenery.draw_bodies(picture, background, rng)
         self._draw_tag(picture, self.layout.tag_a, tag_a, rng, within)
-        before = [body for body, front in zip(parts, in_front, strict=True) if front]
-        scenery.draw_bodies(picture, before, rng)
+        foreground = [body for body, front in zip(parts, in_front, strict=True) if front]
+        scenery.draw_bodies(picture, foreground, rng)
         for name in TAG_NAMES:
             if name in snapshot.covered:
                 scenery.draw_hand(picture, snapshot.base_from_tag(name, self.layout), rng)
@@ -107,8 +107,10 @@ class Renderer:
         plate = _polygon_share(outline, region, blur.sigma_px)
         paper = light(optics.size_px, region)
         clean = paper * (np.float32(BLACK) + np.float32(WHITE - BLACK) * white)
-        under = picture[region.slices].astype(np.float32)
-        picture[region.slices] = quantised(under + plate * (with_noise(clean, rng) - under))
+        background = picture[region.slices].astype(np.float32)
+        picture[region.slices] = quantised(
+            background + plate * (with_noise(clean, rng) - background)
+        )
 
 
 def _plate_outline(tag: TagSpec) -> Array:

@@ -44,14 +44,14 @@ class Load:
         """Begin a span."""
         return Moment(time.monotonic(), _waited_s())
 
-    def evidence(self, since: Moment, missing_s: float = 0.0) -> str:
+    def evidence(self, start: Moment, missing_s: float = 0.0) -> str:
         """How busy the machine was since then, in words; empty when it had time to spare.
 
         missing_s: what the load would have to explain; a small delay explains no large one.
         """
-        late_s = max((late for at_s, late in list(self._late) if at_s >= since.at_s), default=0.0)
-        span_s = max(time.monotonic() - since.at_s, TICK_S)
-        share = (_waited_s() - since.waited_s) / span_s
+        late_s = max((late for at_s, late in list(self._late) if at_s >= start.at_s), default=0.0)
+        span_s = max(time.monotonic() - start.at_s, TICK_S)
+        share = (_waited_s() - start.waited_s) / span_s
         if late_s < max(BUSY_LATE_S, EXPLAINS * missing_s) and share < BUSY_SHARE:
             return ""
         return (
@@ -60,19 +60,19 @@ class Load:
         )
 
     def _watch(self) -> None:
-        before = time.monotonic()
+        last_s = time.monotonic()
         while not self._stop.wait(TICK_S):
-            now = time.monotonic()
-            if (late_s := now - before - TICK_S) > TICK_S:
-                self._late.append((now, late_s))
-            before = now
+            now_s = time.monotonic()
+            if (late_s := now_s - last_s - TICK_S) > TICK_S:
+                self._late.append((now_s, late_s))
+            last_s = now_s
 
 
 def _waited_s() -> float:
     """How long at least one task has waited for a processor so far, s; by the load where that is not told."""
     try:
-        some = _PRESSURE.read_text(encoding="ascii").splitlines()[0]
+        line = _PRESSURE.read_text(encoding="ascii").splitlines()[0]
     except OSError:
         tasks = os.getloadavg()[0] / (os.cpu_count() or 1)
         return time.monotonic() * min(max(tasks - 1.0, 0.0), 1.0)
-    return int(some.rpartition("total=")[2]) * 1e-6
+    return int(line.rpartition("total=")[2]) * 1e-6

@@ -34,7 +34,7 @@ Step = Callable[[], None]
 
 
 class Operator:
-    """Teaches a cell; `seen` counts in how many samples of each kind each tag was in view.
+    """Teaches a cell; `sightings` counts in how many samples of each kind each tag was in view.
 
     `repeats` counts the buttons that were pressed again because the daemon asked to wait.
     """
@@ -43,7 +43,7 @@ class Operator:
         self.world = world
         self.control = control
         self.seed = seed
-        self.seen: Counter[tuple[str, str]] = Counter()
+        self.sightings: Counter[tuple[str, str]] = Counter()
         self.taught: Counter[str] = Counter()
         self.repeats = 0
 
@@ -110,10 +110,10 @@ class Operator:
 
         return step
 
-    def _touch(self, onto: str, rotation: Array, op: str, **arguments: str) -> Step:
+    def _touch(self, place: str, rotation: Array, op: str, **arguments: str) -> Step:
         def step() -> None:
             self.turn(0.0)
-            self._wait(self.world.jog_onto(onto, rotation, time.monotonic()))
+            self._wait(self.world.jog_onto(place, rotation, time.monotonic()))
             self._sample(op, **arguments)
             self._lift()
 
@@ -128,7 +128,7 @@ class Operator:
         reply = self.press(op, **arguments)
         self.taught[op] += 1
         for tag in reply["tags"]:
-            self.seen[op, tag] += 1
+            self.sightings[op, tag] += 1
 
     @staticmethod
     def _wait(arrival_s: float) -> None:

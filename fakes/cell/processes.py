@@ -48,11 +48,11 @@ def marked(mark: str) -> dict[int, str]:
 
     Left out: multiprocessing's resource tracker, which ends with its user.
     """
-    wanted = f"{MARK}={mark}".encode()
-    found = {}
+    variable = f"{MARK}={mark}".encode()
+    commands = {}
     for folder in Path("/proc").glob("[0-9]*"):
         try:
-            if wanted not in (folder / "environ").read_bytes().split(b"\0"):
+            if variable not in (folder / "environ").read_bytes().split(b"\0"):
                 continue
             command = (
                 (folder / "cmdline").read_bytes().replace(b"\0", b" ").decode(errors="replace")
@@ -65,8 +65,8 @@ def marked(mark: str) -> dict[int, str]:
             and is_alive(pid)
             and "multiprocessing.resource_tracker" not in command
         ):
-            found[pid] = command.strip()
-    return found
+            commands[pid] = command.strip()
+    return commands
 
 
 def left_behind(mark: str, within_s: float) -> dict[int, str]:

@@ -46,7 +46,7 @@ class Rehearsal:
         self.world = world
         self.facts = facts
         self.now_s = 0.0
-        self.kept: list[tuple[Observation, Picture]] = []
+        self.shots: list[tuple[Observation, Picture]] = []
         self._keeps_pictures = keeps_pictures
         self._renderer = Renderer(world.layout)
         self._detector = TagDetector(
@@ -66,16 +66,16 @@ class Rehearsal:
         tags = self._detector.detect(picture)
         tag_a = tags.get(self.facts.tag_a.id) if self.facts.tag_a else None
         pose = self.world.reported_flange(self.now_s)
-        seen = Observation(pose, self.now_s, tag_a, tags.get(self.facts.tag_b.id))
+        observation = Observation(pose, self.now_s, tag_a, tags.get(self.facts.tag_b.id))
         if self._keeps_pictures:
-            self.kept.append((seen, picture))
-        return seen
+            self.shots.append((observation, picture))
+        return observation
 
     def images(self, stamps: Collection[float]) -> Iterator[CameraImage]:
         """The kept pictures of these stamps, as `vgrd.store.sessions.iterate_images` gives them."""
-        for i, (seen, picture) in enumerate(self.kept):
-            if seen.stamp_s in stamps:
-                yield CameraImage(picture, seen.stamp_s, i)
+        for i, (observation, picture) in enumerate(self.shots):
+            if observation.stamp_s in stamps:
+                yield CameraImage(picture, observation.stamp_s, i)
 
     def stand(self, flange: Pose, angle_rad: float | None = None) -> None:
         """Move the flange, and turn the table if an angle is given."""
@@ -84,11 +84,11 @@ class Rehearsal:
             arrival = max(arrival, self.world.turn_table(angle_rad, self.now_s))
         self.now_s = arrival + 1.0
 
-    def touch(self, name: str, rotation: Array, *, seen: bool = True) -> Touch:
+    def touch(self, name: str, rotation: Array, *, has_picture: bool = True) -> Touch:
         """Touch a target (or the spike) with a wrist orientation (3, 3)."""
         self.now_s = self.world.jog_onto(name, rotation, self.now_s) + 1.0
         sigma = self.world.noise.touch_sigma_mm or 0.02
-        observation = self.look() if seen else None
+        observation = self.look() if has_picture else None
         pose = self.world.reported_flange(self.now_s)
         return Touch(name, pose, sigma, sigma, observation)
 
@@ -97,21 +97,21 @@ class Rehearsal:
     ) -> Recording:  # as many as `fakes.demo.show`
         """Record what the demo records."""
         layout, seed = self.world.layout, self.world.seed
-        seen_looks = [self._after(pose) for pose in look_poses(layout, looks, seed=seed)]
+        look_observations = [self._after(pose) for pose in look_poses(layout, looks, seed=seed)]
         angles = np.linspace(0, 2 * np.pi, spins, endpoint=False)
-        seen_spins = [self._after(retracted_pose(), float(angle)) for angle in angles]
+        spin_observations = [self._after(retracted_pose(), float(angle)) for angle in angles]
         self.stand(retracted_pose(), 0.0)
         names = list(self.world.targets)
         touches = [self.touch(name, WORK_ROTATION) for name in names]
         touches += self._tilted(names[:tilted])
         poses = fixed_point_poses(layout, points, seed=seed) if points else []
-        spikes = [self.touch(FIXED_POINT, pose.rotation, seen=False) for pose in poses]
+        spikes = [self.touch(FIXED_POINT, pose.rotation, has_picture=False) for pose in poses]
         return Recording(
             session="rehearsal",
             plan=Plan.JOINT,
             facts=self.facts,
-            looks=tuple(seen_looks),
-            spins=tuple(seen_spins),
+            looks=tuple(look_observations),
+            spins=tuple(spin_observations),
             touches=tuple(touches),
             points=tuple(spikes),
         )

@@ -82,8 +82,8 @@ def world_actions(world: World) -> dict[str, Action]:
             world.cover("a" if name == "a" else "b")
 
     def miss(name: str) -> None:
-        off = world.miss(name, time.monotonic())
-        print(f"true tip minus {name}: {off.round(3).tolist()} mm", flush=True)
+        miss_mm = world.miss(name, time.monotonic())
+        print(f"true tip minus {name}: {miss_mm.round(3).tolist()} mm", flush=True)
 
     return {
         "turn DEGREES": lambda words: turn(numbers(words, 1)),

@@ -83,16 +83,16 @@ def _perform(
             show.shown.presses = operator.repeats
     sessions = place / "state" / "sessions"
     teaching, asking = sessions / "teaching", sessions / "requests"
-    by_method = misses_by_method(world, teaching, asking, show.shown.requests)
+    method_misses = misses_by_method(world, teaching, asking, show.shown.requests)
     report = Report(console, show.shown, perfect=perfect)
-    report.methods(by_method)
+    report.methods(method_misses)
     calibration = f"{show.shown.calibration['calibration']}.json"
     report.serving(world.layout, place / "state" / "calibrations" / calibration)
     report.tags(operator)
     report.faults()
     report.memory(memory, total_mib)
     report.files(place, stop_s, time.monotonic() - started)
-    report.write(place / "demo.json", by_method)
+    report.write(place / "demo.json", method_misses)
     return report.good
 
 

@@ -21,7 +21,7 @@ Shot = tuple[Pose, float]
 def scripted(layout: Layout) -> dict[str, list[Shot]]:
     """List the poses and table angles of all that the operator and the robot program do."""
     targets = list(layout.targets)
-    turned = np.linspace(0, 2 * np.pi, 24, endpoint=False).tolist()
+    angles = np.linspace(0, 2 * np.pi, 24, endpoint=False).tolist()
     tilts = list(islice(poses.tilt_candidates(0, 15, 25), 20))
     touch = poses.touch_pose
     return {
@@ -35,9 +35,9 @@ def scripted(layout: Layout) -> dict[str, list[Shot]]:
             (touch(layout, name, 0.0, tilt), 0.0) for name in targets for tilt in tilts
         ],
         "touches, table turned": [
-            (touch(layout, name, angle), angle) for name in targets for angle in turned
+            (touch(layout, name, angle), angle) for name in targets for angle in angles
         ],
-        "requests and spins": [(poses.retracted_pose(), angle) for angle in turned],
+        "requests and spins": [(poses.retracted_pose(), angle) for angle in angles],
         "spike": [(pose, 0.0) for pose in poses.fixed_point_poses(layout, 10)],
     }
 
@@ -62,9 +62,9 @@ def main() -> None:
         table.add_row(name, *_statistics(sights))
         hidden.update(
             f"tag {tag} {reason}"
-            for seen in sights
-            for tag in seen
-            for reason in seen[tag].reasons
+            for sight in sights
+            for tag in sight
+            for reason in sight[tag].reasons
         )
     Console(width=100).print(table)
     print("hidden:", ", ".join(f"{reason} ({n})" for reason, n in hidden.most_common()))
@@ -72,12 +72,12 @@ def main() -> None:
 
 def _statistics(sights: Sequence[Mapping[TagName, Visibility]]) -> list[str]:
     total = len(sights)
-    seen = {tag: sum(sight[tag].seen for sight in sights) for tag in TAG_NAMES}
+    counts = {tag: sum(sight[tag].seen for sight in sights) for tag in TAG_NAMES}
     both = sum(all(sight[tag].seen for tag in TAG_NAMES) for sight in sights)
     tilts = {tag: [np.degrees(sight[tag].tilt_rad) for sight in sights] for tag in TAG_NAMES}
     blur = max(sight[tag].defocus_px for sight in sights for tag in TAG_NAMES)
     return [
-        *(f"{count}/{total}" for count in (seen["a"], seen["b"], both)),
+        *(f"{count}/{total}" for count in (counts["a"], counts["b"], both)),
         *(f"{min(tilts[tag]):.0f}-{max(tilts[tag]):.0f}" for tag in TAG_NAMES),
         f"{blur:.1f}",
     ]

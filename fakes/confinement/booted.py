@@ -230,8 +230,8 @@ class Booted:
         """What `systemctl WORDS` in the namespace prints; "" while it does not run."""
         if not self.pid:
             return ""
-        done = self.run("systemctl", *words)
-        return done.stdout or done.stderr
+        process = self.run("systemctl", *words)
+        return process.stdout or process.stderr
 
     def run(self, *command: str) -> subprocess.CompletedProcess[str]:
         """Run a command in the namespace, as root."""

@@ -14,11 +14,11 @@ PROJECT = Path(__file__).parents[2]
 TEMPLATE = PROJECT / "config" / "vgrd.service"
 
 
-def render(cell_file: Path, to: Path, template: str = "") -> Path:
+def render(cell_file: Path, unit_file: Path, template: str = "") -> Path:
     """Write the unit for a cell file and this environment, as an installation does."""
     text = template or TEMPLATE.read_text(encoding="utf-8")
-    to.write_text(text.replace("@CELL@", str(cell_file)).replace("@VENV@", sys.prefix))
-    return to
+    unit_file.write_text(text.replace("@CELL@", str(cell_file)).replace("@VENV@", sys.prefix))
+    return unit_file
 
 
 def visible(*more: Path) -> list[str]:
@@ -29,8 +29,8 @@ def visible(*more: Path) -> list[str]:
 def take_folders_from_unit(cell_file: Path) -> None:
     """Make a cell file leave its folders to the unit, as it does under systemd."""
     lines = cell_file.read_text(encoding="utf-8").splitlines()
-    kept = [line for line in lines if not line.startswith(("state_dir", "runtime_dir"))]
-    cell_file.write_text("\n".join(kept) + "\n", encoding="utf-8")
+    others = [line for line in lines if not line.startswith(("state_dir", "runtime_dir"))]
+    cell_file.write_text("\n".join(others) + "\n", encoding="utf-8")
 
 
 class ConfinedDaemon(Daemon):
@@ -108,6 +108,6 @@ class BootedDaemon(Daemon):
 def drop_in(log: Path, *more: Path) -> str:
     """What a test must add to the unit: a log without a journal, and code that lies in a home or in /tmp."""
     binds = "".join(f"BindReadOnlyPaths={path}\n" for path in visible(*more))
-    at_home = any(path.startswith(("/root", "/home")) for path in visible())
-    home = "ProtectHome=tmpfs\n" if at_home else ""
+    is_at_home = any(path.startswith(("/root", "/home")) for path in visible())
+    home = "ProtectHome=tmpfs\n" if is_at_home else ""
     return f"[Service]\nStandardOutput=append:{log}\nStandardError=append:{log}\n{home}{binds}"

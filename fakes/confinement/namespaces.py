@@ -145,7 +145,7 @@ def _map_self(user: int, group: int) -> None:
 def arrange_files(unit: Directives, folder: Path, visible: Iterable[str]) -> None:
     """The file system as the unit's directives show it."""
     writable = [_directory(unit, kind, folder / name, base) for kind, name, base in _PLACES]
-    kept = [_Kept.of(path) for path in visible]
+    mounts = [_Kept.of(path) for path in visible]
     devices = [_Kept.of(f"/dev/{name}") for name in _DEVICES]
     covered = [base for _, _, base in _PLACES]
     if is_on(unit, "ProtectHome"):
@@ -161,13 +161,14 @@ def arrange_files(unit: Directives, folder: Path, visible: Iterable[str]) -> Non
         _cover("/dev/shm", "1777")  # noqa: S108
         for device in devices:
             device.bind()
-    for one in (*writable, *kept):
-        one.bind()
+    for mount in (*writable, *mounts):
+        mount.bind()
     if os.geteuid() == 0 and last(unit, "ProtectProc") == "invisible":
         _mount("proc", "/proc", "proc", _MS_NOSUID | _MS_NODEV, "hidepid=invisible")
     if last(unit, "ProtectSystem") == "strict":
         _set_read_only("/", on=True, below=True)
-        for target in ("/tmp", "/var/tmp", "/dev/shm", "/proc", *(one.path for one in writable)):  # noqa: S108
+        paths = [mount.path for mount in writable]
+        for target in ("/tmp", "/var/tmp", "/dev/shm", "/proc", *paths):  # noqa: S108
             _set_read_only(target, on=False)
     if is_on(unit, "ProtectKernelTunables"):
         _mount("/proc/sys", "/proc/sys", "", _MS_BIND)
@@ -202,24 +203,24 @@ def give_up_rights(unit: Directives) -> None:
             _libc.prctl(_CAPBSET_DROP, capability, 0, 0, 0)
     if is_on(unit, "NoNewPrivileges"):
         _call(_libc.prctl(_SET_NO_NEW_PRIVS, 1, 0, 0, 0), "no_new_privs")
-    for made in filters(unit):
-        made.load()
+    for program in filters(unit):
+        program.load()
 
 
 def environment(unit: Directives) -> dict[str, str]:
     """What systemd gives the service, and nothing of ours but where to tell that it is ready."""
-    made = {
+    variables = {
         "PATH": "/usr/local/sbin:/usr/local/bin:/usr/sbin:/usr/bin",
         "HOME": "/",
         "USER": "vgrd",
     }
     for kind, _, base in _PLACES:
-        made[f"{kind.upper()}_DIRECTORY"] = f"{base}/{last(unit, f'{kind}Directory')}"
+        variables[f"{kind.upper()}_DIRECTORY"] = f"{base}/{last(unit, f'{kind}Directory')}"
     for name in ("NOTIFY_SOCKET", "WATCHDOG_USEC"):
         if name in os.environ:
-            made[name] = os.environ[name]
-    made |= dict(entry.partition("=")[::2] for entry in unit.get("Environment", ()))
-    return made
+            variables[name] = os.environ[name]
+    variables |= dict(entry.partition("=")[::2] for entry in unit.get("Environment", ()))
+    return variables
 
 
 def main(argv: Sequence[str]) -> None:

@@ -56,19 +56,19 @@ def _refuse(number: int) -> int:
 
 def library() -> ctypes.CDLL:
     """Load libseccomp. Raises OSError where it is not installed (Debian: libseccomp2)."""
-    found = ctypes.CDLL("libseccomp.so.2", use_errno=True)
-    found.seccomp_init.restype = ctypes.c_void_p
-    found.seccomp_init.argtypes = [ctypes.c_uint32]
-    found.seccomp_attr_set.argtypes = [ctypes.c_void_p, ctypes.c_int, ctypes.c_uint32]
-    found.seccomp_load.argtypes = [ctypes.c_void_p]
-    found.seccomp_rule_add_array.argtypes = [
+    seccomp = ctypes.CDLL("libseccomp.so.2", use_errno=True)
+    seccomp.seccomp_init.restype = ctypes.c_void_p
+    seccomp.seccomp_init.argtypes = [ctypes.c_uint32]
+    seccomp.seccomp_attr_set.argtypes = [ctypes.c_void_p, ctypes.c_int, ctypes.c_uint32]
+    seccomp.seccomp_load.argtypes = [ctypes.c_void_p]
+    seccomp.seccomp_rule_add_array.argtypes = [
         ctypes.c_void_p,
         ctypes.c_uint32,
         ctypes.c_int,
         ctypes.c_uint,
         ctypes.POINTER(_Comparison),
     ]
-    return found
+    return seccomp
 
 
 class Filter:
@@ -84,7 +84,9 @@ class Filter:
         number = self._library.seccomp_syscall_resolve_name(name.encode())
         if number < 0:
             return
-        array = (_Comparison * len(comparisons))(*(_Comparison(*one) for one in comparisons))
+        array = (_Comparison * len(comparisons))(
+            *(_Comparison(*comparison) for comparison in comparisons)
+        )
         answer = self._library.seccomp_rule_add_array(
             self._context, action, number, len(comparisons), array
         )
@@ -102,9 +104,9 @@ class Filter:
 
 def filters(directives: Directives) -> Sequence[Filter]:
     """All filters of a unit, that of SystemCallFilter= last: it refuses to load another."""
-    made: list[Callable[[], Filter]] = []
+    makers: list[Callable[[], Filter]] = []
     if families := last(directives, "RestrictAddressFamilies"):
-        made.append(lambda: _families(families.split()))
+        makers.append(lambda: _families(families.split()))
     for name, make in (
         ("RestrictNamespaces", _namespaces),
         ("RestrictRealtime", _realtime),
@@ -112,64 +114,64 @@ def filters(directives: Directives) -> Sequence[Filter]:
         ("LockPersonality", _personality),
     ):
         if is_on(directives, name):
-            made.append(make)
+            makers.append(make)
     if directives.get("SystemCallFilter"):
-        made.append(lambda: _calls(syscall_filter(directives)))
-    return [make() for make in made]
+        makers.append(lambda: _calls(syscall_filter(directives)))
+    return [make() for make in makers]
 
 
-def _calls(wanted: SyscallFilter) -> Filter:
+def _calls(calls: SyscallFilter) -> Filter:
     """Known calls that are not allowed are refused; those that systemd does not know do not exist."""
-    made = Filter(_refuse(errno.ENOSYS))
-    refusal = _KILL_PROCESS if wanted.error is None else _refuse(wanted.error)
-    for name in wanted.allowed:
-        made.add(_ALLOW, name)
-    for name in wanted.refused:
-        made.add(refusal, name)
-    return made
+    program = Filter(_refuse(errno.ENOSYS))
+    refusal = _KILL_PROCESS if calls.error is None else _refuse(calls.error)
+    for name in calls.allowed:
+        program.add(_ALLOW, name)
+    for name in calls.refused:
+        program.add(refusal, name)
+    return program
 
 
 def _families(names: Iterable[str]) -> Filter:
     allowed = {int(getattr(socket, name)) for name in names}
-    made, refusal = Filter(), _refuse(errno.EAFNOSUPPORT)
+    program, refusal = Filter(), _refuse(errno.EAFNOSUPPORT)
     for family in range(_LAST_FAMILY + 1):
         if family not in allowed:
-            made.add(refusal, "socket", (0, _EQ, family, 0))
-    made.add(refusal, "socket", (0, _GT, _LAST_FAMILY, 0))
-    return made
+            program.add(refusal, "socket", (0, _EQ, family, 0))
+    program.add(refusal, "socket", (0, _GT, _LAST_FAMILY, 0))
+    return program
 
 
 def _namespaces() -> Filter:
-    made, refusal = Filter(), _refuse(errno.EPERM)
-    made.add(_refuse(errno.ENOSYS), "clone3")  # its flags lie in memory; glibc then uses clone
-    made.add(refusal, "setns", (1, _EQ, 0, 0))
+    program, refusal = Filter(), _refuse(errno.EPERM)
+    program.add(_refuse(errno.ENOSYS), "clone3")  # its flags lie in memory; glibc then uses clone
+    program.add(refusal, "setns", (1, _EQ, 0, 0))
     for flag in _NEW_NAMESPACES_AND_CGROUP:
         for name, argument in (("clone", 0), ("unshare", 0), ("setns", 1)):
-            made.add(refusal, name, (argument, _MASKED_EQ, flag, flag))
-    return made
+            program.add(refusal, name, (argument, _MASKED_EQ, flag, flag))
+    return program
 
 
 def _realtime() -> Filter:
-    made, refusal = Filter(), _refuse(errno.EPERM)
+    program, refusal = Filter(), _refuse(errno.EPERM)
     for policy in set(range(_SCHED_IDLE + 1)) - {_SCHED_OTHER, _SCHED_BATCH, _SCHED_IDLE}:
-        made.add(refusal, "sched_setscheduler", (1, _EQ, policy, 0))
-    made.add(refusal, "sched_setscheduler", (1, _GT, _SCHED_IDLE, 0))
-    return made
+        program.add(refusal, "sched_setscheduler", (1, _EQ, policy, 0))
+    program.add(refusal, "sched_setscheduler", (1, _GT, _SCHED_IDLE, 0))
+    return program
 
 
 def _suid_sgid() -> Filter:
-    made, refusal = Filter(), _refuse(errno.EPERM)
-    made.add(_refuse(errno.ENOSYS), "openat2")  # its mode lies in memory
+    program, refusal = Filter(), _refuse(errno.EPERM)
+    program.add(_refuse(errno.ENOSYS), "openat2")  # its mode lies in memory
     for bit in _SUID_SGID:
         for name, mode, flags in _MODES:
             rules = [(mode, _MASKED_EQ, bit, bit)]
             if flags is not None:
                 rules.append((flags, _MASKED_EQ, _O_CREAT, _O_CREAT))
-            made.add(refusal, name, *rules)
-    return made
+            program.add(refusal, name, *rules)
+    return program
 
 
 def _personality() -> Filter:
-    made = Filter()
-    made.add(_refuse(errno.EPERM), "personality", (0, _NE, 0, 0))
-    return made
+    program = Filter()
+    program.add(_refuse(errno.EPERM), "personality", (0, _NE, 0, 0))
+    return program

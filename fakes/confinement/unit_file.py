@@ -15,18 +15,18 @@ Directives = Mapping[str, tuple[str, ...]]
 def read_section(path: Path, section: str) -> Directives:
     """Values of each directive in order; an empty assignment empties it, as in systemd.syntax(7)."""
     values: dict[str, list[str]] = defaultdict(list)
-    here = ""
+    heading = ""
     for line in path.read_text(encoding="utf-8").splitlines():
         text = line.strip()
         if text.startswith("["):
-            here = text.strip("[]")
-        elif here == section and text and text[0] not in "#;":
+            heading = text.strip("[]")
+        elif heading == section and text and text[0] not in "#;":
             name, _, value = text.partition("=")
             if value.strip():
                 values[name.strip()].append(value.strip())
             else:
                 values[name.strip()] = []
-    return {name: tuple(found) for name, found in values.items()}
+    return {name: tuple(words) for name, words in values.items()}
 
 
 def last(directives: Directives, name: str, default: str = "") -> str:

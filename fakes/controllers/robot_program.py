@@ -187,9 +187,9 @@ class RobotProgram:
 
     def lift(self) -> None:
         """Go straight back from where the tool is."""
-        here = self.world.reported_flange(time.monotonic())
-        axis = here.rotation @ self.world.layout.tool_axis_in_wrist
-        self.go(Pose(here.rotation, here.translation - APPROACH_MM * axis))
+        flange = self.world.reported_flange(time.monotonic())
+        axis = flange.rotation @ self.world.layout.tool_axis_in_wrist
+        self.go(Pose(flange.rotation, flange.translation - APPROACH_MM * axis))
 
     def _reply(self, values: dict[str, float], latency_s: float) -> Reply:
         self.check(values)
@@ -203,10 +203,10 @@ class RobotProgram:
         )
 
     def _watch_beat(self, beat: int) -> None:
-        now = time.monotonic()
-        last, since = self._beat
+        now_s = time.monotonic()
+        last, since_s = self._beat
         if beat != last:
-            self._beat = (beat, now)
-        elif now - since > HEARTBEAT_LOST_S:
-            self._beat = (beat, now)
+            self._beat = (beat, now_s)
+        elif now_s - since_s > HEARTBEAT_LOST_S:
+            self._beat = (beat, now_s)
             raise Stopped("the heartbeat stands still")

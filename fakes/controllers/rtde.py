@@ -237,9 +237,9 @@ class _Client:
 
     def _answer(self, kind: int, payload: bytes) -> None:
         if kind == _VERSION:
-            wanted = struct.unpack(">H", payload)[0]
-            self._protocol = wanted if wanted in (1, 2) else self._protocol
-            self._send(kind, bytes([wanted in (1, 2)]))
+            version = struct.unpack(">H", payload)[0]
+            self._protocol = version if version in (1, 2) else self._protocol
+            self._send(kind, bytes([version in (1, 2)]))
         elif kind == _CONTROLLER:
             self._send(kind, struct.pack(">4I", *self._server.version))
         elif kind == _OUTPUTS:
@@ -265,8 +265,10 @@ class _Client:
             self._frequency_hz = struct.unpack(">d", payload[:8])[0]
             payload = payload[8:]
         names = [name for name in payload.decode().split(",") if name]
-        known = {n: t for n, t in OUTPUT_TYPES.items() if n not in self._server.faults.missing}
-        types = [known.get(name, "NOT_FOUND") for name in names]
+        types_by_name = {
+            n: t for n, t in OUTPUT_TYPES.items() if n not in self._server.faults.missing
+        }
+        types = [types_by_name.get(name, "NOT_FOUND") for name in names]
         complete = "NOT_FOUND" not in types
         self._recipe = list(zip(names, types, strict=True)) if complete else []
         if self._protocol == 2:

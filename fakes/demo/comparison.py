@@ -31,14 +31,18 @@ def misses_by_method(
     recording = load_recording(teaching)
     methods = compare_methods(recording)
     one_wrist = compare_methods(_constant_wrist(recording))
-    observations = [seen for seen in iterate_observations(requests) if seen.tag_b is not None]
+    observations = [
+        observation
+        for observation in iterate_observations(requests)
+        if observation.tag_b is not None
+    ]
     misses: dict[str, list[Array]] = {}
     for request in served:
-        seen = _picture_of(request, observations)
-        if seen is None:
+        observation = _picture_of(request, observations)
+        if observation is None:
             continue
-        answers = expected_by_method(methods, request.target, seen)
-        special = expected_by_method(one_wrist, request.target, seen)
+        answers = expected_by_method(methods, request.target, observation)
+        special = expected_by_method(one_wrist, request.target, observation)
         answers |= {name: special[name] for name in (SPECIAL, SPECIAL_CAD) if name in special}
         for method, flange in answers.items():
             pose = Pose(request.served.rotation, flange)
@@ -51,8 +55,8 @@ def _picture_of(request: ShownRequest, observations: Sequence[Observation]) -> O
     """The last one recorded until the answer: a picture that shows nothing new is not recorded."""
     answered_s = request.stamp_s + request.latency_s
     return max(
-        (seen for seen in observations if seen.stamp_s <= answered_s),
-        key=lambda seen: seen.stamp_s,
+        (observation for observation in observations if observation.stamp_s <= answered_s),
+        key=lambda observation: observation.stamp_s,
         default=None,
     )
 
@@ -60,5 +64,7 @@ def _picture_of(request: ShownRequest, observations: Sequence[Observation]) -> O
 def _constant_wrist(recording: Recording) -> Recording:
     """The touches that share the first one's orientation: what the special method asks for."""
     first = recording.touches[0].base_from_wrist
-    same = [t for t in recording.touches if first.distance(t.base_from_wrist)[1] < SAME_WRIST_RAD]
-    return replace(recording, touches=tuple(same))
+    touches = [
+        t for t in recording.touches if first.distance(t.base_from_wrist)[1] < SAME_WRIST_RAD
+    ]
+    return replace(recording, touches=tuple(touches))

@@ -28,14 +28,14 @@ class Report:
         self.bar_mm = PERFECT_XY_BAR_MM if perfect else MEAN_XY_BAR_MM
         self.good = True
 
-    def methods(self, by_method: Mapping[str, Array]) -> None:
+    def methods(self, method_misses: Mapping[str, Array]) -> None:
         """True misses of the served coordinates, and of the paper's methods at the same requests."""
         served = np.array([request.miss for request in self.shown.requests])
         table = self._table(
             f"true EC miss, mm, {len(served)} requests at new table angles",
             "method", "xy mean", "xy 95 %", "xy max", "z mean", "3D mean", "3D max",
         )  # fmt: skip
-        for method, misses in by_method.items():
+        for method, misses in method_misses.items():
             table.add_row(method, *_miss_figures(misses))
         table.add_row("served (robot really went there)", *_miss_figures(served), style="bold")
         self.console.print(table)
@@ -65,8 +65,8 @@ class Report:
         """How often each tag was in view while teaching."""
         table = self._table("tags in view while teaching", "sample", "taught", "tag A", "tag B")
         for op, count in operator.taught.items():
-            seen = (operator.seen[op, name] for name in ("tag_a", "tag_b"))
-            table.add_row(op, str(count), *(str(n) for n in seen))
+            counts = (operator.sightings[op, name] for name in ("tag_a", "tag_b"))
+            table.add_row(op, str(count), *(str(n) for n in counts))
         self.console.print(table)
 
     def faults(self) -> None:
@@ -80,14 +80,14 @@ class Report:
             self.console.print(table)
             self.good &= all(np.isfinite(fault[2:]).all() for fault in self.shown.faults)
 
-    def memory(self, by_process: Mapping[str, float], total_mib: float) -> None:
+    def memory(self, process_mib: Mapping[str, float], total_mib: float) -> None:
         """Proportional memory of the daemon's processes and of everything together."""
         table = self._table("memory (PSS), MiB", "process", "MiB")
-        for name, mib in by_process.items():
+        for name, mib in process_mib.items():
             table.add_row(name, f"{mib:.0f}")
         table.add_row("all of the demo", f"{total_mib:.0f}", style="bold")
         self.console.print(table)
-        self._judge("gate, MiB", by_process["gate"], GATE_BAR_MIB)
+        self._judge("gate, MiB", process_mib["gate"], GATE_BAR_MIB)
         self._judge("all processes, MiB", total_mib, TREE_BAR_MIB)
 
     def files(self, place: Path, stop_s: float, total_s: float) -> None:
@@ -98,10 +98,12 @@ class Report:
         self.console.print(f"daemon stopped in {stop_s:.2f} s")
         self.console.print(f"the whole demo took {total_s:.0f} s")
 
-    def write(self, path: Path, by_method: Mapping[str, Array]) -> None:
+    def write(self, path: Path, method_misses: Mapping[str, Array]) -> None:
         """Write the figures as JSON for tests."""
         served = np.array([request.miss for request in self.shown.requests])
-        figures = {name: m.tolist() for name, m in by_method.items()} | {"served": served.tolist()}
+        figures = {name: m.tolist() for name, m in method_misses.items()} | {
+            "served": served.tolist()
+        }
         path.write_text(json.dumps({"good": self.good, "misses_mm": figures}), encoding="utf-8")
 
     def _judge(self, what: str, value: float, bar: float) -> None:

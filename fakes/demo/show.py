@@ -135,8 +135,8 @@ class Show:
 
     def _request(self, program: RobotProgram, target: str, angle_rad: float) -> None:
         arrival = self.world.move_flange(retracted_pose(), time.monotonic())
-        turned = self.world.turn_table(angle_rad, time.monotonic())
-        time.sleep(max(0.0, max(arrival, turned) - time.monotonic()) + 0.08)
+        stop_s = self.world.turn_table(angle_rad, time.monotonic())
+        time.sleep(max(0.0, max(arrival, stop_s) - time.monotonic()) + 0.08)
         asked = time.monotonic()
         reply = program.ask(self.world.targets[target].id)
         program.touch(reply)

@@ -40,7 +40,7 @@ def study(
             seed=seed,
             workers=workers,
             dask=dask,
-            out=out,
+            folder=out,
             plot=plot,
             report=report,
         )

@@ -50,11 +50,11 @@ def conduct(
     seed: int = SEED,
     workers: int = 1,
     dask: str | None = None,
-    out: Path,
+    folder: Path,
     plot: bool = True,
     report: Report | None = None,
 ) -> StudyOutcome:
-    """Run a study and write its files into `out`, which is made.
+    """Run a study and write its files into `folder`, which is made.
 
     runs: of each case, None takes the study's own number (its full one with `full`). Raises
     InputError for an unknown name, a folder that cannot be used, or a missing package.
@@ -63,15 +63,15 @@ def conduct(
     if plot:
         check_matplotlib()
     try:
-        out.mkdir(parents=True, exist_ok=True)
+        folder.mkdir(parents=True, exist_ok=True)
     except OSError as err:
-        raise InputError(f"--out {out}: {err.strerror}; name a folder of yours") from err
+        raise InputError(f"--out {folder}: {err.strerror}; name a folder of yours") from err
     count = runs or ((study.full_runs or study.runs) if full else study.runs)
     trials = run_trials(study, count, seed, workers=workers, dask=dask, report=report)
-    files = [out / f"{name}.csv"]
+    files = [folder / f"{name}.csv"]
     _write_csv(files[0], trials)
     if plot:
-        files.append(out / f"{name}.png")
+        files.append(folder / f"{name}.png")
         study.draw(trials).savefig(files[1])
     figures = (*study.figures(trials), _refused(trials))
     return StudyOutcome(name, study.title, count, seed, figures, tuple(files))

@@ -57,9 +57,9 @@ def run_trials(
     rows: list[Row] = []
     with _executor(workers, dask) as executor:
         do = partial(_do, study.trial)
-        done = map(do, chunks) if executor is None else executor.map(do, chunks)
-        for some in done:
-            rows += some
+        results = map(do, chunks) if executor is None else executor.map(do, chunks)
+        for chunk_rows in results:
+            rows += chunk_rows
             if report is not None:
                 report(len(rows), len(jobs))
     return Trials(rows)
@@ -97,9 +97,9 @@ def _executor(workers: int, dask: str | None) -> Iterator[Executor | None]:
     elif workers == 1:
         yield None
     else:
-        ours = get_context("spawn")
+        context = get_context("spawn")
         with ProcessPoolExecutor(
-            workers, ours, initializer=die_with, initargs=(getpid(),)
+            workers, context, initializer=die_with, initargs=(getpid(),)
         ) as pool:
             yield pool
 

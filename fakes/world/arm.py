@@ -154,8 +154,8 @@ class Arm:
         )
 
     def _start(self, target: Pose, deviation: Array, now_s: float) -> float:
-        here, here_deviation = self._move.flange(now_s), self._move.deviation(now_s)
-        mm, rad = here.distance(target)
+        start, start_deviation = self._move.flange(now_s), self._move.deviation(now_s)
+        mm, rad = start.distance(target)
         duration = PEAK_OVER_MEAN * max(mm / self._speeds[0], rad / self._speeds[1])
-        self._move = Move(here, target, here_deviation, deviation, now_s, duration)
+        self._move = Move(start, target, start_deviation, deviation, now_s, duration)
         return now_s + duration

@@ -141,14 +141,14 @@ class Simulation:
 
     def looks(self, count: int) -> tuple[Observation, ...]:
         """Hand-eye samples over the working volume."""
-        out = []
+        observations = []
         for _ in range(count):
             turn = self.rng.uniform(-1, 1, 3) * (0.4, 0.4, 0.8)
             turn[:2] *= not self._one_axis
             R = WORK_ROTATION @ Rotation.from_euler("xyz", turn).as_matrix()
             position = np.array([350, 0, 250]) + self.rng.uniform(-100, 100, 3)
-            out.append(self.observe(Pose(R, position), 0.0))
-        return tuple(out)
+            observations.append(self.observe(Pose(R, position), 0.0))
+        return tuple(observations)
 
     def spins(self, count: int) -> tuple[Observation, ...]:
         """Pictures of the turning object, the robot standing at one pose."""
@@ -177,14 +177,14 @@ class Simulation:
     ) -> tuple[Hole, ...]:
         """All holes as the camera sees them, object as in each spin (of 1.6 pi over 10) or still."""
         K = np.array(_K)
-        out = []
+        holes = []
         for spin in spins:
             angle = 0.0 if spin is None else self.spin_angles[spin]
             for name in self.targets:
                 ray = K @ (self.base_from_camera.inverse() @ self.point(name, angle))
                 pixel = ray[:2] / ray[2] + self.rng.normal(size=2) * sigma_px
-                out.append(Hole(name, frozen_array(pixel, 2), sigma_px, spin))
-        return tuple(out)
+                holes.append(Hole(name, frozen_array(pixel, 2), sigma_px, spin))
+        return tuple(holes)
 
     def record(
         self,

@@ -80,9 +80,9 @@ def plate_hides(base_from_plate: Pose, size_mm: float, points_in_base: Array, ey
     start, end = plate_from_base.apply(points_in_base), plate_from_base.apply(eye)
     crosses = start[:, 2] * end[2] < 0
     share = start[:, 2:] / np.where(crosses, start[:, 2] - end[2], 1.0)[:, None]
-    at_plate = start + share * (end - start)
-    within = (np.abs(at_plate[:, :2]) < size_mm * PLATE_CELLS / 16).all(1)
-    return bool((crosses & within).any())
+    crossings = start + share * (end - start)
+    is_on_plate = (np.abs(crossings[:, :2]) < size_mm * PLATE_CELLS / 16).all(1)
+    return bool((crosses & is_on_plate).any())
 
 
 @dataclass(frozen=True, slots=True)

@@ -162,9 +162,9 @@ class World:
     def turn_table(self, angle_rad: float, now_s: float) -> float:
         """Start turning the table to an angle; returns the time at which it stands."""
         with self._lock:
-            here = self._turn.angle(now_s)
-            duration = PEAK_OVER_MEAN * abs(angle_rad - here) / self._turn_rad_s
-            self._turn = _Turn(here, angle_rad, now_s, duration)
+            angle = self._turn.angle(now_s)
+            duration = PEAK_OVER_MEAN * abs(angle_rad - angle) / self._turn_rad_s
+            self._turn = _Turn(angle, angle_rad, now_s, duration)
             return now_s + duration
 
     def move_flange(self, base_from_wrist: Pose, now_s: float) -> float:

@@ -54,7 +54,7 @@ class Taught:
         facts = facts_of(self.world, folder)
         self.rehearsal = Rehearsal(self.world, facts, keeps_pictures=True)
         self.recording = self.rehearsal.teach(looks=LOOKS, spins=SPINS, tilted=0, points=0)
-        self.kept = list(self.rehearsal.kept)
+        self.kept = list(self.rehearsal.shots)
         with pytest.MonkeyPatch.context() as patch:
             patch.setattr(hole_sightings, "PICTURES", 4)
             self.holes = self.see(self.recording)

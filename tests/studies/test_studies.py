@@ -53,7 +53,7 @@ def test_results_are_bit_identical_for_one_and_two_workers(name, tmp_path):
     files = []
     for workers in (1, 2):
         outcome = conduct(
-            name, runs=runs, workers=workers, out=tmp_path / f"{workers}", plot=False
+            name, runs=runs, workers=workers, folder=tmp_path / f"{workers}", plot=False
         )
         files.append(outcome.files[0].read_bytes())
     assert files[0] == files[1]
@@ -130,7 +130,7 @@ def test_a_bar_is_cleared_on_its_edge_missed_beyond_and_never_by_nan():
 
 
 def test_figure_4_comes_out_as_published(tmp_path):
-    outcome = conduct("fig4", runs=300, out=tmp_path)
+    outcome = conduct("fig4", runs=300, folder=tmp_path)
     assert value(outcome, "mean") == pytest.approx(0.155, abs=0.012)
     assert 0.1 <= value(outcome, "mode") <= 0.2
     assert 0.33 <= value(outcome, "largest") <= 0.6
@@ -145,7 +145,7 @@ def test_figure_4_comes_out_as_published(tmp_path):
 
 @pytest.mark.parametrize("name", sorted(STUDIES))
 def test_every_study_runs_and_draws_and_its_figures_are_json(name, tmp_path):
-    outcome = conduct(name, runs=1, out=tmp_path / "made", workers=1)
+    outcome = conduct(name, runs=1, folder=tmp_path / "made", workers=1)
     assert [path.name for path in outcome.files] == [f"{name}.csv", f"{name}.png"]
     assert outcome.files[1].read_bytes().startswith(PNG)
     result = json.loads(json.dumps(outcome.to_json(), allow_nan=False))
@@ -161,7 +161,7 @@ def test_trials_are_pure():
 
 
 def test_the_operator_saves_nine_minutes_without_a_hand_eye_step(tmp_path):
-    outcome = conduct("table4", out=tmp_path, plot=False)
+    outcome = conduct("table4", folder=tmp_path, plot=False)
     assert value(outcome, "conventional") == pytest.approx(15)
     assert value(outcome, "special") == pytest.approx(8.5)
     assert value(outcome, "joint, no hand-eye step") == pytest.approx(5.6)
@@ -176,11 +176,11 @@ def test_a_misspelt_name_lists_the_studies_and_the_likely_one():
 def test_without_matplotlib_the_remedy_is_told_before_the_work(tmp_path, monkeypatch):
     monkeypatch.setitem(sys.modules, "matplotlib.figure", None)
     with pytest.raises(InputError, match="--no-plot"):
-        conduct("fig4", runs=1, out=tmp_path)
-    assert conduct("fig4", runs=1, out=tmp_path, plot=False).files[0].exists()
+        conduct("fig4", runs=1, folder=tmp_path)
+    assert conduct("fig4", runs=1, folder=tmp_path, plot=False).files[0].exists()
 
 
 def test_a_folder_that_cannot_be_made_is_told(tmp_path):
     (tmp_path / "file").write_text("")
     with pytest.raises(InputError, match="--out"):
-        conduct("fig4", runs=1, out=tmp_path / "file")
+        conduct("fig4", runs=1, folder=tmp_path / "file")

@@ -49,9 +49,9 @@ def _trial(seed: SeedSequence, parameters: Parameters) -> dict[str, float]:
 
 
 def _fixed_point(rng: Generator, tilt_deg: float) -> float:
-    at = _BASE_FROM_TRAY.translation
+    point = _BASE_FROM_TRAY.translation
     return _error(
-        calibrate_fixed_point(_touch(rng, tilt_deg, np.tile(at, (_TOUCHES, 1)))).tcp_in_wrist
+        calibrate_fixed_point(_touch(rng, tilt_deg, np.tile(point, (_TOUCHES, 1)))).tcp_in_wrist
     )
 
 
@@ -61,11 +61,11 @@ def _universal(rng: Generator, tilt_deg: float) -> float:
     return _error(calibrate_universal(UniversalProblem(holes, touches)).tcp_in_wrist)
 
 
-def _touch(rng: Generator, tilt_deg: float, at: Array) -> TouchSet:
-    angles = rng.uniform(-1, 1, at.shape) * (tilt_deg, tilt_deg, _TURN_DEG)
+def _touch(rng: Generator, tilt_deg: float, points: Array) -> TouchSet:
+    angles = rng.uniform(-1, 1, points.shape) * (tilt_deg, tilt_deg, _TURN_DEG)
     R = _DOWN @ Rotation.from_euler("xyz", angles, degrees=True).as_matrix()
-    sigma = np.full(len(at), NOISE_MM)
-    t = at + truncated_noise(rng, at.shape) - R @ _TCP
+    sigma = np.full(len(points), NOISE_MM)
+    t = points + truncated_noise(rng, points.shape) - R @ _TCP
     return TouchSet(R, t, _AXIS, sigma, sigma)
 
 

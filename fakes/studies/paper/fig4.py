@@ -21,20 +21,20 @@ _BIN_MM = 0.05  # finer than the 0.1 to 0.2 mm in which the paper sees the mode
 def tcp_error(seed: SeedSequence, parameters: Parameters) -> dict[str, float]:
     """TCP error of one calibration and its Cramer-Rao bound (rms), mm."""
     drawn = draw(default_rng(seed), parameters["touches"], parameters["spread_deg"])
-    found = calibrate_universal(drawn.problem).tcp_in_wrist
-    error = float(np.linalg.norm(found - drawn.tcp_in_wrist))
+    tcp = calibrate_universal(drawn.problem).tcp_in_wrist
+    error = float(np.linalg.norm(tcp - drawn.tcp_in_wrist))
     return {"error_mm": error, "bound_mm": drawn.bound_mm()}
 
 
 def _figures(trials: Trials) -> list[Figure]:
     errors = trials.values("error_mm")
-    own, bound = rms(errors), rms(trials.values("bound_mm"))
+    rms_mm, bound_mm = rms(errors), rms(trials.values("bound_mm"))
     return [
         Figure("mode", _mode(errors), "mm", 0.10, 0.20, "0.1 to 0.2"),
         Figure("mean", float(errors.mean()), "mm", 0.15, 0.16),
         Figure("largest", float(errors.max()), "mm", 0.35, 0.55, "may exceed 0.4"),
-        Figure("rms", own, "mm"),
-        Figure("rms / Cramer-Rao bound", own / bound, "", at_most=1.05),
+        Figure("rms", rms_mm, "mm"),
+        Figure("rms / Cramer-Rao bound", rms_mm / bound_mm, "", at_most=1.05),
         Figure("share below 0.3 mm", float(np.mean(errors < 0.3))),
     ]
 

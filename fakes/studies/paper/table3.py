@@ -100,8 +100,8 @@ def _by_joint(result: JointFit, request: SimulatedRequest) -> Pose:
 
 def _sightings(cell: Simulation) -> tuple[HolePixel, ...]:
     """All six holes, once while touching and in every turntable picture."""
-    seen = cell.holes([None, *range(_EVERYTHING.spins)])
-    return tuple(HolePixel(hole.target, hole.pixel, hole.sigma_px, hole.spin) for hole in seen)
+    holes = cell.holes([None, *range(_EVERYTHING.spins)])
+    return tuple(HolePixel(hole.target, hole.pixel, hole.sigma_px, hole.spin) for hole in holes)
 
 
 def _sizes(misses: Array) -> dict[str, float]:

@@ -39,20 +39,20 @@ def _figures(trials: Trials) -> list[Figure]:
 
 def _draw(trials: Trials) -> "Drawing":
     runs = len(trials.select(touches=8, spread_deg=180.0))
-    drawing, (by_tilt, J_touches) = panels(
+    drawing, (tilt_axes, touch_axes) = panels(
         f"TCP error of the universal method: tilt matters more than touches ({runs} runs each)",
         ("wrists turned by up to, degrees", "mean TCP error, mm"),
         ("touches", "mean TCP error, mm"),
     )
     for color, m in zip(COLORS, _TOUCHES, strict=False):
         means = [trials.mean("error_mm", touches=m, spread_deg=s) for s in _SPREADS_DEG]
-        by_tilt.plot(_SPREADS_DEG, means, "o-", color=color, label=f"{m} touches")
+        tilt_axes.plot(_SPREADS_DEG, means, "o-", color=color, label=f"{m} touches")
     for color, s in zip(COLORS, _SPREADS_DEG, strict=False):
         means = [trials.mean("error_mm", touches=m, spread_deg=s) for m in _TOUCHES]
-        J_touches.plot(_TOUCHES, means, "o-", color=color, label=f"within {s:g} degrees")
-    plain_log_ticks(by_tilt, _SPREADS_DEG, x=True)
-    plain_log_ticks(J_touches, _TOUCHES, x=True)
-    for axes in (by_tilt, J_touches):
+        touch_axes.plot(_TOUCHES, means, "o-", color=color, label=f"within {s:g} degrees")
+    plain_log_ticks(tilt_axes, _SPREADS_DEG, x=True)
+    plain_log_ticks(touch_axes, _TOUCHES, x=True)
+    for axes in (tilt_axes, touch_axes):
         plain_log_ticks(axes, (0.05, 0.1, 0.2, 0.5, 1, 2, 4), x=False)
         legend(axes, "upper right")
     return drawing

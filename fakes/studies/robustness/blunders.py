@@ -57,16 +57,16 @@ def _of_system(
     bad: int,
     requests: list[SimulatedRequest],
 ) -> dict[str, float]:
-    without, kept = calibrate_system(clean), calibrate_system(blundered)
+    baseline, result = calibrate_system(clean), calibrate_system(blundered)
     left, named = _undone(blundered)
     undone = calibrate_system(left)
     return {
         "system, named": float(bad in named),
         "system, blamed": float(len(named - {bad})),
-        "system, false_alarms": float(len(_named(without))),
-        "system, refused_verdict": float(not kept.verdict.ok),
-        "system, clean_mm": _miss(cell, partial(_system_answer, without), requests),
-        "system, kept_mm": _miss(cell, partial(_system_answer, kept), requests),
+        "system, false_alarms": float(len(_named(baseline))),
+        "system, refused_verdict": float(not result.verdict.ok),
+        "system, clean_mm": _miss(cell, partial(_system_answer, baseline), requests),
+        "system, kept_mm": _miss(cell, partial(_system_answer, result), requests),
         "system, undone_mm": _miss(cell, partial(_system_answer, undone), requests),
     }
 
@@ -78,14 +78,14 @@ def _of_joint(
     bad: int,
     requests: list[SimulatedRequest],
 ) -> dict[str, float]:
-    without, kept = calibrate_joint(clean), calibrate_joint(blundered)
-    named = _left_out(kept)
+    baseline, result = calibrate_joint(clean), calibrate_joint(blundered)
+    named = _left_out(result)
     return {
         "joint, named": float(bad in named),
         "joint, blamed": float(len(named - {bad})),
-        "joint, false_alarms": float(len(_left_out(without))),
-        "joint, clean_mm": _miss(cell, partial(_joint_answer, without), requests),
-        "joint, kept_mm": _miss(cell, partial(_joint_answer, kept), requests),
+        "joint, false_alarms": float(len(_left_out(baseline))),
+        "joint, clean_mm": _miss(cell, partial(_joint_answer, baseline), requests),
+        "joint, kept_mm": _miss(cell, partial(_joint_answer, result), requests),
     }
 
 
@@ -94,20 +94,20 @@ def _with_blunder(recording: Recording, index: int, cell: Simulation) -> Recordi
     shift = _BLUNDER_MM * direction / np.linalg.norm(direction)
     touches = list(recording.touches)
     pose = touches[index].base_from_wrist
-    moved = Pose(pose.rotation, pose.translation + shift)
-    touches[index] = replace(touches[index], base_from_wrist=moved)
+    bad_pose = Pose(pose.rotation, pose.translation + shift)
+    touches[index] = replace(touches[index], base_from_wrist=bad_pose)
     return replace(recording, touches=tuple(touches))
 
 
 def _undone(recording: Recording) -> tuple[Recording, set[int]]:
     """Session after undoing what the verdict named, one after the other, and their indices."""
-    kept = list(range(len(recording.touches)))
+    indices = list(range(len(recording.touches)))
     named: set[int] = set()
     left = recording
-    while found := _named(calibrate_system(left)):
-        named |= {kept[i] for i in found}
-        kept = [i for i in range(len(recording.touches)) if i not in named]
-        left = replace(recording, touches=tuple(recording.touches[i] for i in kept))
+    while outliers := _named(calibrate_system(left)):
+        named |= {indices[i] for i in outliers}
+        indices = [i for i in range(len(recording.touches)) if i not in named]
+        left = replace(recording, touches=tuple(recording.touches[i] for i in indices))
     return left, named
 
 
@@ -158,19 +158,21 @@ def _of_estimate(trials: Trials, name: str, estimate: str) -> list[Figure]:
     def mean(column: str) -> float:
         return trials.mean(f"{estimate}, {column}", session=name)
 
-    about, clean, kept = f"{estimate}, {name}", mean("clean_mm"), mean("kept_mm")
+    about, clean_mm, blundered_mm = f"{estimate}, {name}", mean("clean_mm"), mean("kept_mm")
     figures = [Figure(f"{about}: blunder named", 100 * mean("named"), "%", at_least=95)]
     if estimate == "joint":
-        figures.append(Figure(f"{about}: EC error, kept / clean", kept / clean, at_most=1.3))
+        figures.append(
+            Figure(f"{about}: EC error, kept / clean", blundered_mm / clean_mm, at_most=1.3)
+        )
     else:
-        undone = mean("undone_mm") / clean
+        undone = mean("undone_mm") / clean_mm
         figures += [
             Figure(f"{about}: EC error, undone / clean", undone, at_most=1.3),
-            Figure(f"{about}: EC error, kept / clean", kept / clean),
+            Figure(f"{about}: EC error, kept / clean", blundered_mm / clean_mm),
         ]
     return [
         *figures,
-        Figure(f"{about}: EC error, clean", clean, "mm"),
+        Figure(f"{about}: EC error, clean", clean_mm, "mm"),
         Figure(f"{about}: good touches blamed per session", mean("blamed")),
         Figure(f"{about}: touches blamed per clean session", mean("false_alarms")),
     ]

@@ -37,10 +37,10 @@ def _trial(seed: SeedSequence, parameters: Parameters) -> dict[str, float]:
     starts = [drawn.object_from_base.rotation, *Rotation.random(_OTHER_STARTS, rng).as_matrix()]
     default = calibrate_universal(problem)
     plain = _plain_cost(problem)
-    others = [
+    costs = [
         minimize(equations.linearize, retract, equations.start(R)).report.cost for R in starts
     ]
-    lowest = min(default.report.cost, plain, *others)
+    lowest = min(default.report.cost, plain, *costs)
     return {
         "default_wrong": float(default.report.cost > lowest * (1 + _WORSE)),
         "plain_wrong": float(plain > lowest * (1 + _WRONG)),

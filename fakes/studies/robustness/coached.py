@@ -53,12 +53,12 @@ _BARS = {"TCP": 0.65, "EC": 0.75}  # coached over random, rms (docs/studies.md)
 
 @dataclass(frozen=True, slots=True)
 class _Session:
-    """Samples beside the six touches; of_any_kind: the coach shares all out among touches and spins."""
+    """Samples beside the six touches; plans_spins: the coach shares all out among touches and spins."""
 
     looks: int
     spins: int
     yaw_deg: float = 60.0  # a guess: within it cables stay as they are
-    of_any_kind: bool = False
+    plans_spins: bool = False
     bars: bool = False
 
 
@@ -67,7 +67,7 @@ _SESSIONS: Mapping[str, _Session] = MappingProxyType(
         "universal": _Session(looks=8, spins=0, bars=True),
         "universal, any yaw": _Session(looks=8, spins=0, yaw_deg=180.0),
         "with 4 spins": _Session(looks=0, spins=4),
-        "10 samples of any kind": _Session(looks=0, spins=4, of_any_kind=True, bars=True),
+        "10 samples of any kind": _Session(looks=0, spins=4, plans_spins=True, bars=True),
     }
 )
 
@@ -96,16 +96,16 @@ def _random(cell: Simulation, session: _Session) -> Recording:
 
 def _coached(cell: Simulation, name: str) -> Recording:
     session, plan = _SESSIONS[name], _plan(name)
-    touches = [one for one in plan if isinstance(one, Touching)]
+    touches = [sample for sample in plan if isinstance(sample, Touching)]
     recording = cell.record(
         looks=session.looks,
         spins=session.spins,
-        wrists=[one.base_from_wrist for one in touches],
-        names=[one.target for one in touches],
+        wrists=[sample.base_from_wrist for sample in touches],
+        names=[sample.target for sample in touches],
     )
-    if not session.of_any_kind:
+    if not session.plans_spins:
         return recording
-    angles = [one.angle_rad for one in plan if isinstance(one, Spinning)]
+    angles = [sample.angle_rad for sample in plan if isinstance(sample, Spinning)]
     spins = tuple(cell.observe(cell.standing, angle) for angle in angles)
     return replace(recording, spins=spins)
 
@@ -121,20 +121,20 @@ def _plan(name: str) -> tuple[Touching | Spinning, ...]:
     works = _wrists(earlier.rng, session, _JOB_WORKS)
     job = Job(Policy.REQUESTED, works, angles_rad=(0.0, 2.0))
     reach = Reach(_TILT_RAD, float(np.radians(session.yaw_deg)))
-    if session.of_any_kind:
+    if session.plans_spins:
         return plan_samples(nominal, _TOUCHES + session.spins, job, reach)
     return plan_touches(nominal, _TOUCHES, job, reach)
 
 
 def _wrists(rng: np.random.Generator, session: _Session, count: int) -> list[Array]:
     """Tilted evenly over the disc, yawed evenly."""
-    out = []
+    wrists = []
     for _ in range(count):
         side, tilt = rng.uniform(0, 2 * np.pi), _TILT_RAD * np.sqrt(rng.uniform())
         yaw = np.radians(session.yaw_deg) * rng.uniform(-1, 1)
         tilted = exp_rotation((np.cos(side) * tilt, np.sin(side) * tilt, 0.0))
-        out.append(WORK_ROTATION @ tilted @ exp_rotation((0.0, 0.0, yaw)))
-    return out
+        wrists.append(WORK_ROTATION @ tilted @ exp_rotation((0.0, 0.0, yaw)))
+    return wrists
 
 
 def _square_miss(
@@ -154,18 +154,20 @@ def _square_floor(
     result: JointFit, requests: Sequence[SimulatedRequest], works: Sequence[Array]
 ) -> float:
     """Predicted square of the miss with the same samples and a TCP known to 1 um."""
-    known = np.zeros((3, result.layout.size))
-    known[:, result.layout.TCP] = 1e3 * np.eye(3)
+    J_tcp = np.zeros((3, result.layout.size))
+    J_tcp[:, result.layout.TCP] = 1e3 * np.eye(3)
     N = result.undetermined
-    P = PredictedError.with_rows(result.covariance + N @ N.T, known)
+    P = PredictedError.with_rows(result.covariance + N @ N.T, J_tcp)
     solution, squares = solution_of(result), []
     for request, work in zip(requests, works, strict=True):
         tag = request.seen.tag_b
         if tag is None:
             raise TagNotSeen("tag B is not in the picture")
-        made = predict(result, solution, request.target, tag, Policy.REQUESTED, work)
-        seen = made.J_picture @ tag.covariance @ made.J_picture.T
-        squares.append(np.trace(made.J_unknowns @ P @ made.J_unknowns.T + seen))
+        prediction = predict(result, solution, request.target, tag, Policy.REQUESTED, work)
+        picture_covariance = prediction.J_picture @ tag.covariance @ prediction.J_picture.T
+        squares.append(
+            np.trace(prediction.J_unknowns @ P @ prediction.J_unknowns.T + picture_covariance)
+        )
     return float(np.mean(squares))
 
 

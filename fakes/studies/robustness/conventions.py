@@ -48,19 +48,19 @@ def _trial(seed: SeedSequence, parameters: Parameters) -> dict[str, float]:
     kind = parameters["session"] or kinds[rng.integers(len(kinds) - 1)]
     mistake = _MISTAKEN.get(fault, CLEAN)
     recording = mistake.change(free_session(kind, seed, rng), rng)
-    found = examine(recording)
+    findings = examine(recording)
     if fault in UNDECIDABLE:
-        found = [*found, *cannot_tell(recording.facts)]
+        findings = [*findings, *cannot_tell(recording.facts)]
     if kind == "4-axis":
-        found = [finding for finding in found if finding.code != _ONE_AXIS_ONLY]
-    right = [finding for finding in found if _names(finding, mistake)]
-    return {"named": float(bool(right)), "wrong": float(len(found) - len(right))}
+        findings = [finding for finding in findings if finding.code != _ONE_AXIS_ONLY]
+    right = [finding for finding in findings if _names(finding, mistake)]
+    return {"named": float(bool(right)), "wrong": float(len(findings) - len(right))}
 
 
 def _names(finding: Finding, mistake: Mistake) -> bool:
     words = mistake.words
     return finding.code == mistake.code and (
-        not words or any(some in finding.message for some in words)
+        not words or any(word in finding.message for word in words)
     )
 
 

@@ -119,13 +119,13 @@ def _draw(trials: Trials) -> "Drawing":
     stated = np.linspace(0.02, 0.995, 120)
     for axes, (region, words) in zip(all_axes, _REGIONS.items(), strict=True):
         degrees_of_freedom = {"tcp": 3, "xy": 2, "z": 1}[region]
-        at = chdtri(degrees_of_freedom, 1 - stated) / chdtri(degrees_of_freedom, 1 - _LEVEL)
+        limits = chdtri(degrees_of_freedom, 1 - stated) / chdtri(degrees_of_freedom, 1 - _LEVEL)
         axes.plot((0, 100), (0, 100), color=PAPER, linewidth=1, label="as stated")
         for color, (estimate, arm) in zip(
             COLORS, [(e, a) for e in ("joint", "system") for a in _ARMS], strict=False
         ):
             values = trials.values(f"{estimate}, {region}", arm=arm)
-            observed = [100 * np.mean(values <= limit) for limit in at]
+            observed = [100 * np.mean(values <= limit) for limit in limits]
             axes.plot(100 * stated, observed, color=color, label=f"{estimate}, arm {arm}")
         axes.axvline(100 * _LEVEL, color=PAPER, ls=(0, (5, 3)), linewidth=1)
         axes.set(title=words, xlim=(0, 100), ylim=(0, 100), aspect="equal")

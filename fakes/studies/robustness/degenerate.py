@@ -41,13 +41,13 @@ def _place(rng: Generator) -> Array:
 
 def _looks(cell: Simulation, turn: Callable[[], Array], *, moving: bool = True) -> Recording:
     """Looks turned as told, touches that did not see tag A, spins."""
-    at = _place(cell.rng)
+    fixed_place = _place(cell.rng)
     looks = []
     for _ in range(int(cell.rng.integers(4, 13))):
-        place = _place(cell.rng) if moving else at
-        kept = _jitter(cell)
-        R = kept.rotation @ WORK_ROTATION @ turn()
-        looks.append(cell.observe(Pose(R, place + kept.translation), 0.0))
+        place = _place(cell.rng) if moving else fixed_place
+        jitter = _jitter(cell)
+        R = jitter.rotation @ WORK_ROTATION @ turn()
+        looks.append(cell.observe(Pose(R, place + jitter.translation), 0.0))
     return _blind(replace(cell.record(spins=6, looks=0), looks=tuple(looks)))
 
 
@@ -158,10 +158,10 @@ def _trial(seed: SeedSequence, parameters: Parameters) -> dict[str, float]:
     session, code = KINDS.get(parameters["kind"], (_clean, ""))
     recording = session(Simulation(seed, arm=_ARM))
     missing = missing_motions(recording)
-    right = [one for one in missing if one.code == code]
+    right = [gap for gap in missing if gap.code == code]
     return {
         "recognised": float(bool(right) and bool(examine(recording))),
-        "posed": float(any(one.base_from_wrist is not None for one in right)),
+        "posed": float(any(gap.base_from_wrist is not None for gap in right)),
         "others": float(len(missing) - len(right)),
         "silent": float(bool(code) and _answers_silently(recording)),
     }

@@ -67,10 +67,10 @@ def _one_side(rng: Generator, m: int) -> Array:
     return np.repeat(_sides(rng, 1), m, axis=0)
 
 
-def _upright(rng: Generator, m: int, off_rad: float = 0.0) -> Drawn:
+def _upright(rng: Generator, m: int, tilt_rad: float = 0.0) -> Drawn:
     """The tool always about as upright on the ball."""
     R = _varied(rng, m)
-    tilts = np.column_stack([rng.normal(size=(m, 2)) * off_rad, np.zeros(m)])
+    tilts = np.column_stack([rng.normal(size=(m, 2)) * tilt_rad, np.zeros(m)])
     axes = Rotation.from_rotvec(tilts).as_matrix()[:, :, 2]
     return R, _CENTER - _RADIUS_MM * np.einsum("mij,mj->mi", R, axes)
 
@@ -191,15 +191,15 @@ def solve_session(seed: SeedSequence, kind: str) -> dict[str, float]:
     m = int(rng.integers(10, 20))
     noise = float(rng.uniform(0, _NOISE_MM)) * bool(rng.integers(5))
     R, tips = draw(rng, m)
-    told = np.full(m, max(noise, _LEAST_TOLD_MM))
-    seen = tips + rng.normal(size=(m, 3)) * noise
-    touches = TouchSet(R, seen - R @ TCP, np.array([0.0, 0.0, 1.0]), told, told)
+    sigmas_mm = np.full(m, max(noise, _LEAST_TOLD_MM))
+    readings = tips + rng.normal(size=(m, 3)) * noise
+    touches = TouchSet(R, readings - R @ TCP, np.array([0.0, 0.0, 1.0]), sigmas_mm, sigmas_mm)
     try:
         tcp, covariance = solve(touches, _OBJECT.inverse() @ tips)
     except NotObservable:
         return {"accepted": 0.0, "wrong": 0.0}
-    off = tcp - TCP
-    sigmas = float(np.sqrt(off @ np.linalg.solve(covariance, off)))
+    miss = tcp - TCP
+    sigmas = float(np.sqrt(miss @ np.linalg.solve(covariance, miss)))
     return {"accepted": 1.0, "wrong": float(sigmas > _WRONG_SIGMA)}
 
 

@@ -35,8 +35,8 @@ class Mistake:
 def with_poses(recording: Recording, change: Callable[[Pose], Pose]) -> Recording:
     """The same session, every reported flange pose changed."""
 
-    def look(seen: Observation) -> Observation:
-        return replace(seen, base_from_wrist=change(seen.base_from_wrist))
+    def look(observation: Observation) -> Observation:
+        return replace(observation, base_from_wrist=change(observation.base_from_wrist))
 
     return _with_samples(recording, look, change)
 
@@ -58,8 +58,8 @@ def _with_samples(
 
     return replace(
         recording,
-        looks=tuple(look(seen) for seen in recording.looks),
-        spins=tuple(look(seen) for seen in recording.spins),
+        looks=tuple(look(observation) for observation in recording.looks),
+        spins=tuple(look(observation) for observation in recording.spins),
         touches=touched(recording.touches),
         points=touched(recording.points),
     )
@@ -100,19 +100,23 @@ def _in_hand(recording: Recording, rng: Generator) -> Recording:
     def change(pose: Pose) -> Pose:
         return pose.inverse()
 
-    def look(seen: Observation) -> Observation:
-        wrist = change(seen.base_from_wrist)
-        at = (wrist @ CAMERA_IN_HAND).inverse() @ table @ still
-        return replace(seen, base_from_wrist=wrist, tag_b=seen.tag_b and _carried(at, seen.tag_b))
+    def look(observation: Observation) -> Observation:
+        wrist = change(observation.base_from_wrist)
+        camera_from_tag = (wrist @ CAMERA_IN_HAND).inverse() @ table @ still
+        return replace(
+            observation,
+            base_from_wrist=wrist,
+            tag_b=observation.tag_b and _carried(camera_from_tag, observation.tag_b),
+        )
 
     return _with_samples(recording, look, change)
 
 
-def _carried(by: Pose, tag: TagObservation) -> TagObservation:
-    A = by.adjoint()
+def _carried(motion: Pose, tag: TagObservation) -> TagObservation:
+    A = motion.adjoint()
     return replace(
         tag,
-        camera_from_tag=by @ tag.camera_from_tag,
+        camera_from_tag=motion @ tag.camera_from_tag,
         covariance=frozen_array(A @ tag.covariance @ A.T, 6, 6),
     )
 
@@ -158,13 +162,13 @@ def _smaller_tag(recording: Recording, rng: Generator) -> Recording:
     """Tag A is 1 to 3 % smaller or larger than the file says: it looks farther or nearer."""
     factor = 1 + float(rng.choice([-1, 1]) * rng.uniform(0.01, 0.03))
 
-    def look(seen: Observation) -> Observation:
-        tag = seen.tag_a
+    def look(observation: Observation) -> Observation:
+        tag = observation.tag_a
         if tag is None:
-            return seen
-        at = tag.camera_from_tag
-        measured = Pose(at.rotation, at.translation * factor)
-        return replace(seen, tag_a=replace(tag, camera_from_tag=measured))
+            return observation
+        pose = tag.camera_from_tag
+        measured = Pose(pose.rotation, pose.translation * factor)
+        return replace(observation, tag_a=replace(tag, camera_from_tag=measured))
 
     return _with_samples(recording, look, lambda pose: pose)
 

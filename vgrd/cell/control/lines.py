@@ -32,17 +32,17 @@ class Lines:
     def __init__(self, reader: asyncio.StreamReader, limits: ControlLimits) -> None:
         self._reader = reader
         self._limits = limits
-        self._held = b""
+        self._buffer = b""
 
     async def next(self) -> bytes | None:
         """The next line without its end, None when the client has ended.
 
         Raises ControlError for a line that is too long or never ends, TimeoutError for silence.
         """
-        if not self._held:
+        if not self._buffer:
             async with asyncio.timeout(self._limits.idle_s):
-                self._held = await self._reader.read(_CHUNK_BYTES)
-            if not self._held:
+                self._buffer = await self._reader.read(_CHUNK_BYTES)
+            if not self._buffer:
                 return None
         try:
             async with asyncio.timeout(self._limits.line_s):
@@ -51,18 +51,18 @@ class Lines:
             raise ControlError(
                 f"the request was not complete within {self._limits.line_s:g} s: end it with a newline"
             ) from err
-        line, _, self._held = self._held.partition(b"\n")
+        line, _, self._buffer = self._buffer.partition(b"\n")
         self._check_size(line)
         return line
 
     async def _complete(self) -> None:
         """Read until a whole line is there."""
-        while b"\n" not in self._held:
-            self._check_size(self._held)
+        while b"\n" not in self._buffer:
+            self._check_size(self._buffer)
             chunk = await self._reader.read(_CHUNK_BYTES)
             if not chunk:
                 raise ControlError("the request was cut short: end it with a newline")
-            self._held += chunk
+            self._buffer += chunk
 
     def _check_size(self, line: bytes) -> None:
         if len(line) > self._limits.request_bytes:

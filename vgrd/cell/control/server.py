@@ -138,13 +138,13 @@ class ControlServer:
     def _operation(self, request: Asked) -> Operation:
         operation = self.operations.get(request.op)
         if operation is None:
-            known = ", ".join(sorted(self.operations))
-            raise ControlError(f"unknown operation {shown(request.op)}; known are: {known}")
+            names = ", ".join(sorted(self.operations))
+            raise ControlError(f"unknown operation {shown(request.op)}; known are: {names}")
         for name in request.arguments:
             if name not in operation.arguments:
-                known = ", ".join(operation.arguments) or "none"
+                names = ", ".join(operation.arguments) or "none"
                 raise ControlError(
-                    f"{request.op}: unknown argument {shown(name)}; known are: {known}"
+                    f"{request.op}: unknown argument {shown(name)}; known are: {names}"
                 )
         return operation
 

@@ -100,8 +100,8 @@ class Teaching:
     async def touch(self, target: str, kind: SampleKind) -> dict[str, object]:
         """Record that the tip rests on a target (kind touch or verify)."""
         if target not in self.facts.object.targets:
-            known = ", ".join(self.facts.object.targets)
-            raise InputError(f"unknown target {target!r}; the cell file has: {known}")
+            names = ", ".join(self.facts.object.targets)
+            raise InputError(f"unknown target {target!r}; the cell file has: {names}")
         return await self._store(kind, self._touch(target, await self._observe()))
 
     async def point(self, name: str) -> dict[str, object]:

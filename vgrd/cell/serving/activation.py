@@ -39,7 +39,9 @@ class Activation:
     async def activate(self, name: str, by: str) -> Mapping[str, object]:
         """Put calibration `name` in use. Raises InputError, StoreError; the former one then serves on."""
         stored = await self._in_thread(
-            lambda: self.store.activate(name, by, lambda found: check_usable(found, self.facts))
+            lambda: self.store.activate(
+                name, by, lambda calibration: check_usable(calibration, self.facts)
+            )
         )
         self._serve(stored)
         return {"calibration": name, "register_id": f"{stored.register_id:08x}"}

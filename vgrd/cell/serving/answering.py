@@ -126,8 +126,8 @@ def answer_request(
 
 def _is_finite(expected: ExpectedCoordinate) -> bool:
     """Whether all that is told are numbers; without one of them nothing is known."""
-    told = (expected.u95_mm, expected.u95_rad, *expected.base_from_wrist.matrix().flat)
-    return all(map(math.isfinite, told))
+    numbers = (expected.u95_mm, expected.u95_rad, *expected.base_from_wrist.matrix().flat)
+    return all(map(math.isfinite, numbers))
 
 
 def requested_orientation(request: Request) -> Array:
