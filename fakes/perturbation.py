@@ -149,9 +149,9 @@ class Jitter:
 
     @shaken.register
     def _(self, value: list | tuple) -> Any:  # type: ignore[type-arg]
-        if all(isinstance(one, int | float) for one in value):
+        if all(isinstance(item, int | float) for item in value):
             return self.shaken(np.array(value))
-        return [self.shaken(one) for one in value]
+        return [self.shaken(item) for item in value]
 
     @shaken.register
     def _(self, value: Pose) -> Pose:
@@ -194,11 +194,11 @@ class Jitter:
 
     @shaken.register
     def _(self, value: Touch) -> Touch:
-        seen = value.observation
+        observation = value.observation
         return replace(
             value,
             base_from_wrist=self.shaken(value.base_from_wrist),
-            observation=None if seen is None else self.shaken(seen),
+            observation=None if observation is None else self.shaken(observation),
         )
 
     @shaken.register

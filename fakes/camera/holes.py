@@ -42,12 +42,12 @@ class HoleDrawer:
         self._holes: list[_Hole] = []
 
     def draw(
-        self, picture: Picture, angle_rad: float, rng: np.random.Generator, within: PixelRegion
+        self, picture: Picture, angle_rad: float, rng: np.random.Generator, window: PixelRegion
     ) -> None:
-        """Draw all holes that reach into `within`, with fresh noise."""
+        """Draw all holes that reach into `window`, with fresh noise."""
         if angle_rad != self._angle_rad:
             self._holes, self._angle_rad = self._seen_at(angle_rad), angle_rad
-        for hole in (hole for hole in self._holes if hole.region.meets(within)):
+        for hole in (hole for hole in self._holes if hole.region.meets(window)):
             background = picture[hole.region.slices]
             noisy = with_noise(hole.levels, rng)
             picture[hole.region.slices] = quantised(noisy + hole.free * (background - noisy))

@@ -51,8 +51,8 @@ class Band:
         x, y = _from_middle(region)
         along = np.cos(self.direction_rad) * x + np.sin(self.direction_rad) * y
         soft = max(self.softness_px, 1e-6)
-        within = ndtr((along - self.from_px) / soft) - ndtr((along - self.to_px) / soft)
-        return np.asarray(within, np.float32)
+        band_share = ndtr((along - self.from_px) / soft) - ndtr((along - self.to_px) / soft)
+        return np.asarray(band_share, np.float32)
 
 
 @dataclass(frozen=True, slots=True)

@@ -138,8 +138,8 @@ def _field_shares(
     block, i, j = np.nonzero(cut[0] & cut[1] & twisted[:, None, None])
     if block.size:
         boxes = _boxes(four[:, block], i, j, side)
-        within = lines[0][block], lines[1][block]
-        finer = _field_shares(boxes, within, fields[block], _CORNER_SPLIT, split=False)
+        line_pairs = lines[0][block], lines[1][block]
+        finer = _field_shares(boxes, line_pairs, fields[block], _CORNER_SPLIT, split=False)
         shares[block, i, j] = finer.mean((1, 2))
     return np.asarray(shares)
 

@@ -62,27 +62,27 @@ class Renderer:
         """
         rng = np.random.default_rng(snapshot.exposure)
         scenery = self._scenery
-        within = region or PixelRegion(0, 0, *self.layout.optics.size_px)
+        window = region or PixelRegion(0, 0, *self.layout.optics.size_px)
         if not snapshot.lights:
-            return np.ascontiguousarray(scenery.darkness()[within.slices])
+            return np.ascontiguousarray(scenery.darkness()[window.slices])
         picture = scenery.background()
-        self._holes.draw(picture, snapshot.table_angle_rad, rng, within)
+        self._holes.draw(picture, snapshot.table_angle_rad, rng, window)
         parts = bodies(self.layout, snapshot.base_from_wrist)
         tag_a = snapshot.base_from_tag("a", self.layout)
         points = tag_a.apply(plate_points(self.layout.tag_a.size_mm, n=7))
         eye = self.layout.base_from_camera.translation
         in_front = [hides(body, points, eye) for body in parts]
         tag_b = snapshot.base_from_tag("b", self.layout)
-        self._draw_tag(picture, self.layout.tag_b, tag_b, rng, within)
+        self._draw_tag(picture, self.layout.tag_b, tag_b, rng, window)
         background = [body for body, front in zip(parts, in_front, strict=True) if not front]
         scenery.draw_bodies(picture, background, rng)
-        self._draw_tag(picture, self.layout.tag_a, tag_a, rng, within)
+        self._draw_tag(picture, self.layout.tag_a, tag_a, rng, window)
         foreground = [body for body, front in zip(parts, in_front, strict=True) if front]
         scenery.draw_bodies(picture, foreground, rng)
         for name in TAG_NAMES:
             if name in snapshot.covered:
                 scenery.draw_hand(picture, snapshot.base_from_tag(name, self.layout), rng)
-        return np.ascontiguousarray(picture[within.slices])
+        return np.ascontiguousarray(picture[window.slices])
 
     def _draw_tag(
         self,
@@ -90,7 +90,7 @@ class Renderer:
         tag: TagSpec,
         base_from_tag: Pose,
         rng: np.random.Generator,
-        within: PixelRegion,
+        window: PixelRegion,
     ) -> None:
         camera_from_tag = self._camera_from_base.compose(base_from_tag)
         toward_camera = camera_from_tag.rotation[:, 2] @ camera_from_tag.translation
@@ -99,7 +99,7 @@ class Renderer:
         optics = self.layout.optics
         outline = optics.project(camera_from_tag.apply(_plate_outline(tag)))
         region = region_around(outline, optics.size_px, 10)
-        if region is None or not region.meets(within):
+        if region is None or not region.meets(window):
             return
         blur = Blur(optics.blur_px(float(camera_from_tag.translation[2])))
         printed = tag_pattern(tag).with_ink_spread(self.layout.ink_mm)

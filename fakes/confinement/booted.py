@@ -48,10 +48,10 @@ _SET_PDEATHSIG: Final = 1  # PR_SET_PDEATHSIG of sys/prctl.h
 _NOT_ALLOWED: Final = (errno.EPERM, errno.EACCES, errno.EROFS, errno.ENODEV, errno.ENOSYS)
 
 
-def _call(answer: int, what: str) -> None:
+def _call(answer: int, step: str) -> None:
     if answer < 0:
         number = ctypes.get_errno()
-        raise OSError(number, f"{what}: {os.strerror(number)}")
+        raise OSError(number, f"{step}: {os.strerror(number)}")
 
 
 def _mount(

@@ -29,8 +29,8 @@ def visible(*more: Path) -> list[str]:
 def take_folders_from_unit(cell_file: Path) -> None:
     """Make a cell file leave its folders to the unit, as it does under systemd."""
     lines = cell_file.read_text(encoding="utf-8").splitlines()
-    others = [line for line in lines if not line.startswith(("state_dir", "runtime_dir"))]
-    cell_file.write_text("\n".join(others) + "\n", encoding="utf-8")
+    directives = [line for line in lines if not line.startswith(("state_dir", "runtime_dir"))]
+    cell_file.write_text("\n".join(directives) + "\n", encoding="utf-8")
 
 
 class ConfinedDaemon(Daemon):

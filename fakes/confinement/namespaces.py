@@ -79,10 +79,10 @@ _CAPBSET_DROP, _SET_DUMPABLE, _SET_NO_NEW_PRIVS = 24, 4, 38  # PR_* of sys/prctl
 _libc = ctypes.CDLL(None, use_errno=True)
 
 
-def _call(answer: int, what: str) -> None:
+def _call(answer: int, step: str) -> None:
     if answer < 0:
         number = ctypes.get_errno()
-        raise OSError(number, f"{what}: {os.strerror(number)}")
+        raise OSError(number, f"{step}: {os.strerror(number)}")
 
 
 def _mount(source: str, target: str, kind: str, flags: int, options: str = "") -> None:

@@ -97,9 +97,9 @@ class Filter:
         self._check(self._library.seccomp_load(self._context), "load")
 
     @staticmethod
-    def _check(answer: int, what: str) -> None:
+    def _check(answer: int, step: str) -> None:
         if answer < 0:
-            raise OSError(-answer, f"libseccomp: {what}")
+            raise OSError(-answer, f"libseccomp: {step}")
 
 
 def filters(directives: Directives) -> Sequence[Filter]:

@@ -67,16 +67,16 @@ class ModbusRobotServer:
 
     def _space(self) -> tuple[list[SimData], list[SimData], list[SimData], list[SimData]]:
         """Coils, discrete inputs, holding and input registers: the profile's, and one unused."""
-        used = [
+        profile_blocks = [
             SimData(block.address, values=[0] * block.count, datatype=DataType.REGISTERS)
             for block in self._profile.blocks
         ]
         bits = [SimData(0, values=[False], datatype=DataType.BITS)]
-        unused = [SimData(65535, values=[0], datatype=DataType.REGISTERS)]
+        spare_block = [SimData(65535, values=[0], datatype=DataType.REGISTERS)]
         return (
-            (bits, bits, used, unused)
+            (bits, bits, profile_blocks, spare_block)
             if self._profile.function == 3
-            else (bits, bits, unused, used)
+            else (bits, bits, spare_block, profile_blocks)
         )
 
     async def _show(

@@ -106,12 +106,12 @@ class Report:
         }
         path.write_text(json.dumps({"good": self.good, "misses_mm": figures}), encoding="utf-8")
 
-    def _judge(self, what: str, value: float, bar: float) -> None:
+    def _judge(self, title: str, value: float, bar: float) -> None:
         good = value <= bar
         self.good &= good
         word = "reached" if good else "MISSED"
         self.console.print(
-            f"{what}: {value:.3f}, at most {bar:g}: {word}", style=None if good else "bold red"
+            f"{title}: {value:.3f}, at most {bar:g}: {word}", style=None if good else "bold red"
         )
 
     @staticmethod

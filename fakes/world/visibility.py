@@ -68,8 +68,8 @@ def hides(body: Body, points_in_base: Array, eye_in_base: Array) -> bool:
     centres, radii = body.spheres()
     way = eye_in_base - points_in_base
     to_centre = centres[None] - points_in_base[:, None]
-    along = np.einsum("pbk,pk->pb", to_centre, way) / (way**2).sum(1)[:, None]
-    nearest = points_in_base[:, None] + np.clip(along, 0, 1)[..., None] * way[:, None]
+    share = np.einsum("pbk,pk->pb", to_centre, way) / (way**2).sum(1)[:, None]
+    nearest = points_in_base[:, None] + np.clip(share, 0, 1)[..., None] * way[:, None]
     gap = np.linalg.norm(centres[None] - nearest, axis=2) - radii
     return bool((gap < 0).any())
 

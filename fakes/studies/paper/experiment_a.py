@@ -77,7 +77,7 @@ def _figures(trials: Trials) -> list[Figure]:
     room = {"tilts": "the hole limits"}
     means = {name: trials.mean(f"{name}_mm", **room) for name in _PAPER}
     wins = trials.values("universal_mm", **room) < trials.values("conventional_mm", **room)
-    same = [trials.mean(f"{name}_mm", tilts="the same") for name in _PAPER]
+    same_tilt = [trials.mean(f"{name}_mm", tilts="the same") for name in _PAPER]
     return [
         *(Figure(f"mean error, {k}", means[k], "mm", paper=f"{v}") for k, v in _PAPER.items()),
         Figure(
@@ -89,7 +89,7 @@ def _figures(trials: Trials) -> list[Figure]:
             "0.81",
         ),
         Figure("experiments won by the universal method", float(wins.mean()), "", at_least=0.75),
-        Figure("universal / conventional, same tilts", same[1] / same[0]),
+        Figure("universal / conventional, same tilts", same_tilt[1] / same_tilt[0]),
     ]
 
 

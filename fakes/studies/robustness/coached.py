@@ -171,24 +171,28 @@ def _square_floor(
     return float(np.mean(squares))
 
 
-def _rms(trials: Trials, name: str, teacher: str, what: str) -> float:
-    return float(np.sqrt(trials.mean(f"{teacher}, {what}", session=name)))
+def _rms(trials: Trials, name: str, teacher: str, quantity: str) -> float:
+    return float(np.sqrt(trials.mean(f"{teacher}, {quantity}", session=name)))
 
 
 def _figures(trials: Trials) -> list[Figure]:
     figures = []
     for name, session in _SESSIONS.items():
-        for what, bar in _BARS.items():
-            ratio = _rms(trials, name, "coached", what) / _rms(trials, name, "random", what)
+        for quantity, bar in _BARS.items():
+            ratio = _rms(trials, name, "coached", quantity) / _rms(
+                trials, name, "random", quantity
+            )
             at_most = bar if session.bars else None
             figures.append(
-                Figure(f"{name}: {what} rms, coached / random", ratio, "", None, at_most)
+                Figure(f"{name}: {quantity} rms, coached / random", ratio, "", None, at_most)
             )
         floor = _rms(trials, name, "coached", "floor") / _rms(trials, name, "random", "EC")
         figures.append(Figure(f"{name}: EC rms if the TCP were known / random", floor))
         figures += [
-            Figure(f"{name}: {what} rms, {teacher}", _rms(trials, name, teacher, what), "mm")
-            for what in _BARS
+            Figure(
+                f"{name}: {quantity} rms, {teacher}", _rms(trials, name, teacher, quantity), "mm"
+            )
+            for quantity in _BARS
             for teacher in _TEACHERS
         ]
     return figures
@@ -202,13 +206,13 @@ def _draw(trials: Trials) -> "Drawing":
         ("rms miss where any orientation is requested, mm", ""),
     )
     places = np.arange(len(_SESSIONS))
-    for axes, what in zip(all_axes, _BARS, strict=True):
+    for axes, quantity in zip(all_axes, _BARS, strict=True):
         for color, teacher, shift in zip(COLORS, _TEACHERS, (-0.19, 0.19), strict=False):
-            values = [_rms(trials, name, teacher, what) for name in _SESSIONS]
+            values = [_rms(trials, name, teacher, quantity) for name in _SESSIONS]
             axes.barh(places + shift, values, 0.36, color=color, label=teacher)
             for place, value in zip(places + shift, values, strict=True):
                 axes.text(value, place, f" {value:.2f}", va="center", fontsize=8)
-        axes.set_yticks(places, _SESSIONS if what == "TCP" else [""] * len(places))
+        axes.set_yticks(places, _SESSIONS if quantity == "TCP" else [""] * len(places))
         axes.invert_yaxis()
         axes.margins(x=0.12)
         axes.grid(visible=False, axis="y")
