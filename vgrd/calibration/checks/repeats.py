@@ -20,12 +20,12 @@ def repeated_poses(recording: Recording) -> Iterator[Finding]:
     for i, k in enumerate(first):
         if i == k:
             continue
-        moved = _MOVED.is_between(
+        is_stale = _MOVED.is_between(
             samples[i].camera_from_target,
             samples[k].camera_from_target,
             samples[i].covariance + samples[k].covariance,
         )
-        (stale if moved else twice).append((samples[k].name, samples[i].name))
+        (stale if is_stale else twice).append((samples[k].name, samples[i].name))
     if stale:
         yield finding(
             "pose_not_read_again",
@@ -46,10 +46,10 @@ def _repeated_touches(recording: Recording) -> Iterator[Finding]:
         t for t in recording.touches if t.observation is None or t.observation.tag_a is None
     ]
     first = first_of_same([touch.base_from_wrist for touch in touches])
-    same = [(touches[k].target, touches[i].target) for i, k in enumerate(first) if i != k]
-    if same:
+    pairs = [(touches[k].target, touches[i].target) for i, k in enumerate(first) if i != k]
+    if pairs:
         yield finding(
-            "pose_repeated", f"one robot pose was recorded for two touches, {_pairs(same)}"
+            "pose_repeated", f"one robot pose was recorded for two touches, {_pairs(pairs)}"
         )
 
 

@@ -53,8 +53,8 @@ def open_translations(
     return _signed(null_space)
 
 
-def _open(rank: int, what: str) -> NotObservable:
-    message = f"hand-eye: the robot poses determine {rank} of 12 unknowns and {what}"
+def _open(rank: int, consequence: str) -> NotObservable:
+    message = f"hand-eye: the robot poses determine {rank} of 12 unknowns and {consequence}"
     return NotObservable(message, rank=rank, unknowns=12)
 
 

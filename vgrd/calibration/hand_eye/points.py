@@ -114,8 +114,8 @@ def _start(problem: PointHandEyeProblem, places: Sequence[FeaturePlace]) -> Hand
         refines_camera=problem.refine_intrinsics,
         refines_scale=problem.estimate_scale,
         points=points,
-        near=points,
-        near_sigma_mm=np.array([place.sigma_mm for place in places]),
+        prior_points=points,
+        prior_sigma_mm=np.array([place.sigma_mm for place in places]),
     )
     if problem.start is None:
         return blank

@@ -20,7 +20,7 @@ class HandEye:
     """State of the estimate: X, Y, and what the points problem refines beside them.
 
     certificate: of the start, None where it was given. points: (k, 3) of the target, mm, that are
-    not known exactly; near (k, 3), near_sigma_mm (k,): what is known of them.
+    not known exactly; prior_points (k, 3), prior_sigma_mm (k,): what is known of them.
     """
 
     X: Pose = field(default_factory=Pose.identity)
@@ -32,8 +32,8 @@ class HandEye:
     is_blank: bool = True
     certificate: Certificate | None = None
     points: Array = field(default_factory=lambda: np.zeros((0, 3)))
-    near: Array = field(default_factory=lambda: np.zeros((0, 3)))
-    near_sigma_mm: Array = field(default_factory=lambda: np.zeros(0))
+    prior_points: Array = field(default_factory=lambda: np.zeros((0, 3)))
+    prior_sigma_mm: Array = field(default_factory=lambda: np.zeros(0))
 
     @property
     def extra(self) -> int:
@@ -63,10 +63,10 @@ class HandEye:
 
     def anchors(self) -> tuple[Array, Array]:
         """What is known of the points: residuals (3 k,), derivatives (3 k, 12 + extra)."""
-        weights = np.repeat(1 / self.near_sigma_mm, 3)
+        weights = np.repeat(1 / self.prior_sigma_mm, 3)
         J = np.zeros((self.points.size, 12 + self.extra))
         J[:, self.point_columns] = np.diag(weights)
-        return (self.points - self.near).ravel() * weights, J
+        return (self.points - self.prior_points).ravel() * weights, J
 
 
 def _moved_intrinsics(values: Array, step: Array) -> Array:

@@ -167,12 +167,14 @@ class Holes:
 
     def weighted(self, weights: Array, spins: Array) -> "Holes":
         """Variances divided by weights (h,), 0 leaves one out; spins (s,): which are left."""
-        used = weights > 0
+        chosen = weights > 0
         renumbered = np.where(
             self.spin >= 0, np.append(np.cumsum(spins > 0) - 1, 0)[self.spin], -1
         )
-        sigma_px = self.sigma_px[used] / np.sqrt(weights[used])
-        return Holes(self.cad[used], renumbered[used], self.pixels[used], sigma_px, self.camera)
+        sigma_px = self.sigma_px[chosen] / np.sqrt(weights[chosen])
+        return Holes(
+            self.cad[chosen], renumbered[chosen], self.pixels[chosen], sigma_px, self.camera
+        )
 
 
 @dataclass(frozen=True, slots=True, eq=False)

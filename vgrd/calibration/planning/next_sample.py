@@ -99,22 +99,22 @@ def rank_samples(
     usual = cache(partial(usual_wrist, result.recording))
     advice = []
     for i in order:
-        what = in_words(result, candidates[i], usual)
+        task = in_words(result, candidates[i], usual)
         flange = flange_of(result, candidates[i])
-        words = _with_error(what, before_mm, errors[i])
+        words = _with_error(task, before_mm, errors[i])
         advice.append(Advice(candidates[i], flange, before_mm, float(errors[i]), words))
     return tuple(advice)
 
 
 def without_pose(result: JointFit, advice: Advice) -> Advice:
     """The same in words alone: no place to drive to."""
-    what = in_words(result, advice.candidate, names_place=False)
-    sentence = _with_error(what, advice.before_mm, advice.after_mm)
+    task = in_words(result, advice.candidate, names_place=False)
+    sentence = _with_error(task, advice.before_mm, advice.after_mm)
     return replace(advice, base_from_wrist=None, sentence=sentence)
 
 
-def _with_error(what: str, before_mm: float, after_mm: float) -> str:
-    return f"{what}: 95 % error {before_mm:.3f} -> {after_mm:.3f} mm"
+def _with_error(task: str, before_mm: float, after_mm: float) -> str:
+    return f"{task}: 95 % error {before_mm:.3f} -> {after_mm:.3f} mm"
 
 
 def plan_touches(

@@ -143,12 +143,12 @@ def _pivot_disagrees(evidence: StepwiseEvidence, center: RotationCenter) -> list
 
 
 def _residuals(evidence: StepwiseEvidence) -> dict[str, float]:
-    used = [sample for sample in evidence.hand_eye.samples if sample.used]
+    inliers = [sample for sample in evidence.hand_eye.samples if sample.used]
     residuals = {
         "touch_rms_mm": rms(np.linalg.norm(evidence.taught.residuals_mm, axis=1)),
         "touch_worst_sigma": float(evidence.taught.scores.max()),
-        "hand_eye_rms_mm": rms([sample.mm for sample in used]),
-        "hand_eye_rms_deg": rms([sample.deg for sample in used]),
+        "hand_eye_rms_mm": rms([sample.mm for sample in inliers]),
+        "hand_eye_rms_deg": rms([sample.deg for sample in inliers]),
         "hand_eye_noise_scale": evidence.hand_eye.noise_scale,
         "reference_scatter_mm": evidence.reference.scatter_mm,
     }

@@ -84,23 +84,23 @@ def surface_result(
     )
 
 
-def check_touches(weights: Array, needed: int, what: str) -> None:
+def check_touches(weights: Array, needed: int, surface: str) -> None:
     """Raise TooFewObservations when fewer touches than needed have a weight."""
     count = int(np.sum(weights > 0))
     if count < needed:
-        raise TooFewObservations(f"{what}: at least {needed} touches are needed, got {count}")
+        raise TooFewObservations(f"{surface}: at least {needed} touches are needed, got {count}")
 
 
-def check_turns(touches: TouchSet, unknowns: int, what: str) -> None:
+def check_turns(touches: TouchSet, unknowns: int, surface: str) -> None:
     """Raise NotObservable unless the wrist turned about two axes: else the TCP slides with the surface."""
     null_dimension = 6 - observability(fixed_point_rows(touches), np.ones(6), TOLERANCE).rank
     if null_dimension:
         _refuse(
-            what, unknowns - null_dimension, unknowns, missing_rotation(list(touches.rotations))
+            surface, unknowns - null_dimension, unknowns, missing_rotation(list(touches.rotations))
         )
 
 
-def check_rank(jacobian: Array, what: str, remedy: str, noise: Array | None = None) -> None:
+def check_rank(jacobian: Array, surface: str, remedy: str, noise: Array | None = None) -> None:
     """Raise NotObservable with the remedy unless all columns (m, n) are independent.
 
     noise: (n,) mm, as of `observability`.
@@ -108,10 +108,10 @@ def check_rank(jacobian: Array, what: str, remedy: str, noise: Array | None = No
     unknowns = jacobian.shape[1]
     rank = observability(jacobian, np.ones(unknowns), TOLERANCE, noise).rank
     if rank < unknowns:
-        _refuse(what, rank, unknowns, remedy)
+        _refuse(surface, rank, unknowns, remedy)
 
 
-def check_one_minimum(fit: SurfaceResult[SurfaceT], what: str, remedy: str) -> None:
+def check_one_minimum(fit: SurfaceResult[SurfaceT], surface: str, remedy: str) -> None:
     """Raise NotObservable where a rival that chance explains as well has its TCP elsewhere.
 
     Bad touches have to be left out before: with them the wrong minimum may be the lowest.
@@ -124,7 +124,7 @@ def check_one_minimum(fit: SurfaceResult[SurfaceT], what: str, remedy: str) -> N
         as_likely = 2 * cost - squares < _BY_CHANCE * scale
         if as_likely and apart > _APART_SIGMA and np.linalg.norm(offset) > _APART_MM:
             raise NotObservable(
-                f"{what}: two TCPs, {np.linalg.norm(offset):.1f} mm apart, explain the touches equally "
+                f"{surface}: two TCPs, {np.linalg.norm(offset):.1f} mm apart, explain the touches equally "
                 f"well: {remedy}",
                 rank=fit.unknowns - 1,
                 unknowns=fit.unknowns,
@@ -140,9 +140,9 @@ def tip_sigma_mm(touches: TouchSet) -> float:
     return float(np.sqrt(1 / np.mean(1 / squares[squares > 0])))
 
 
-def _refuse(what: str, rank: int, unknowns: int, remedy: str) -> None:
+def _refuse(surface: str, rank: int, unknowns: int, remedy: str) -> None:
     raise NotObservable(
-        f"{what}: {rank} of {unknowns} unknowns are determined: {remedy}",
+        f"{surface}: {rank} of {unknowns} unknowns are determined: {remedy}",
         rank=rank,
         unknowns=unknowns,
     )

@@ -120,8 +120,8 @@ class DatasetSolution:
         """Rows (what, value with unit) for a table on a terminal."""
         loo = self.leave_one_out
         count = sum(not math.isnan(sample.mm) for sample in self.samples)
-        used = sum(sample.used for sample in self.samples)
-        rows = [("samples", f"{used} of {len(self.samples)} used")]
+        inlier_count = sum(sample.used for sample in self.samples)
+        rows = [("samples", f"{inlier_count} of {len(self.samples)} used")]
         for name, pose in self.transforms().items():
             x, y, z = pose.translation
             rx, ry, rz = (math.degrees(angle) for angle in pose.rotvec())

@@ -239,10 +239,10 @@ def _observation(
 
 def _edges_of(view: PlaneView, rim: Rim) -> Array:
     """Pixels (n, 2) of the edges of the sectors that belong to the circle."""
-    used = rim.weights > 0
-    angles = turn_angles(len(used))[used]
+    inliers = rim.weights > 0
+    angles = turn_angles(len(inliers))[inliers]
     outline = Outline.of(view, rim.circle)
-    edges = outline.at(angles) + rim.offsets_px[used] * outline.normals(angles)
+    edges = outline.at(angles) + rim.offsets_px[inliers] * outline.normals(angles)
     return np.column_stack([edges.real, edges.imag])
 
 

@@ -229,10 +229,10 @@ def _solve_sectors(columns: Array, band: _Band, weights: Array, count: int) -> t
 
 def _rim(band: _Band, edges: _Edges, circle: Circle, blur: float) -> tuple[Rim, float]:
     """Robust circle through the edges, and the largest motion of the rim, px."""
-    used = edges.has_edge
-    J = band.slopes[used] / edges.sigmas[used, None]
-    r = edges.offsets[used] / edges.sigmas[used]
-    step = _least_absolute(band.slopes[used], edges.offsets[used])
+    has_edge = edges.has_edge
+    J = band.slopes[has_edge] / edges.sigmas[has_edge, None]
+    r = edges.offsets[has_edge] / edges.sigmas[has_edge]
+    step = _least_absolute(band.slopes[has_edge], edges.offsets[has_edge])
     biweight = np.ones(len(r))
     for _ in range(_REWEIGHTINGS):
         residual = r - J @ step
@@ -241,8 +241,8 @@ def _rim(band: _Band, edges: _Edges, circle: Circle, blur: float) -> tuple[Rim, 
         root = np.sqrt(biweight)[:, None]
         step = np.asarray(np.linalg.lstsq(J * root, r * root[:, 0], rcond=None)[0], np.float64)
     chi2 = float((biweight * (r - J @ step) ** 2).sum() / max(biweight.sum() - 3, 1))
-    weights = np.zeros(len(used))
-    weights[used] = biweight
+    weights = np.zeros(len(has_edge))
+    weights[has_edge] = biweight
     rim = Rim(
         circle=Circle(circle.centre + step[:2], circle.radius + float(step[2])),
         covariance=np.asarray(

@@ -30,11 +30,11 @@ def from_points(points: Array, images: Array) -> Array:
     centre, size = points.mean(0), float(np.abs(points - points.mean(0)).max())
     there, extent = images.mean(0), float(np.abs(images - images.mean(0)).max())
     (x, y), (u, v) = ((points - centre) / size).T, ((images - there) / extent).T
-    zero, one = np.zeros(4), np.ones(4)
+    zeros, ones = np.zeros(4), np.ones(4)
     A = np.vstack(
         [
-            np.stack([x, y, one, zero, zero, zero, -u * x, -u * y], -1),
-            np.stack([zero, zero, zero, x, y, one, -v * x, -v * y], -1),
+            np.stack([x, y, ones, zeros, zeros, zeros, -u * x, -u * y], -1),
+            np.stack([zeros, zeros, zeros, x, y, ones, -v * x, -v * y], -1),
         ]
     )
     h = np.linalg.solve(A, np.concatenate([u, v]))

@@ -234,14 +234,14 @@ def _whole(value: object) -> tuple[int, int]:
     return int(numbers[0]), int(numbers[1])
 
 
-def _values(value: object, what: str) -> Array:
+def _values(value: object, key: str) -> Array:
     data = value.get("data") if isinstance(value, Mapping) else value
     try:
         numbers = np.array(data, dtype=np.float64)
     except (TypeError, ValueError) as error:
-        raise InputError(f"{what} {data!r}: numbers are needed") from error
+        raise InputError(f"{key} {data!r}: numbers are needed") from error
     if not np.isfinite(numbers).all():
-        raise InputError(f"{what} {data!r}: finite numbers are needed")
+        raise InputError(f"{key} {data!r}: finite numbers are needed")
     return numbers
 
 

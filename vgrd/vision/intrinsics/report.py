@@ -35,8 +35,8 @@ def report_json(result: IntrinsicsResult, unusable: Mapping[str, str]) -> dict[s
 
 def improvements(result: IntrinsicsResult) -> list[Finding]:
     """What the operator could do better, most important first."""
-    used = [report for report in result.reports if report.used]
-    tilted = sum((report.tilt_deg or 0) > _TILTED_DEG for report in used)
+    inliers = [report for report in result.reports if report.used]
+    tilted = sum((report.tilt_deg or 0) > _TILTED_DEG for report in inliers)
     empty = float(np.mean(coverage(result.views, result.camera.size_px) == 0))
     findings = []
     if tilted < _LEAST_TILTED:
@@ -46,8 +46,8 @@ def improvements(result: IntrinsicsResult) -> list[Finding]:
                 f"only {tilted} pictures show the board tilted by more than 15 degrees: tilt it",
             )
         )
-    if len(used) < _FEW_PICTURES:
-        findings.append(Finding("few_pictures", f"{len(used)} pictures used: 20 are good"))
+    if len(inliers) < _FEW_PICTURES:
+        findings.append(Finding("few_pictures", f"{len(inliers)} pictures used: 20 are good"))
     if empty > _EMPTY_SHARE:
         findings.append(
             Finding(

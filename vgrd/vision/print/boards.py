@@ -278,7 +278,7 @@ def _aruco_corners(image: Grey, target: SingleTag) -> Array:
 
 def _check_one(count: int, target: SingleTag, ids: list[int]) -> None:
     if count == 0:
-        others = f"; other ids seen: {ids}" if ids else ""
-        raise TagNotSeen(f"tag {target.id} of {target.dictionary} is not in the picture{others}")
+        hint = f"; other ids seen: {ids}" if ids else ""
+        raise TagNotSeen(f"tag {target.id} of {target.dictionary} is not in the picture{hint}")
     if count > 1:
         raise TagNotSeen(f"tag {target.id} of {target.dictionary} is in the picture {count} times")

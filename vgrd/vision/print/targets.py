@@ -216,25 +216,25 @@ def _label(target: Printable) -> tuple[str, str, str]:
     match target:
         case SingleTag():
             kind = "AprilTag" if target.dictionary in APRILTAG_FAMILIES else "ArUco"
-            what = f"{kind} {target.dictionary}, id {target.id}, {target.size_mm:g} mm"
+            title = f"{kind} {target.dictionary}, id {target.id}, {target.size_mm:g} mm"
             measured = "Measured edge of the black square: size_mm = ________"
-            where = "Key size_mm of [tags.a] or [tags.b] in the cell file. This side up."
+            usage = "Key size_mm of [tags.a] or [tags.b] in the cell file. This side up."
         case TagGrid():
             last = target.first_id + target.columns * target.rows - 1
-            what = (
+            title = (
                 f"{target.columns} x {target.rows} tags {target.dictionary}, ids {target.first_id} "
                 f"to {last}, {target.size_mm:g} mm, gap {target.gap_mm:g} mm"
             )
             measured = "Measured: size_mm = ________  gap_mm = ________"
-            where = "Keys size_mm and gap_mm of [target] in a board file. This side up."
+            usage = "Keys size_mm and gap_mm of [target] in a board file. This side up."
         case Charuco():
-            what = (
+            title = (
                 f"ChArUco {target.columns} x {target.rows} squares, {target.dictionary}, "
                 f"{target.square_mm:g} mm, markers {target.marker_mm:g} mm"
             )
             measured = "Measured over all squares: square_mm = ________  marker_mm = ________"
-            where = "Keys square_mm and marker_mm of [target] in a board file or DATASET.toml."
-    return what, measured, where
+            usage = "Keys square_mm and marker_mm of [target] in a board file or DATASET.toml."
+    return title, measured, usage
 
 
 def _scale_bar(y_mm: float, page_width_mm: float) -> tuple[list[SheetRaster], list[Text]]:
