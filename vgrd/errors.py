@@ -108,6 +108,14 @@ class TooOld(ObservationError):
     """The observation is older than allowed."""
 
 
+class Contradiction(ObservationError):
+    """A picture contradicts the calibration beyond chance: something moved. `links` names what, as words."""
+
+    def __init__(self, message: str, links: Sequence[str]) -> None:
+        self.links = tuple(links)
+        super().__init__(message)
+
+
 class CalibrationError(VgrdError):
     """The data cannot give what was asked for."""
 

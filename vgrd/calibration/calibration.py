@@ -5,13 +5,17 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from vgrd.calibration.contradiction import contradiction_of
 from vgrd.calibration.joint import JointSolution
 from vgrd.calibration.stepwise import SpecialSolution, UniversalSolution
 from vgrd.errors import InputError
 from vgrd.geometry import Array, Pose
 from vgrd.model import (
+    UNMOVED,
+    CameraPlace,
     CellFacts,
     ExpectedCoordinate,
+    Motion,
     Policy,
     TagObservation,
     TaughtPoint,
@@ -71,21 +75,28 @@ def expected_coordinate(
     camera_from_tag_b: TagObservation,
     policy: Policy,
     base_from_work: Array | None = None,
+    camera: CameraPlace = UNMOVED,
 ) -> ExpectedCoordinate:
     """Flange pose at which the work tip meets the target in the picture given.
 
     policy fixed: the wrist stays at the taught orientation; follow: it turns with the object;
     requested: it stands as base_from_work says. base_from_work: (3, 3), for the other policies
-    another orientation for the object as it was taught. Raises InputError for an unknown target and
-    for what the calibration cannot serve, NotObservable for what it does not know, naming the remedy.
+    another orientation for the object as it was taught. camera: where it may stand, and tag A in the
+    picture. Raises InputError for an unknown target and for what the calibration cannot serve,
+    NotObservable for what it does not know, TagNotSeen where nothing tells where the camera stands,
+    Contradiction where something moved that an object with this motion cannot explain.
     """
     taught = _taught(calibration, target_name)
     if policy is Policy.REQUESTED and base_from_work is None:
         raise InputError("policy 'requested' needs the orientation in which the wrist will stand")
     R_work = taught.base_from_work if base_from_work is None else np.asarray(base_from_work)
-    return calibration.solution.expected(
-        calibration.facts, taught, camera_from_tag_b, policy, R_work
+    facts = calibration.facts
+    expected = calibration.solution.expected(
+        facts, taught, camera_from_tag_b, policy, R_work, camera
     )
+    if not expected.fits and facts.object.motion is not Motion.FREE:
+        raise contradiction_of(calibration.solution.examine(facts, camera_from_tag_b, camera))
+    return expected
 
 
 def _taught(calibration: Calibration, target_name: str) -> TaughtPoint:

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from vgrd.calibration.calibration import Calibration, expected_coordinate
-from vgrd.errors import InputError, NotObservable
+from vgrd.errors import Contradiction, InputError, NotObservable
 from vgrd.geometry import Array
 from vgrd.geometry.chi2 import chi2_quantile
 from vgrd.judging.findings import finding
@@ -51,6 +51,8 @@ def _judged(
         )
     except (InputError, NotObservable) as fault:
         return finding("verification_unusable", f"{name}: {fault}"), None
+    except Contradiction as fault:
+        return finding("verification_failed", f"{name}: {fault}", fatal=True), None
     miss_vector = directions @ _off(calibration, touch, expected)
     miss = float(np.linalg.norm(miss_vector))
     covariance = directions @ expected.position_covariance @ directions.T

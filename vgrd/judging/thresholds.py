@@ -13,6 +13,10 @@ PICTURE_SIGMA = 4.5  # of a picture: many, and their noise is known; 1 in 150,00
 HOLE_SIGMA = 5.0  # of a hole's sighting: dozens in every session
 SPIN_SIGMA = 5.0  # of a spin off the common axis
 SPIN_MM = 0.2  # a slip below it is the noise of a tag on a rough day
+FITS_MODEL = (
+    0.9999  # of pictures of an object that moved as it can: one in 10,000 is taken for another
+)
+CAMERA_STANDS = 0.99  # one picture in 100 of a camera that stands loses the help of its stability
 CHANCE = 1e-3  # share of good files whose scatter is larger
 
 # Samples that belong to no common set-up, whatever the noise.
@@ -28,6 +32,7 @@ WEAK_TCP_MM = 5.0  # 95 % radius of a TCP
 UNKNOWN_MM = 1000.0  # sigma of a place of which nothing is known: larger than any cell's need
 
 # Motion.
+CENTER_MM = 0.2  # 1 sigma per axis of a turntable's centre in CAD: a guess, a dowel in its hole
 NO_ROTATION_RAD = np.radians(0.5)  # rms: a wrist that was meant to stay turned no more than this
 SAME_ORIENTATION_RAD = np.radians(0.05)  # 0.1 mm at a tool of 120 mm
 REACH_MM = 500.0  # from base to flange: what turns an error of the arm in mm into one in rad

@@ -14,14 +14,20 @@ from vgrd.model.calibration import (
     Verdict,
 )
 from vgrd.model.cell import CellFacts, Motion, Mount, ObjectSpec, TagSpec, Target, Tool
+from vgrd.model.links import UNMOVED, CameraPlace, FlangeTag, Link, LinkReport
 from vgrd.model.session import Observation, Plan, Recording, TagObservation, Touch
 
 __all__ = [
+    "UNMOVED",
     "ArmKnowledge",
     "ArmModel",
+    "CameraPlace",
     "CellFacts",
     "ExpectedCoordinate",
     "Finding",
+    "FlangeTag",
+    "Link",
+    "LinkReport",
     "Motion",
     "Mount",
     "ObjectSpec",

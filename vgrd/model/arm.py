@@ -87,12 +87,18 @@ class ArmKnowledge:
 
     def deviation(self, flange: Array) -> tuple[Array, Array, Array]:
         """Most likely deviation (6,) at a flange position (3,), derivative (6, n), covariance (6, 6)."""
+        return self.deviations(flange[None])
+
+    def deviations(self, flanges: Array) -> tuple[Array, Array, Array]:
+        """The same of p stands at flange positions (p, 3): (6 p,), (6 p, n), (6 p, 6 p)."""
         squares = self.model.scales() ** 2
-        here = np.diag(self.model.variances())
-        near = self.model.field(flange[None], self.flange_at)
+        one = np.diag(self.model.variances() - self.model.field_mm**2 * squares)
+        here = np.kron(np.eye(len(flanges)), one)
+        here += np.kron(self.model.field(flanges, flanges), np.diag(squares))
+        near = self.model.field(flanges, self.flange_at)
         shared = np.kron(near, np.diag(squares))
         return (
             -shared @ self.score,
             -shared @ self.J_unknowns,
-            here - shared @ self.information @ shared.T,
+            np.asarray(here - shared @ self.information @ shared.T),
         )

@@ -60,10 +60,14 @@ class TcpEstimate:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ExpectedCoordinate:
-    """Where the flange must go: the product. u95: 95 % radius, mm and rad."""
+    """Where the flange must go: the product. u95: 95 % radius, mm and rad.
+
+    fits: the picture is as the calibration predicts; else it shows that something moved.
+    """
 
     target: Target
     base_from_wrist: Pose
     position_covariance: Array
     u95_mm: float
     u95_rad: float
+    fits: bool = True

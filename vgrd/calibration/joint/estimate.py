@@ -12,16 +12,17 @@ import numpy as np
 
 from vgrd.calibration.joint.camera_corrections import PriorSigmas
 from vgrd.calibration.joint.fit import JointFit, fit_at, fit_joint
-from vgrd.calibration.joint.height import near_tag_plane
 from vgrd.calibration.joint.problem import EvidenceKind, HolePixel, JointData, Turntable
 from vgrd.calibration.joint.robust import screen
-from vgrd.calibration.joint.rows import predicted_tag_a
+from vgrd.calibration.joint.rows import left_jacobian, predicted_tag_a
 from vgrd.calibration.joint.samples import gather
-from vgrd.calibration.joint.state import JointState, guess, layout_of
+from vgrd.calibration.joint.state import JointState, StepLayout, guess, layout_of
 from vgrd.geometry import Array, log_rotation
 from vgrd.geometry.covariance import rms
 from vgrd.geometry.least_squares import Convergence
 from vgrd.model import ArmModel, Recording
+
+HEIGHT_SIGMA_MM = 3.0  # targets and tag lie on one plate, give or take its thickness
 
 
 def calibrate_joint(
@@ -92,3 +93,23 @@ def residuals_of(fit: JointFit) -> dict[str, float]:
     residuals["hand_eye_rms_mm"] = rms(np.linalg.norm(t - tags.translations, axis=1))
     residuals["hand_eye_rms_deg"] = float(np.degrees(rms(np.linalg.norm(turns, axis=1))))
     return residuals
+
+
+def near_tag_plane(
+    state: JointState, layout: StepLayout, covariance: Array, points_in_object: Array
+) -> JointState:
+    """The state moved, within its covariance (n, n), so that points (m, 3) lie in tag B's plane.
+
+    The plane counts as known to HEIGHT_SIGMA_MM: next to nothing beside touches that tell the height.
+    """
+    in_base = state.base_from_object @ points_in_object
+    in_camera = state.base_from_camera.inverse() @ in_base
+    tag_b_from_camera = state.camera_from_tag_b.inverse()
+    down = tag_b_from_camera.rotation[2]
+    H = np.zeros((len(in_base), layout.size))
+    H[:, StepLayout.OBJECT] = (down @ state.base_from_camera.rotation.T) @ left_jacobian(in_base)
+    H[:, StepLayout.CAMERA] = -H[:, StepLayout.OBJECT]
+    H[:, StepLayout.TAG_B] = -down @ left_jacobian(in_camera)
+    spread = H @ covariance @ H.T + HEIGHT_SIGMA_MM**2 * np.eye(len(H))
+    heights = (tag_b_from_camera @ in_camera)[:, 2]
+    return state.retract(-covariance @ H.T @ np.linalg.solve(spread, heights), layout)

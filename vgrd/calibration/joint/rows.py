@@ -62,7 +62,7 @@ def arm_jacobian(state: JointState, data: JointData) -> Array:
     G = np.zeros((data.arm_rows, len(data.flange_at), 6))
     X_inv = state.base_from_camera.inverse()
     looks = data.looks
-    D = _tag_residuals(*predicted_tag_a(state, data), looks.tags)[1] @ X_inv.adjoint()
+    D = tag_residuals(*predicted_tag_a(state, data), looks.tags)[1] @ X_inv.adjoint()
     D[:, :, 3:] += D[:, :, :3] @ hat(looks.translations)
     _put(G, data.rows_of(EvidenceKind.HAND_EYE), D, looks.stations)
     for link, touches, stations in (
@@ -80,7 +80,7 @@ def _put(G: Array, rows: slice, blocks: Array, stations: Indices) -> None:
     part[np.arange(len(blocks)), :, stations] = blocks
 
 
-def _tag_residuals(R: Array, t: Array, tags: Tags) -> tuple[Array, Array, Array]:
+def tag_residuals(R: Array, t: Array, tags: Tags) -> tuple[Array, Array, Array]:
     """Whitened log(predicted measured^-1) (n, 6), derivative (n, 6, 6) by a left perturbation.
 
     And (n, 6, e) by the refined numbers, which move what was measured, its noise with it.
@@ -129,7 +129,7 @@ def _flat(r: Array, J: Array) -> tuple[Array, Array]:
 
 def _hand_eye(state: JointState, data: JointData, layout: StepLayout) -> tuple[Array, Array]:
     X_inv, looks = state.base_from_camera.inverse(), data.looks
-    r, D, E = _tag_residuals(*predicted_tag_a(state, data), looks.tags)
+    r, D, E = tag_residuals(*predicted_tag_a(state, data), looks.tags)
     D = D @ X_inv.adjoint()
     J = _rows(len(r), 6, layout)
     J[:, :, layout.refined_columns] = E
@@ -172,7 +172,7 @@ def left_jacobian(points: Array) -> Array:
 def _reference(state: JointState, data: JointData, layout: StepLayout) -> tuple[Array, Array]:
     tag_b, n = state.camera_from_tag_b, len(data.reference)
     R = np.broadcast_to(tag_b.rotation, (n, 3, 3))
-    r, D, E = _tag_residuals(R, np.broadcast_to(tag_b.translation, (n, 3)), data.reference)
+    r, D, E = tag_residuals(R, np.broadcast_to(tag_b.translation, (n, 3)), data.reference)
     J = _rows(n, 6, layout)
     J[:, :, layout.refined_columns] = E
     J[:, :, layout.TAG_B] = D
@@ -207,7 +207,7 @@ def moved_tag(
     """
     F = camera_from_tag_b
     t = motions.rotations @ F.translation + motions.translations
-    r, D, E = _tag_residuals(motions.rotations @ F.rotation, t, tags)
+    r, D, E = tag_residuals(motions.rotations @ F.rotation, t, tags)
     J = _rows(len(r), 6, layout)
     if tags.J_refined is not None:
         J[:, :, layout.refined_columns] = E

@@ -1,27 +1,41 @@
-"""The joint estimate as it is stored and served: expected coordinates for a camera that stands still.
+"""The joint estimate as it is stored and served: expected coordinates from one picture.
 
 A new picture counts as one spin more (Eq. 5 and 6 with the object's motion estimated along): it
-improves the unknowns a little, and only has to tell the turn of the object.
+improves the unknowns a little, and only has to tell the turn of the object. Where the camera may have
+moved since teaching, tag A in the picture tells where it stands (`picture`).
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
 
 from vgrd.calibration.joint.fit import unknown_in_words
-from vgrd.calibration.joint.problem import Tags
-from vgrd.calibration.joint.rows import ObjectMotions, left_jacobian, moved_tag, object_motions
-from vgrd.calibration.joint.state import StepLayout, table_motion_of
+from vgrd.calibration.joint.links import suspects
+from vgrd.calibration.joint.picture import (
+    ArmPrior,
+    CameraGuess,
+    Links,
+    Picture,
+    first_motion,
+    guess_camera,
+    weigh,
+)
+from vgrd.calibration.joint.rows import ObjectMotions, left_jacobian
+from vgrd.calibration.joint.state import StepLayout
 from vgrd.errors import NotObservable
 from vgrd.geometry import Array, Pose, hat
-from vgrd.geometry.chi2 import chi2_quantile
-from vgrd.geometry.covariance import radius95, sqrt_information
+from vgrd.geometry.covariance import radius95
 from vgrd.judging.thresholds import IRRELEVANT_MM
 from vgrd.model import (
+    UNMOVED,
     ArmKnowledge,
+    CameraPlace,
     CellFacts,
     ExpectedCoordinate,
+    LinkReport,
+    Motion,
     Policy,
     TagObservation,
     Target,
@@ -32,16 +46,17 @@ from vgrd.model import (
 )
 
 _EYE = np.eye(3)
-_FITS_MODEL = 0.9999  # a picture of a turntable is taken for one that left it once in 10,000
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Prediction:
     """A flange pose, position corrected by the arm's field, and the errors it consists of.
 
-    J_unknowns (3, n): by the joint estimate; J_picture (3, 6): by the tag's left tangent; J_arm
-    (3, 6): by the arm's deviation there; arm_covariance (6, 6): of what is left of that. J_turn_*:
-    the same for the orientation, rad. fits_model: the object moved as it can.
+    J_unknowns (3, n): by the joint estimate; J_picture (3, 6): by the left tangent of tag B; J_arm
+    (3, w): by the arm's deviation there, and before it, where tag A is used, in the picture;
+    arm_covariance (w, w): of what is left of that. J_camera (3, c): by the noise of tag A and the
+    camera's displacement, in sigmas. J_turn_*: the same for the orientation, rad. picture: what the
+    object's motion was taken from; fits_model: the object moved as it can.
     """
 
     base_from_wrist: Pose
@@ -49,9 +64,23 @@ class Prediction:
     J_picture: Array
     J_arm: Array
     arm_covariance: Array
+    J_camera: Array
     J_turn_unknowns: Array
     J_turn_picture: Array
+    J_turn_arm: Array
+    J_turn_camera: Array
+    picture: Picture
     fits_model: bool
+
+    def covariance(self, estimate: Array, tag_b: Array) -> Array:
+        """(3, 3) of the position, mm^2; estimate (n, n), tag_b (6, 6): covariances."""
+        by = (self.J_unknowns, self.J_picture, self.J_arm, self.J_camera)
+        return _summed(by, (estimate, tag_b, self.arm_covariance, np.eye(self.J_camera.shape[1])))
+
+    def turn_covariance(self, estimate: Array, tag_b: Array) -> Array:
+        """(3, 3) of the orientation, rad^2."""
+        by = (self.J_turn_unknowns, self.J_turn_picture, self.J_turn_arm, self.J_turn_camera)
+        return _summed(by, (estimate, tag_b, self.arm_covariance, np.eye(self.J_camera.shape[1])))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -104,12 +133,13 @@ class JointSolution:
         tag_b: TagObservation,
         policy: Policy,
         R_work: Array,
+        camera: CameraPlace = UNMOVED,
     ) -> ExpectedCoordinate:
         """Flange pose at which the work tip meets the target in the picture given.
 
         As `expected_for`.
         """
-        return self.expected_for(facts, taught.target, tag_b, policy, R_work)
+        return self.expected_for(facts, taught.target, tag_b, policy, R_work, camera)
 
     def expected_for(
         self,
@@ -118,30 +148,24 @@ class JointSolution:
         tag_b: TagObservation,
         policy: Policy,
         R_work: Array,
+        camera: CameraPlace = UNMOVED,
     ) -> ExpectedCoordinate:
         """The same for a target of which nothing but CAD is known.
 
         R_work: (3, 3) of the wrist, the object as taught (follow) or at the touch (fixed, requested).
-        Raises NotObservable where the answer depends on what the session left undetermined.
+        Raises NotObservable where the answer depends on what the session left undetermined, or on the
+        place of a camera that nothing tells.
         """
-        prediction = self.predict(facts, target, tag_b, policy, R_work)
+        prediction = self.predict(facts, target, tag_b, policy, R_work, camera)
         unknown = prediction.J_unknowns @ self.undetermined
-        covariance = (
-            prediction.J_unknowns @ self.covariance @ prediction.J_unknowns.T
-            + unknown @ unknown.T
-            + prediction.J_picture @ tag_b.covariance @ prediction.J_picture.T
-            + prediction.J_arm @ prediction.arm_covariance @ prediction.J_arm.T
-        )
-        rotation_covariance = (
-            prediction.J_turn_unknowns @ self.covariance @ prediction.J_turn_unknowns.T
-            + prediction.J_turn_picture @ tag_b.covariance @ prediction.J_turn_picture.T
-        )
+        covariance = prediction.covariance(self.covariance, tag_b.covariance) + unknown @ unknown.T
         return ExpectedCoordinate(
             target=target,
             base_from_wrist=prediction.base_from_wrist,
             position_covariance=frozen_array(covariance, 3, 3),
             u95_mm=radius95(covariance),
-            u95_rad=radius95(rotation_covariance),
+            u95_rad=radius95(prediction.turn_covariance(self.covariance, tag_b.covariance)),
+            fits=prediction.fits_model,
         )
 
     def predict(
@@ -151,37 +175,92 @@ class JointSolution:
         tag_b: TagObservation,
         policy: Policy,
         R_work: Array,
+        camera: CameraPlace = UNMOVED,
         *,
         refuse: bool = True,
     ) -> Prediction:
         """Expected coordinate with the derivatives that its uncertainty consists of.
 
-        refuse: raise NotObservable where it depends on something undetermined.
+        camera: where it may stand. refuse: raise NotObservable where the answer depends on something
+        undetermined.
         """
-        picture = _as_spin(self, facts, tag_b)
-        fits = picture is not None
-        picture = picture or _anywhere(self, tag_b)
         tip_in_wrist = np.asarray(self.tip_in_wrist + facts.tool.work_from_touch_mm)
-        point = np.asarray(target.point_in_object)
-        flange, R, J, J_turn = _flange(self, point, tip_in_wrist, picture, policy, R_work)
-        J_arm = -np.hstack([_EYE, -hat(R @ tip_in_wrist)])
-        correction, J_field, arm_covariance = self.arm.deviation(flange)
-        n = self.layout.size
-        J[:, :n] += J_arm @ J_field
-        flange = flange + J_arm @ correction - J @ (picture.gain @ picture.residual)
-        J_unknowns = J[:, :n] - J @ picture.gain @ picture.J_unknowns
+        wish = _Wish(np.asarray(target.point_in_object), tip_in_wrist, policy, R_work)
+        picture, flange, arm = self._picture(wish, tag_b, facts.object.motion, camera)
+        if not (fits := picture.fits):
+            picture, flange, arm = self._picture(wish, tag_b, None, camera)
+        n, w = self.layout.size, len(arm.mean)
+        J, J_turn = (
+            np.hstack([part[:, :n], np.zeros((3, w)), part[:, n:]])
+            for part in (flange.J, flange.J_turn)
+        )
+        J_arm = -np.hstack([_EYE, -hat(flange.base_from_wrist.rotation @ tip_in_wrist)])
+        J[:, n + w - 6 : n + w] = J_arm
+        J[:, :n] += J_arm @ arm.J_unknowns[-6:]
+        place = flange.base_from_wrist.translation + J_arm @ arm.mean[-6:]
+        known, noise = J[:, : n + w] - J @ picture.gain @ picture.J_known, J @ picture.gain
+        known_turn = J_turn[:, : n + w] - J_turn @ picture.gain @ picture.J_known
+        noise_turn = J_turn @ picture.gain
         if refuse:
-            self._check_determined(J_unknowns)
+            self._check_determined(known[:, :n])
         return Prediction(
-            base_from_wrist=Pose(R, flange),
-            J_unknowns=J_unknowns,
-            J_picture=J @ picture.gain @ picture.sqrt_information,
-            J_arm=J_arm,
-            arm_covariance=arm_covariance,
-            J_turn_unknowns=J_turn[:, :n] - J_turn @ picture.gain @ picture.J_unknowns,
-            J_turn_picture=J_turn @ picture.gain @ picture.sqrt_information,
+            base_from_wrist=Pose(
+                flange.base_from_wrist.rotation, place - noise @ picture.residual
+            ),
+            J_unknowns=known[:, :n],
+            J_picture=noise[:, :6] @ picture.sqrt_information,
+            J_arm=known[:, n:],
+            arm_covariance=arm.covariance,
+            J_camera=noise[:, 6:],
+            J_turn_unknowns=known_turn[:, :n],
+            J_turn_picture=noise_turn[:, :6] @ picture.sqrt_information,
+            J_turn_arm=known_turn[:, n:],
+            J_turn_camera=noise_turn[:, 6:],
+            picture=picture,
             fits_model=fits,
         )
+
+    def examine(self, facts: CellFacts, tag_b: TagObservation, camera: CameraPlace) -> LinkReport:
+        """Whether a picture contradicts the calibration, and which links may have moved.
+
+        Raises TagNotSeen as `expected_for`.
+        """
+        links, arm = self._links(), self._arm(_stands(camera))
+        motion = facts.object.motion
+        guess = guess_camera(links, camera, arm)
+        tags, motions = first_motion(links, guess, tag_b, motion if self.layout.axis else None)
+        picture = weigh(links, guess, arm, tags, motions)
+        moved = None if camera.is_exact else picture.taught_from_camera
+        if picture.fits:
+            return LinkReport(fits=True, taught_from_camera=moved)
+        guess = CameraGuess(guess.taught_from_camera, camera)
+        named, slips = suspects(links, guess, arm, tags, motions)
+        return LinkReport(fits=False, taught_from_camera=moved, suspects=named, slips=slips)
+
+    def _picture(
+        self, wish: "_Wish", tag_b: TagObservation, motion: Motion | None, camera: CameraPlace
+    ) -> tuple[Picture, "_Flange", ArmPrior]:
+        """What the picture tells, the flange at the first guess, the arm in the picture and there."""
+        links, stands = self._links(), _stands(camera)
+        guess = guess_camera(links, camera, self._arm(stands))
+        tags, motions = first_motion(links, guess, tag_b, motion if self.layout.axis else None)
+        flange = _flange(self, wish, motions)
+        arm = self._arm([*stands, flange.base_from_wrist.translation])
+        return weigh(links, guess, arm, tags, motions), flange, arm
+
+    def _links(self) -> Links:
+        return Links(
+            self.base_from_camera,
+            self.wrist_from_tag_a,
+            self.camera_from_tag_b,
+            self.camera_from_axis,
+            self.layout,
+            self.covariance,
+        )
+
+    def _arm(self, flanges: Sequence[Array]) -> ArmPrior:
+        """The arm's deviations at flange positions (3,)."""
+        return ArmPrior(*self.arm.deviations(np.array(flanges).reshape(-1, 3)))
 
     def _block(self, part: slice) -> Array:
         unknown = self.undetermined[part]
@@ -201,74 +280,29 @@ class JointSolution:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class _Picture:
-    """The object's motion in one picture, and how to improve unknowns and motion by it.
+class _Wish:
+    """What is asked: a point (3,) of the object, the tip (3,) in the wrist, how the wrist will stand."""
 
-    residual (6,), whitened; J_unknowns (6, n); gain (n + k, 6): minus the correction of (unknowns,
-    motion) per residual; motion: of one.
-    """
-
-    motion: ObjectMotions
-    residual: Array
-    J_unknowns: Array
-    gain: Array
-    sqrt_information: Array
+    point_in_object: Array
+    tip_in_wrist: Array
+    policy: Policy
+    R_work: Array
 
 
-def _tags_of(tag: TagObservation) -> Tags:
-    C = tag.camera_from_tag
-    return Tags(C.rotation[None], C.translation[None], sqrt_information(tag.covariance)[None])
+@dataclass(frozen=True, slots=True, eq=False)
+class _Flange:
+    """Flange pose, derivatives (3, n + k) of position and orientation by unknowns and motion."""
+
+    base_from_wrist: Pose
+    J: Array
+    J_turn: Array
 
 
-def _as_spin(solution: JointSolution, facts: CellFacts, tag: TagObservation) -> _Picture | None:
-    """The picture as one spin more; None where it cannot be one."""
+def _flange(solution: JointSolution, wish: _Wish, motions: ObjectMotions) -> _Flange:
+    """Where the flange must be when the object has moved so."""
     layout = solution.layout
-    if not layout.axis:
-        return None
-    tags = _tags_of(tag)
-    motion = tag.camera_from_tag @ solution.camera_from_tag_b.inverse()
-    table_motion = table_motion_of(solution.camera_from_axis, motion, facts.object.motion)[None]
-    motions = object_motions(solution.camera_from_axis, table_motion, layout)
-    r, J, J_motion = (
-        part[0] for part in moved_tag(solution.camera_from_tag_b, tags, motions, layout)
-    )
-    S = np.eye(6) + J @ solution.covariance @ J.T
-    S_inv = np.linalg.inv(S)
-    motion_gain = np.linalg.solve(J_motion.T @ S_inv @ J_motion, J_motion.T @ S_inv)
-    left = np.eye(6) - J_motion @ motion_gain
-    misfit = float((left @ r) @ S_inv @ (left @ r))
-    if misfit > chi2_quantile(_FITS_MODEL, 6 - len(layout.object_motions)):
-        return None
-    gain = np.vstack([solution.covariance @ J.T @ S_inv @ left, motion_gain])
-    return _Picture(motions, r, J, gain, tags.sqrt_informations[0])
-
-
-def _anywhere(solution: JointSolution, tag: TagObservation) -> _Picture:
-    """The object where the picture alone says."""
-    layout = solution.layout
-    tags = _tags_of(tag)
-    M = tag.camera_from_tag @ solution.camera_from_tag_b.inverse()
-    J_axis = np.zeros((1, 6, len(layout.axis)))
-    motions = ObjectMotions(M.rotation[None], M.translation[None], J_axis, np.eye(6)[None])
-    r, J, J_motion = (
-        part[0] for part in moved_tag(solution.camera_from_tag_b, tags, motions, layout)
-    )
-    gain = np.vstack([np.zeros((layout.size, 6)), np.linalg.inv(J_motion)])
-    return _Picture(motions, r, J, gain, tags.sqrt_informations[0])
-
-
-def _flange(
-    solution: JointSolution,
-    point_in_object: Array,
-    tip_in_wrist: Array,
-    picture: _Picture,
-    policy: Policy,
-    R_work: Array,
-) -> tuple[Array, Array, Array, Array]:
-    """Flange (3,), wrist (3, 3), derivatives (3, n + k) of both by unknowns and motion."""
-    layout, motions = solution.layout, picture.motion
     X, N = solution.base_from_camera, Pose(motions.rotations[0], motions.translations[0])
-    taught = solution.base_from_object @ point_in_object
+    taught = solution.base_from_object @ wish.point_in_object
     in_camera = N @ (X.inverse() @ taught)
     point = X @ in_camera
     turn = X.rotation @ N.rotation @ X.rotation.T
@@ -279,12 +313,25 @@ def _flange(
     J += X.rotation @ left_jacobian(in_camera[None])[0] @ motion
     J[:, layout.OBJECT] = turn @ left_jacobian(taught[None])[0]
     J[:, layout.CAMERA] = left_jacobian(point[None])[0] - J[:, layout.OBJECT]
-    R = R_work
-    if policy is Policy.FOLLOW:
-        R = turn @ R_work
+    R = wish.R_work
+    if wish.policy is Policy.FOLLOW:
+        R = turn @ R
         J_turn += X.rotation @ motion[3:]
         J_turn[:, layout.CAMERA.start + 3 : layout.CAMERA.stop] = _EYE - turn
-    tip = R @ tip_in_wrist
+    tip = R @ wish.tip_in_wrist
     J += hat(tip) @ J_turn
     J[:, layout.TCP] = -R
-    return point - tip, R, J, J_turn
+    return _Flange(Pose(R, point - tip), J, J_turn)
+
+
+def _stands(camera: CameraPlace) -> list[Array]:
+    """Where the flange stood in the picture, (3,), if tag A is used."""
+    seen = camera.flange_tag
+    return [] if seen is None else [seen.base_from_wrist.translation]
+
+
+def _summed(derivatives: Sequence[Array], covariances: Sequence[Array]) -> Array:
+    total = np.zeros((3, 3))
+    for J, covariance in zip(derivatives, covariances, strict=True):
+        total += J @ covariance @ J.T
+    return total

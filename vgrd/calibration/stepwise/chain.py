@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from vgrd.geometry import Array, Pose, hat
+from vgrd.judging.thresholds import CENTER_MM
 from vgrd.model import TagObservation
 
 _EYE = np.eye(3)
@@ -66,6 +67,20 @@ class CameraChain:
             + _quadratic(J_pivot, pivot.covariance)
         )
         return MovedPoint(pivot.in_base + v + shift, turn, covariance)
+
+    def pivot_shift(self, pivot: Pivot, now: TagObservation) -> tuple[Array, Array]:
+        """How far (3,) the pivot moved in the camera, which it should not, and the covariance (3, 3).
+
+        A pivot may come from CAD, whose centre is not quite that of the turntable.
+        """
+        ref, C = self.camera_from_tag_b, now.camera_from_tag
+        pivot_ref, pivot_now = ref @ pivot.in_tag_b, C @ pivot.in_tag_b
+        covariance = (
+            _quadratic(np.hstack([_EYE, -hat(pivot_now)]), now.covariance)
+            + _quadratic(np.hstack([_EYE, -hat(pivot_ref)]), self.reference_covariance)
+            + _quadratic(C.rotation - ref.rotation, pivot.covariance + CENTER_MM**2 * _EYE)
+        )
+        return pivot_now - pivot_ref, covariance
 
     def move(self, point: Array, now: TagObservation) -> MovedPoint:
         """Motion of the object by the full hand-eye: B M B^-1."""

@@ -12,14 +12,21 @@ from typing import ClassVar
 
 import numpy as np
 
+from vgrd.calibration.stepwise.camera import seen_by_taught_camera
 from vgrd.calibration.stepwise.chain import CameraChain, MovedPoint, Pivot
 from vgrd.errors import InputError
 from vgrd.geometry import Array, Pose, log_rotation
+from vgrd.geometry.chi2 import chi2_quantile
 from vgrd.geometry.covariance import radius95
-from vgrd.judging.thresholds import SAME_ORIENTATION_RAD
+from vgrd.judging.thresholds import FITS_MODEL, SAME_ORIENTATION_RAD
 from vgrd.model import (
+    UNMOVED,
+    CameraPlace,
     CellFacts,
     ExpectedCoordinate,
+    Link,
+    LinkReport,
+    Motion,
     Policy,
     TagObservation,
     TaughtPoint,
@@ -83,13 +90,16 @@ class StepwiseSolution:
         tag_b: TagObservation,
         policy: Policy,
         R_work: Array,
+        camera: CameraPlace = UNMOVED,
     ) -> ExpectedCoordinate:
         """Flange pose at which the work tip meets the target in the picture given.
 
         R_work: (3, 3) of the wrist, the object as taught (follow) or at the touch (fixed, requested).
-        u95_mm counts touches, hand-eye, both pictures, pivot and the arm. Raises InputError for
-        what the calibration cannot serve, naming the remedy.
+        camera: where it may stand. u95_mm counts touches, hand-eye, both pictures, pivot, the
+        camera's place and the arm. Raises InputError for what the calibration cannot serve, naming
+        the remedy, TagNotSeen where nothing tells where the camera stands.
         """
+        tag_b = self._seen(facts, tag_b, camera)
         flange = self._flange(facts, taught, tag_b, policy, R_work)
         turn = flange.motion.rotation
         touches = self.touch_covariances.get(taught.target.name, taught.covariance)
@@ -108,7 +118,37 @@ class StepwiseSolution:
             position_covariance=frozen_array(covariance, 3, 3),
             u95_mm=radius95(covariance),
             u95_rad=radius95(rotation_covariance) if follows else 0.0,
+            fits=self._fits(facts, tag_b),
         )
+
+    def examine(self, facts: CellFacts, tag_b: TagObservation, camera: CameraPlace) -> LinkReport:
+        """Whether a picture contradicts the calibration: its rotation centre lies elsewhere.
+
+        Raises TagNotSeen as `expected`.
+        """
+        if self._fits(facts, self._seen(facts, tag_b, camera)):
+            return LinkReport(fits=True)
+        links = [Link.TAG_B, Link.OBJECT]
+        if camera.flange_tag is not None and not camera.is_exact:
+            links.append(Link.TAG_A)
+        elif not camera.is_free:
+            links.append(Link.CAMERA)
+        return LinkReport(fits=False, suspects=tuple(links))
+
+    def _seen(
+        self, facts: CellFacts, tag_b: TagObservation, camera: CameraPlace
+    ) -> TagObservation:
+        return seen_by_taught_camera(
+            tag_b, camera, self.base_from_camera, self.wrist_from_tag_a, facts.robot_sigma_mm
+        )
+
+    def _fits(self, facts: CellFacts, tag_b: TagObservation) -> bool:
+        """Whether a turntable's rotation centre is where it was; tag_b: as the taught camera sees it."""
+        if self.pivot is None or facts.object.motion is not Motion.TURNTABLE:
+            return True
+        shift, covariance = self.chain.pivot_shift(self.pivot, tag_b)
+        misfit = float(shift @ np.linalg.solve(covariance, shift))
+        return bool(misfit <= chi2_quantile(FITS_MODEL, len(shift)))
 
     @abstractmethod
     def _flange(

@@ -1,0 +1,80 @@
+"""Which link moved: a picture that the calibration does not explain, explained by one link that slipped.
+
+Each link is given a slip, small, middling or large, and the likelihood of the picture says how probable
+each one is. Links that a picture cannot tell apart
+explain it alike and are named together.
+"""
+
+from collections.abc import Mapping
+from types import MappingProxyType
+
+import numpy as np
+
+from vgrd.calibration.joint.picture import ArmPrior, CameraGuess, Links, Rows, rows_of
+from vgrd.calibration.joint.problem import Tags
+from vgrd.calibration.joint.rows import ObjectMotions
+from vgrd.geometry import Array
+from vgrd.model import Link
+
+_SLIP = np.array(
+    [1.0] * 3 + [4e-3] * 3
+)  # mm, rad: a guess, 1 mm across a tag's 25 mm turns it more
+_SCALES = (0.2, 1.0, 5.0)  # of slips, equally likely: from what glue lets go to what an elbow does
+_NAMED = 0.95  # posterior that the links which are named hold together
+
+
+def suspects(
+    links: Links, guess: CameraGuess, arm: ArmPrior, tags: Tags, motions: ObjectMotions
+) -> tuple[tuple[Link, ...], Mapping[Link, tuple[float, float]]]:
+    """Links that may have moved, most likely first, and how far each would have, (mm, rad).
+
+    Slips of tags are in the tag's frame, of the camera in its own. guess: with the camera's stability
+    as it is configured, whether or not tag A contradicts it.
+    """
+    rows = rows_of(links, guess, arm, tags, motions)
+    free = rows.free(is_exact=guess.place.is_exact)
+    across = np.linalg.svd(free, full_matrices=True)[0][:, free.shape[1] :]
+    r, S = across.T @ rows.residual, across.T @ rows.covariance(links, arm) @ across
+    evidence, slips = {}, {}
+    for link, J in _slips(rows, guess).items():
+        trials = [_explain(r, S, across.T @ J, scale) for scale in _SCALES]
+        evidence[link] = float(np.logaddexp.reduce([evidence for evidence, _ in trials]))
+        slip = max(trials, key=lambda trial: trial[0])[1]
+        slips[link] = (float(np.linalg.norm(slip[:3])), float(np.linalg.norm(slip[3:])))
+    named = _most_likely(evidence)
+    return named, MappingProxyType({link: slips[link] for link in named})
+
+
+def _explain(r: Array, S: Array, J: Array, scale: float) -> tuple[float, Array]:
+    """Logarithm of the likelihood under slips of that size, and the most likely slip (6,)."""
+    L = J * (scale * _SLIP)
+    with_slip = S + L @ L.T
+    weighted = np.linalg.solve(with_slip, r)
+    evidence = -0.5 * (float(r @ weighted) + float(np.linalg.slogdet(with_slip)[1]))
+    return evidence, scale * _SLIP * (L.T @ weighted)
+
+
+def _slips(rows: Rows, guess: CameraGuess) -> dict[Link, Array]:
+    """Derivative (r, 6) of the residuals by the slip of each link that the picture speaks of."""
+    of_b = np.zeros((len(rows.residual), 6))
+    of_b[:6] = rows.J_tag_b
+    out = {Link.TAG_B: of_b, Link.OBJECT: of_b}
+    if guess.place.flange_tag is not None:
+        out[Link.TAG_A] = np.zeros_like(of_b)
+        out[Link.TAG_A][6:12] = rows.J_tag_a
+    if guess.place.is_exact:
+        out[Link.CAMERA] = rows.J_camera
+    elif not guess.place.is_free:
+        out[Link.CAMERA] = np.zeros_like(of_b)
+        out[Link.CAMERA][-6:] = np.diag(1 / guess.place.stability)
+    return out
+
+
+def _most_likely(evidence: Mapping[Link, float]) -> tuple[Link, ...]:
+    """The fewest links that hold the posterior; ties stay together."""
+    order = sorted(evidence, key=lambda link: -evidence[link])
+    weights = np.exp(np.array([evidence[link] for link in order]) - evidence[order[0]])
+    shares = np.cumsum(weights) / weights.sum()
+    count = int(np.searchsorted(shares, _NAMED)) + 1
+    least = weights[count - 1]
+    return tuple(link for link, w in zip(order, weights, strict=True) if w >= least * (1 - 1e-9))

@@ -1,0 +1,73 @@
+"""The links between robot and object that one picture rests on, and which of them may have moved."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from enum import StrEnum
+
+import numpy as np
+
+from vgrd.geometry import Array, Pose
+from vgrd.model.arrays import frozen_array
+from vgrd.model.session import TagObservation
+
+
+def _exact() -> Array:
+    return frozen_array(np.zeros(6), 6)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class FlangeTag:
+    """Tag A in a picture, and the flange pose of the same instant, the arm at rest."""
+
+    tag: TagObservation
+    base_from_wrist: Pose
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class CameraPlace:
+    """How far the camera may stand from where it stood while teaching, and what measures it.
+
+    stability: (6,) sigmas (mm, rad) of its displacement in its own frame; 0: it stands exactly where it
+    stood, infinite: anywhere. flange_tag: None where tag A is hidden or the arm moves.
+    """
+
+    stability: Array = field(default_factory=_exact)
+    flange_tag: FlangeTag | None = None
+
+    @property
+    def is_exact(self) -> bool:
+        """Whether it is taken to stand exactly where it stood."""
+        return not self.stability.any()
+
+    @property
+    def is_free(self) -> bool:
+        """Whether it may stand anywhere: a camera that is moved between requests."""
+        return bool(np.isinf(self.stability).all())
+
+
+UNMOVED = CameraPlace()
+
+
+class Link(StrEnum):
+    """What may have moved since teaching."""
+
+    CAMERA = "camera"
+    TAG_A = "tag A"
+    TAG_B = "tag B"
+    OBJECT = "object"
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class LinkReport:
+    """What a picture says of its links.
+
+    fits: the picture is as the calibration predicts, chance and the camera's displacement allowed for.
+    taught_from_camera: how the camera seems to stand against where it stood while teaching, None where
+    it is taken to stand still. suspects: links one of which must have moved, most likely first;
+    slips: by link, how far it would have moved, (mm, rad).
+    """
+
+    fits: bool
+    taught_from_camera: Pose | None = None
+    suspects: tuple[Link, ...] = ()
+    slips: Mapping[Link, tuple[float, float]] = field(default_factory=dict)
