@@ -24,7 +24,7 @@ from vgrd.cell.serving.service import Serving
 from vgrd.cell.serving.vouching import Hold
 from vgrd.clock import SystemClock
 from vgrd.config.resolved import Resolved, load_resolved
-from vgrd.config.setup import CONTROL_SOCKET, cell_facts
+from vgrd.config.setup import CONTROL_SOCKET, camera_stability, cell_facts
 from vgrd.errors import StoreError, VgrdError
 from vgrd.ipc.health import HealthReporter
 from vgrd.ipc.messages import decode_line, encode_line
@@ -81,7 +81,7 @@ class Cell:
             self.measuring,
             ring,
             limits,
-            serving.drift_mm,
+            camera_stability(config),
             clock,
             simulation=config.cell.simulation,
         )

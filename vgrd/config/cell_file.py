@@ -83,6 +83,16 @@ class CameraSection(Table):
         le=60,
         description="pictures of tag B (a region, where the camera sends one) while an answer stands",
     )
+    stability: Literal["fixed", "movable"] = Field(
+        default="fixed",
+        description="fixed: it stays where it was while teaching; movable: people move it, tag A tells",
+    )
+    stability_mm: Positive = Field(  # a guess: brackets of steel sag and warm up by less
+        default=0.5, description="fixed: how far it may have moved since, 1 sigma per axis"
+    )
+    stability_mrad: Positive = Field(  # the same at 1 m
+        default=0.5, description="fixed: how far it may have turned since, 1 sigma per axis"
+    )
     bits: Literal[8, 16] = Field(  # 16 take twice the link
         default=8, description="of a pixel: 16 for Mono10 to Mono16"
     )
@@ -253,9 +263,6 @@ class ServingSection(Table):
     approach_mm: Positive = Field(  # a guess: from here the arm goes straight to its target
         default=60.0,
         description="hidden_tag hold: only while the flange is so near to the coordinate",
-    )
-    drift_mm: Positive = Field(  # a guess: beyond the worst answer that is served (1 mm)
-        default=1.5, description="tag A farther off than this, three times: 503"
     )
     int16_scale: Literal["mrad", "centidegree", "fine"] = Field(
         default="mrad",

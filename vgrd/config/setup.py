@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from vgrd.config.resolved import Resolved
-from vgrd.geometry import Pose, exp_rotation
+from vgrd.geometry import Array, Pose, exp_rotation
 from vgrd.model import (
     CellFacts,
     Motion,
@@ -48,6 +48,15 @@ def cell_facts(config: "CellConfig", wrist_from_tcp: Pose | None = None) -> Cell
         camera_id=config.camera.id,
         wrist_from_tcp=wrist_from_tcp,
     )
+
+
+def camera_stability(config: "CellConfig") -> Array:
+    """(6,) sigmas (mm, rad) of the camera's displacement since teaching, infinite where people move it."""
+    camera = config.camera
+    if camera.stability == "movable":
+        return frozen_array(np.full(6, np.inf), 6)
+    sigmas = [camera.stability_mm] * 3 + [1e-3 * camera.stability_mrad] * 3
+    return frozen_array(sigmas, 6)
 
 
 def _tag(section: "TagSection") -> TagSpec:

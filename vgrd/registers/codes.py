@@ -35,13 +35,17 @@ class Status(_Described):
     GRAB_TIMEOUT = 202, "no picture in time"
     IMAGE_TOO_OLD = 205, "the picture or the answer is older than allowed"
     OBJECT_MOVED = 206, "the object moved since the answer"
+    TAG_A_NOT_FOUND = (
+        301,
+        "the camera may be moved, and the tag on the flange that tells where is not seen",
+    )
     TAG_B_NOT_FOUND = 302, "the tag on the object is not seen"
     ROBOT_OFFLINE = 401, "the robot does not answer"
     ROBOT_MOVING = 403, "the robot moved during the exposure"
     TCP_OFFSET_CHANGED = 404, "the active TCP is not the calibrated one"
     ROBOT_SAFETY_STOP = 405, "the robot is in a safety stop"
     NOT_CALIBRATED = 501, "no calibration is active"
-    CALIBRATION_DRIFT = 503, "the cell seems to have moved since the calibration"
+    CALIBRATION_DRIFT = 503, "something moved since the calibration; DETAIL tells what it may be"
     UNCERTAINTY_TOO_HIGH = 504, "less certain than MAXU95"
     CALIBRATION_MISMATCH = (
         505,
@@ -127,7 +131,6 @@ RESERVED: Final[Mapping[type[Status | Command], Mapping[int, str]]] = {
         105: "NOT_ALLOWED: there are no modes that allow and forbid",
         203: "FRAME_INCOMPLETE: a damaged picture is dropped by its driver; 202 follows",
         204: "EXPOSURE_BAD: the brightness is not judged; 302 follows where it hides tag B",
-        301: "TAG_A_NOT_FOUND: an answer needs tag B only",
         303: "POSE_AMBIGUOUS: a tag that two poses fit is not taken as seen; 302",
         304: "REPROJECTION_HIGH: a tag that does not fit its pose is not taken as seen; 302",
         305: "OUTSIDE_CALIBRATED_VOLUME: no volume is judged, only the uncertainty; 504",

@@ -127,6 +127,10 @@ _DETAILS = (
     ),
     ("302", "id of the tag"),
     (
+        "503",
+        "sum of what may have moved: 1 camera, 2 tag A, 4 tag B, 8 object; 0: see `vgrd status`",
+    ),
+    (
         "1, 2",
         "the axis, 1-6 for X, Y, Z, RX, RY, RZ, that does not fit the int16 block: EC16_STATUS "
         "is 602 then, and only the other two blocks hold the coordinate; 0 when all hold it",

@@ -18,7 +18,7 @@ from vgrd.cell.serving.answering import Limits
 from vgrd.cell.serving.service import Serving
 from vgrd.devices import CameraImage, FlangeReading
 from vgrd.errors import DeviceUnavailable
-from vgrd.geometry import Pose
+from vgrd.geometry import Array, Pose
 from vgrd.ipc.ring import RingReader, RingWriter
 from vgrd.model import Policy
 from vgrd.registers import (
@@ -31,6 +31,7 @@ from vgrd.registers import (
     Status,
 )
 
+STABILITY = np.array([0.5] * 3 + [5e-4] * 3)  # as in the cell file
 LIMITS = Limits(Policy.FIXED, 3.0, 1.0, 0.9, 0.3)
 CALIBRATION_ID = 0xC0FFEE
 NONCE = 2**63 + 5
@@ -129,12 +130,25 @@ def at(sight: Sight, stamp_s: float) -> Sight:
 class Bench:
     """A `Serving` on a bench: request it, read its registers."""
 
-    def __init__(self, folder: Path, taught: Taught, limits: Limits = LIMITS) -> None:
+    def __init__(
+        self,
+        folder: Path,
+        taught: Taught,
+        limits: Limits = LIMITS,
+        stability: Array = STABILITY,
+    ) -> None:
         self.clock = ManualClock(1000.2)
         facts = taught.calibration.facts
         self.measuring = StillMeasuring(self.clock, taught.sight, facts.wrist_from_tcp)
         writer = RingWriter.create(folder / "registers.ring", 4, PACKED_BYTES, REGISTER_KIND)
-        self.serving = Serving(self.measuring, writer, limits, 1.5, self.clock, simulation=True)  # type: ignore[arg-type]
+        self.serving = Serving(
+            self.measuring,  # type: ignore[arg-type]
+            writer,
+            limits,
+            stability,
+            self.clock,
+            simulation=True,
+        )
         self.serving.use(taught.calibration, CALIBRATION_ID)
         self.reader = RingReader.open(folder / "registers.ring", REGISTER_KIND)
         self.measuring.show(taught.sight)

@@ -182,7 +182,9 @@ class Operations:
         sight = await self.measuring.fresh(PICTURE_TIMEOUT_S)
         if sight.tag_b is None:
             raise TagNotSeen("tag B on the object is not in the picture")
-        expected = expected_coordinate(calibration, target, sight.tag_b, policy, work)
+        expected = expected_coordinate(
+            calibration, target, sight.tag_b, policy, work, self.serving.cameras.place(sight)
+        )
         pose = expected.base_from_wrist
         return {
             "target": target,

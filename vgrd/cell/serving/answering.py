@@ -1,16 +1,17 @@
 """From a request and what was seen to an answer: pure, so that every refusal can be tested."""
 
 import math
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 
 from vgrd.calibration.calibration import Calibration, expected_coordinate
 from vgrd.cell.measuring import Sight
 from vgrd.cell.serving.vouching import Hold
-from vgrd.errors import InputError, NotObservable
+from vgrd.errors import Contradiction, InputError, NotObservable, TagNotSeen
 from vgrd.geometry import Array, Pose
 from vgrd.geometry.rotation_formats import RotationFormat as Format
 from vgrd.geometry.rotation_formats import rotation_from, rotation_to
-from vgrd.model import ExpectedCoordinate, Policy, Target
+from vgrd.model import UNMOVED, CameraPlace, ExpectedCoordinate, Link, Policy, Target
 from vgrd.registers import (
     REQUEST,
     Answer,
@@ -35,6 +36,7 @@ _POLICIES = {
     PolicyCode.FOLLOW: Policy.FOLLOW,
     PolicyCode.REQUESTED: Policy.REQUESTED,
 }
+LINK_BITS = {Link.CAMERA: 1, Link.TAG_A: 2, Link.TAG_B: 4, Link.OBJECT: 8}  # DETAIL of 503
 OPT_REGISTER, ORIENTATION_REGISTER = REQUEST.registers("OPT")[0], REQUEST.registers("ORI_")[0]
 
 
@@ -88,9 +90,11 @@ def answer_request(
     limits: Limits,
     now_s: float,
     now_unix_s: float,
+    camera: CameraPlace = UNMOVED,
 ) -> tuple[Answer, Pose | None]:
     """Answer a good request (`check_request`) from one evaluated picture.
 
+    camera: where it may stand in that picture.
     Second: where the flange must be (base_from_wrist), None without a coordinate.
     """
     max_age_s = min(request.max_age_s or limits.max_age_s, limits.max_age_s)
@@ -111,17 +115,31 @@ def answer_request(
         detail = calibration.facts.tag_b.id
         return replace(answer, status=Status.TAG_B_NOT_FOUND, detail=detail), None
     policy = _POLICIES.get(request.policy, limits.policy)
-    if policy is not Policy.REQUESTED:
-        expected = expected_coordinate(calibration, target.name, sight.tag_b, policy)
-    else:
-        work = requested_orientation(request)
-        try:
-            expected = expected_coordinate(calibration, target.name, sight.tag_b, policy, work)
-        except (InputError, NotObservable):
-            return replace(answer, status=Status.BAD_PARAMETER, detail=ORIENTATION_REGISTER), None
+    work = requested_orientation(request) if policy is Policy.REQUESTED else None
+    try:
+        expected = expected_coordinate(calibration, target.name, sight.tag_b, policy, work, camera)
+    except TagNotSeen:
+        return replace(answer, status=_without_camera(sight)), None
+    except Contradiction as err:
+        detail = links_detail([Link(name) for name in err.links])
+        return replace(answer, status=Status.CALIBRATION_DRIFT, detail=detail), None
+    except (InputError, NotObservable):
+        if work is None:
+            raise
+        return replace(answer, status=Status.BAD_PARAMETER, detail=ORIENTATION_REGISTER), None
     if not _is_finite(expected):
         return replace(answer, status=Status.UNCERTAINTY_TOO_HIGH), None
     return _encode(request, answer, expected, calibration, limits), expected.base_from_wrist
+
+
+def links_detail(links: Iterable[Link]) -> int:
+    """DETAIL of CALIBRATION_DRIFT."""
+    return sum(LINK_BITS[link] for link in links)
+
+
+def _without_camera(sight: Sight) -> Status:
+    """Why a camera that may stand anywhere could not be found by tag A."""
+    return Status.TAG_A_NOT_FOUND if sight.tag_a is None else Status.ROBOT_MOVING
 
 
 def _is_finite(expected: ExpectedCoordinate) -> bool:

@@ -8,14 +8,18 @@ from collections.abc import Callable
 import structlog
 
 from vgrd.calibration.calibration import Calibration
+from vgrd.calibration.contradiction import words_of
 from vgrd.cell.measuring import Measuring, Sight
-from vgrd.errors import ControlError
+from vgrd.cell.serving.answering import links_detail
+from vgrd.cell.serving.camera_memory import CameraMemory
+from vgrd.errors import ControlError, TagNotSeen
 from vgrd.geometry import Pose
+from vgrd.model import LinkReport, Motion
 from vgrd.registers import State, Status
 
 TCP_CHANGED_MM = 0.05  # chosen: a tenth of the u95 (0.5 mm) at which answers are OK_DEGRADED
 TCP_CHANGED_RAD = 2e-4  # the same at the end of a tool of 250 mm
-DRIFT_PICTURES = 3  # in a row: one picture may err about tag A, as many do not
+DRIFT_PICTURES = 3  # in a row: one picture may err, as many do not
 
 Fault = tuple[Status, str]
 
@@ -29,13 +33,13 @@ class Faults:
     None when it is confirmed.
     """
 
-    def __init__(self, measuring: Measuring, drift_mm: float) -> None:
+    def __init__(self, measuring: Measuring, cameras: CameraMemory) -> None:
         self.calibration: Calibration | None = None
         self.absence: Fault = (Status.STARTING, "the calibration is being loaded")
         self.on_latch: list[Callable[[Fault | None], None]] = []
         self._measuring = measuring
-        self._drift_mm = drift_mm
-        self._drift_pictures = 0  # in a row that show tag A elsewhere
+        self._cameras = cameras
+        self._contradictions: list[LinkReport] = []  # of the newest pictures in a row
         self._latched: Fault | None = None
 
     @property
@@ -52,8 +56,13 @@ class Faults:
 
     @property
     def is_drift_suspected(self) -> bool:
-        """Whether the newest picture of tag A shows it elsewhere than the robot says."""
-        return self._drift_pictures > 0
+        """Whether the newest picture contradicts the calibration."""
+        return bool(self._contradictions)
+
+    @property
+    def moved_links(self) -> int:
+        """DETAIL of CALIBRATION_DRIFT: what may have moved, by the newest picture."""
+        return links_detail(self._contradictions[-1].suspects) if self._contradictions else 0
 
     def current(self) -> Fault | None:
         """The fault that forbids to serve now, None while there is none."""
@@ -66,8 +75,8 @@ class Faults:
             return Status.ROBOT_SAFETY_STOP, "the controller is not in normal mode"
         if self.calibration is None:
             return self.absence
-        if self._drift_pictures >= DRIFT_PICTURES:
-            return Status.CALIBRATION_DRIFT, "tag A is not where the calibration puts it"
+        if len(self._contradictions) >= DRIFT_PICTURES:
+            return Status.CALIBRATION_DRIFT, words_of(self._contradictions[-1])
         if trouble := self._measuring.camera_trouble():
             return Status.CAMERA_OFFLINE, trouble
         return None
@@ -75,7 +84,8 @@ class Faults:
     def use(self, calibration: Calibration | None) -> None:
         """Judge by `calibration` from now on; earlier pictures count no longer as a drift."""
         self.calibration = calibration
-        self._drift_pictures = 0
+        self._contradictions.clear()
+        self._cameras.forget()
 
     def confirm(self) -> None:
         """Forget a latched fault; ControlError while its cause is there or cannot be looked for."""
@@ -85,7 +95,8 @@ class Faults:
         trouble = self._tcp_trouble()
         if trouble:
             raise ControlError(f"the cause is still there: {trouble}")
-        self.latched, self._drift_pictures = None, 0
+        self.latched = None
+        self._contradictions.clear()
 
     def check_tcp(self) -> None:
         """Latch a fault when the active TCP is not the calibrated one."""
@@ -94,17 +105,26 @@ class Faults:
             log.error("tcp_changed", reason=trouble)
             self.latched = (Status.TCP_OFFSET_CHANGED, trouble)
 
-    def check_drift(self, sight: Sight) -> None:
-        """Compare where the camera shows tag A with where the robot carries it."""
+    def check_links(self, sight: Sight) -> None:
+        """Compare where a whole picture shows the tags with what calibration and robot say.
+
+        One that shows no tag B, or no camera's place, tells nothing.
+        """
+        self._cameras.see(sight)
         calibration = self.calibration
-        if calibration is None or calibration.wrist_from_tag_a is None:
+        if calibration is None or sight.tag_b is None or not sight.is_whole:
             return
-        if sight.base_from_wrist is None or sight.tag_a is None:
+        facts, place = calibration.facts, self._cameras.place(sight)
+        if facts.object.motion is Motion.FREE:
             return
-        observed_base_from_tag_a = calibration.base_from_camera @ sight.tag_a.camera_from_tag
-        expected_base_from_tag_a = sight.base_from_wrist @ calibration.wrist_from_tag_a
-        drift_mm, _ = observed_base_from_tag_a.distance(expected_base_from_tag_a)
-        self._drift_pictures = self._drift_pictures + 1 if drift_mm > self._drift_mm else 0
+        try:
+            report = calibration.solution.examine(facts, sight.tag_b, place)
+        except TagNotSeen:
+            return
+        if report.fits:
+            self._contradictions.clear()
+        else:
+            self._contradictions = [*self._contradictions, report][-DRIFT_PICTURES:]
 
     def _tcp_trouble(self) -> str:
         reading = self._measuring.reading()

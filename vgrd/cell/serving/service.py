@@ -9,11 +9,13 @@ import structlog
 from vgrd.calibration.calibration import Calibration
 from vgrd.cell.measuring import Measuring, Sight
 from vgrd.cell.serving.answering import Limits, answer_request, check_request
+from vgrd.cell.serving.camera_memory import CameraMemory
 from vgrd.cell.serving.faults import DRIFT_PICTURES, Fault, Faults
 from vgrd.cell.serving.standing_answer import Basis, StandingAnswer
 from vgrd.cell.serving.vouching import Vouch, agree, points_in_tag
 from vgrd.clock import Clock
 from vgrd.errors import CalibrationError, DeviceUnavailable, InputError, VgrdError
+from vgrd.geometry import Array
 from vgrd.ipc.ring import RingWriter
 from vgrd.registers import Answer, Command, RegisterImage, Request, Status, reply
 
@@ -34,7 +36,7 @@ class Serving:
         measuring: Measuring,
         ring: RingWriter,
         limits: Limits,
-        drift_mm: float,
+        stability: Array,
         clock: Clock,
         *,
         simulation: bool,
@@ -45,7 +47,8 @@ class Serving:
         self.clock = clock
         self.simulation = simulation
         self.calibration_id = 0
-        self.faults = Faults(measuring, drift_mm)
+        self.cameras = CameraMemory(stability)
+        self.faults = Faults(measuring, self.cameras)
         self.standing = StandingAnswer(measuring, limits, clock)
         self._tasks: asyncio.TaskGroup | None = None
         self._work: asyncio.Task[None] | None = None
@@ -133,7 +136,7 @@ class Serving:
 
     def _watch(self, sight: Sight) -> None:
         """Each new picture may show that the object or the cell moved since the answer."""
-        self.faults.check_drift(sight)
+        self.faults.check_links(sight)
         if self.standing.watch(sight):
             self.publish()
 
@@ -159,7 +162,7 @@ class Serving:
         """Answer with the calibration that is active when the request comes, and still at its end."""
         fault, calibration = self.fault(), self.calibration
         if fault is not None or calibration is None:
-            return reply(request, fault[0] if fault else self.faults.absence[0]), None
+            return self._refusal(request, fault or self.faults.absence), None
         refusal = check_request(request, calibration)
         if refusal is not None:
             return refusal, None
@@ -169,7 +172,7 @@ class Serving:
         if sight is None:
             return reply(request, self._no_picture_status()), None
         if self.faults.is_drift_suspected:
-            return reply(request, Status.CALIBRATION_DRIFT), None
+            return self._refusal(request, (Status.CALIBRATION_DRIFT, "")), None
         answer, basis = self._judge(request, calibration, sight)
         doubt = None if basis is None else await self._doubt(basis, end_s)
         if doubt is None and basis is not None:
@@ -178,8 +181,13 @@ class Serving:
             doubt = Status.CALIBRATION_MISMATCH
         return (answer, basis) if doubt is None else (replace(answer, status=doubt), None)
 
+    def _refusal(self, request: Request, fault: Fault) -> Answer:
+        """The answer while nothing can be served."""
+        moved = self.faults.moved_links if fault[0] is Status.CALIBRATION_DRIFT else 0
+        return replace(reply(request, fault[0]), detail=moved)
+
     async def _sight_for(self, request: Request, end_s: float) -> Sight | None:
-        """The picture to answer from; more of them while tag A seems to have drifted."""
+        """The picture to answer from; more of them while something seems to have moved."""
         sight = self.standing.newest_sight() if request.command == Command.EC_NEWEST else None
         sight = sight or await self._picture(end_s, whole=True)
         for _ in range(DRIFT_PICTURES):
@@ -193,7 +201,14 @@ class Serving:
         """What one picture says; a basis only for a coordinate."""
         now_s, now_unix_s = self.clock.monotonic(), self.clock.wall()
         answer, pose = answer_request(
-            request, calibration, self.calibration_id, sight, self.limits, now_s, now_unix_s
+            request,
+            calibration,
+            self.calibration_id,
+            sight,
+            self.limits,
+            now_s,
+            now_unix_s,
+            self.cameras.place(sight),
         )
         if pose is None or sight.tag_b is None or not answer.status.is_ok:
             return answer, None
