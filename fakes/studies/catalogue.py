@@ -13,6 +13,7 @@ from fakes.studies.robustness import (
     coverage,
     degenerate,
     degenerate_touches,
+    moved_camera,
 )
 from fakes.studies.study import Study
 from vgrd.errors import InputError
@@ -34,6 +35,7 @@ STUDIES: Mapping[str, Study] = MappingProxyType(
             conventions,
             degenerate,
             degenerate_touches,
+            moved_camera,
         )
     }
 )
