@@ -5,6 +5,8 @@ tool, a covering hand: `fakes.camera.scenery`) is there to look right and to hid
 of.
 """
 
+from dataclasses import replace
+
 import cv2
 import numpy as np
 
@@ -34,7 +36,7 @@ from fakes.world.visibility import (
     plate_points,
     visible,
 )
-from fakes.world.world import TagName, WorldSnapshot
+from fakes.world.world import UNMOVED, TagName, WorldSnapshot
 from vgrd.geometry import Array, Pose
 from vgrd.model import TagSpec
 
@@ -46,6 +48,12 @@ class Renderer:
     """
 
     def __init__(self, layout: Layout) -> None:
+        self._unmoved = layout
+        self._shift = UNMOVED
+        self._stand(layout)
+
+    def _stand(self, layout: Layout) -> None:
+        """Draw from where the camera stands in `layout`."""
         self.layout = layout
         self._camera_from_base = layout.base_from_camera.inverse()
         self._scenery = Scenery(layout)
@@ -61,6 +69,11 @@ class Renderer:
         The same snapshot and region give the same picture.
         """
         rng = np.random.default_rng(snapshot.exposure)
+        if snapshot.camera_shift != self._shift:
+            self._shift = snapshot.camera_shift
+            shift = Pose.from_rotvec(self._shift[3:], self._shift[:3])
+            place = self._unmoved.base_from_camera @ shift
+            self._stand(replace(self._unmoved, base_from_camera=place))
         scenery = self._scenery
         window = region or PixelRegion(0, 0, *self.layout.optics.size_px)
         if not snapshot.lights:

@@ -35,7 +35,8 @@ def main(
     """Run fake robot, fake camera and the daemon with an active calibration until Ctrl-C.
 
     The first run teaches the cell. Lines typed here act on the world: turn DEGREES, cover a|b|none,
-    flange and tcp with x y z (mm) and a rotation vector (rad), miss TARGET.
+    flange and tcp with x y z (mm) and a rotation vector (rad), camera the same in its own frame (a
+    knock; zeros put it back), slip X Y RAD (tag B on the object), miss TARGET.
     """
     console = Console()
     world = World(Layout(), seed, speed_mm_s=SPEED_MM_S, turn_rad_s=TURN_RAD_S)
@@ -89,6 +90,8 @@ def world_actions(world: World) -> dict[str, Action]:
         "turn DEGREES": lambda words: turn(numbers(words, 1)),
         "flange X Y Z RX RY RZ": lambda words: flange(numbers(words, 6)),
         "tcp X Y Z RX RY RZ": lambda words: tcp(numbers(words, 6)),
+        "camera X Y Z RX RY RZ": lambda words: world.shift_camera(tuple(numbers(words, 6))),
+        "slip X Y RAD": lambda words: world.shift_tag_b(*numbers(words, 3)),
         "cover a|b|none": lambda words: cover(word(words, "a", "b", "none")),
         "miss TARGET": lambda words: miss(word(words, *world.targets)),
     }

@@ -33,7 +33,7 @@ def main(
     camera: Annotated[str | None, typer.Option(help="aravis or fakes.camera.pylon_camera")] = None,
     *,
     perfect: Annotated[bool, typer.Option(help="no touch noise, no arm errors")] = False,
-    faults: Annotated[bool, typer.Option(help="show the three live faults")] = True,
+    faults: Annotated[bool, typer.Option(help="show the live faults")] = True,
 ) -> None:
     """Teach, solve, activate and serve on the fake cell; exit 1 when a figure is not reached."""
     console = Console()

@@ -17,6 +17,7 @@ MEAN_XY_BAR_MM = 0.25  # three times what is measured: 0.08 mm (README)
 PERFECT_XY_BAR_MM = 0.05  # 0.001 is measured: more is a mistake in a formula, not rounding
 GATE_BAR_MIB = 40.0  # as tests/gate ask: a gate that imports nothing heavy
 TREE_BAR_MIB = 1536.0  # a guess: a computer of 2 GB has room for the whole cell
+KNOCKED_BAR = 1.5  # one miss beside its 95 % radius: beyond it is one in 5,000
 
 
 class Report:
@@ -79,6 +80,13 @@ class Report:
         if self.shown.faults:
             self.console.print(table)
             self.good &= all(np.isfinite(fault[2:]).all() for fault in self.shown.faults)
+        if self.shown.named:
+            self.console.print(f"of the tag that slipped: {self.shown.named}")
+        if knocked := self.shown.knocked:
+            miss_mm = float(np.linalg.norm(knocked.miss))
+            self._judge(
+                "miss with the knocked camera, over u95", miss_mm / knocked.u95_mm, KNOCKED_BAR
+            )
 
     def memory(self, process_mib: Mapping[str, float], total_mib: float) -> None:
         """Proportional memory of the daemon's processes and of everything together."""

@@ -21,6 +21,7 @@ from vgrd.store.calibrations import CalibrationStore
 LOOKS, SPINS, FIXED_POINTS = 8, 10, 10  # as the paper's operator (table 4)
 TILTED_TOUCHES = 6  # each target once
 ATTEMPTS, PAUSE_S = 30, 0.5  # some 15 s of pauses: a killed or lost device is back before
+KNOCK = (3.0, -4.0, 1.0, 0.003, -0.004, 0.001)  # 5 mm and 5 mrad: an elbow
 SOLVE_S, FOLLOW_S, RECOVERY_S = 600.0, 60.0, 120.0  # for ten times as much work as processors
 
 
@@ -47,6 +48,8 @@ class Shown:
     presses: int = 0
     calibration: dict[str, object] = field(default_factory=dict)
     faults: list[tuple[str, str, float, float]] = field(default_factory=list)
+    knocked: ShownRequest | None = None
+    named: str = ""
 
 
 class Show:
@@ -102,7 +105,10 @@ class Show:
         self.operator.press("record.stop")
 
     def faults(self) -> None:
-        """Three live faults; each must stop the robot program."""
+        """Live faults; each must stop the robot program.
+
+        A camera that was knocked is followed from then on: the next request shows it by its miss.
+        """
         with self._program() as program:
             self._retract()
             self._fault("tag B covered", program, lambda: self.world.cover("b"), self.world.cover)
@@ -121,6 +127,44 @@ class Show:
                 "cell process killed", program, lambda: self.daemon.kill("cell"), lambda: None
             )
 
+            def kill_camera_while_turning() -> None:
+                now_s = time.monotonic()
+                self.world.turn_table(self.world.table_angle(now_s) + 1.0, now_s)
+                self.daemon.kill("camera")
+
+            self._fault(
+                "camera process killed, table turns",
+                program,
+                kill_camera_while_turning,
+                lambda: None,
+            )
+            self._fault(
+                "camera knocked 5 mm, 5 mrad",
+                program,
+                lambda: self.world.shift_camera(KNOCK),
+                lambda: None,
+            )
+            self.shown.knocked = self._ask_and_touch(program, "P1", 2.0)
+            self._retract()
+
+            def put_back() -> None:
+                self.shown.named = self._fault_in_words()
+                self.world.shift_tag_b(0.0, 0.0)
+
+            self._fault(
+                "tag B slipped 2 mm", program, lambda: self.world.shift_tag_b(2.0, 0.0), put_back
+            )
+
+    def _fault_in_words(self) -> str:
+        """What `vgrd status` says once enough pictures have shown it."""
+        end_s = time.monotonic() + RECOVERY_S
+        while time.monotonic() < end_s:
+            fault = self.daemon.control.call("status")["fault"]
+            if isinstance(fault, dict):
+                return str(fault["reason"])
+            time.sleep(PAUSE_S)
+        return ""
+
     def _request_patiently(self, program: RobotProgram, target: str, angle_rad: float) -> None:
         """One request; where the program had to stop for what passes by itself, from the start again."""
         for _ in range(ATTEMPTS - 1):
@@ -134,25 +178,27 @@ class Show:
         return self._request(program, target, angle_rad)
 
     def _request(self, program: RobotProgram, target: str, angle_rad: float) -> None:
+        self.shown.requests.append(self._ask_and_touch(program, target, angle_rad))
+
+    def _ask_and_touch(self, program: RobotProgram, target: str, angle_rad: float) -> ShownRequest:
         arrival = self.world.move_flange(retracted_pose(), time.monotonic())
         stop_s = self.world.turn_table(angle_rad, time.monotonic())
         time.sleep(max(0.0, max(arrival, stop_s) - time.monotonic()) + 0.08)
         asked = time.monotonic()
         reply = program.ask(self.world.targets[target].id)
         program.touch(reply)
-        self.shown.requests.append(
-            ShownRequest(
-                target,
-                angle_rad,
-                reply.base_from_wrist,
-                self.world.miss(target, time.monotonic()),
-                reply.age_s,
-                reply.latency_s,
-                reply.u95_mm,
-                asked,
-            )
+        shown = ShownRequest(
+            target,
+            angle_rad,
+            reply.base_from_wrist,
+            self.world.miss(target, time.monotonic()),
+            reply.age_s,
+            reply.latency_s,
+            reply.u95_mm,
+            asked,
         )
         program.lift()
+        return shown
 
     def _fault(
         self,

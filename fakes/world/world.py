@@ -21,6 +21,7 @@ from vgrd.geometry import Array, Pose
 from vgrd.model import Target
 
 TagName = Literal["a", "b"]
+UNMOVED: tuple[float, ...] = (0.0,) * 6
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,12 +50,14 @@ class WorldSnapshot:
     """All that a picture of one instant shows.
 
     flange: true base_from_wrist, (4, 4) row-major as 16 numbers; tag_b_shift: (x mm, y mm, rad) of
-    tag B on the object; covered: tags hidden by a hand; exposure: seed of the picture's noise.
+    tag B on the object; camera_shift: x, y, z mm and rotation vector, rad, of the camera in its own
+    frame; covered: tags hidden by a hand; exposure: seed of the picture's noise.
     """
 
     flange: tuple[float, ...]
     table_angle_rad: float
     tag_b_shift: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    camera_shift: tuple[float, ...] = UNMOVED
     covered: tuple[str, ...] = ()
     lights: bool = True
     exposure: int = 0
@@ -84,7 +87,7 @@ class WorldSnapshot:
     def from_json(cls, text: str | bytes) -> "WorldSnapshot":
         """Undo `to_json`."""
         fields = json.loads(text)
-        for name in ("flange", "tag_b_shift", "covered"):
+        for name in ("flange", "tag_b_shift", "camera_shift", "covered"):
             fields[name] = tuple(fields[name])
         return cls(**fields)
 
@@ -137,6 +140,7 @@ class World:
         self._turn = _Turn(0.0, 0.0, 0.0, 0.0)
         self._covered: frozenset[TagName] = frozenset()
         self._tag_b_shift = (0.0, 0.0, 0.0)
+        self._camera_shift = UNMOVED
         self._lights = True
         self._exposures = 0
         self._lock = threading.Lock()
@@ -208,6 +212,10 @@ class World:
         """Slip tag B on the object, measured from its place in the layout."""
         self._tag_b_shift = (x_mm, y_mm, turn_rad)
 
+    def shift_camera(self, shift: tuple[float, ...] = UNMOVED) -> None:
+        """Knock the camera: x, y, z mm and rotation vector, rad, in its frame of the layout."""
+        self._camera_shift = shift
+
     def switch_lights(self, *, on: bool) -> None:
         """Switch the cell's light."""
         self._lights = on
@@ -220,6 +228,7 @@ class World:
                 flange=tuple(self.arm.true_flange(now_s).matrix().ravel().tolist()),
                 table_angle_rad=self._turn.angle(now_s),
                 tag_b_shift=self._tag_b_shift,
+                camera_shift=self._camera_shift,
                 covered=tuple(sorted(self._covered)),
                 lights=self._lights,
                 exposure=self.seed * 1_000_003 + self._exposures,

@@ -63,11 +63,12 @@ class LinkReport:
 
     fits: the picture is as the calibration predicts, chance and the camera's displacement allowed for.
     taught_from_camera: how the camera seems to stand against where it stood while teaching, None where
-    it is taken to stand still. suspects: links one of which must have moved, most likely first;
-    slips: by link, how far it would have moved, (mm, rad).
+    it is taken to stand still; knocked: farther off than its stability explains. suspects: links one
+    of which must have moved, most likely first; slips: by link, how far it would have moved, (mm, rad).
     """
 
     fits: bool
     taught_from_camera: Pose | None = None
+    knocked: bool = False
     suspects: tuple[Link, ...] = ()
     slips: Mapping[Link, tuple[float, float]] = field(default_factory=dict)

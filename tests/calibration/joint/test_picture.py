@@ -240,3 +240,13 @@ def test_pictures_of_a_good_cell_contradict_nothing() -> None:
         request = seen_after(sim)
         for place in (UNMOVED, CameraPlace(FIXED, flange_tag(request)), CameraPlace(FIXED)):
             assert solution.examine(facts, request.seen.tag_b, place).fits
+
+
+@pytest.mark.parametrize("link", [Link.TAG_A, Link.TAG_B])
+def test_a_tag_that_slips_after_the_camera_was_knocked_is_among_those_that_are_named(link) -> None:
+    sim, solution, facts = real()
+    knocked = Pose.from_rotvec((0.003, -0.004, 0.001), (3.0, -4.0, 1.0))
+    request = seen_after(sim, camera=knocked, **{link.name.lower(): SLIP})
+    report = solution.examine(facts, request.seen.tag_b, CameraPlace(FIXED, flange_tag(request)))
+    assert not report.fits
+    assert link in report.suspects

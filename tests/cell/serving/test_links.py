@@ -62,6 +62,9 @@ def test_a_camera_that_was_knocked_is_followed(
     assert (before.status, after.status) == (Status.OK, Status.OK)
     np.testing.assert_allclose(place_mm(after), place_mm(before), atol=0.05)
     assert bench.serving.fault() is None
+    words = bench.serving.faults.knock
+    assert bool(words) == (fixture == "bench")  # people may move a movable one
+    assert fixture == "movable" or "mm, 5.1 mrad from where it was taught" in words
 
 
 @pytest.mark.parametrize("is_tag_a", [True, False], ids=["tag A", "tag B"])

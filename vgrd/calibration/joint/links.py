@@ -1,7 +1,7 @@
 """Which link moved: a picture that the calibration does not explain, explained by one link that slipped.
 
 Each link is given a slip, small, middling or large, and the likelihood of the picture says how probable
-each one is. Links that a picture cannot tell apart
+each one is. The camera may have been knocked besides, which tag A follows. Links that a picture cannot tell apart
 explain it alike and are named together.
 """
 
@@ -20,6 +20,8 @@ _SLIP = np.array(
     [1.0] * 3 + [4e-3] * 3
 )  # mm, rad: a guess, 1 mm across a tag's 25 mm turns it more
 _SCALES = (0.2, 1.0, 5.0)  # of slips, equally likely: from what glue lets go to what an elbow does
+_KNOCK = 30.0  # times its stability: how far a camera may have been knocked besides
+_KNOCKED = 0.01  # a guess: how many cameras have been, when something else slips
 _NAMED = 0.95  # posterior that the links which are named hold together
 
 
@@ -35,9 +37,16 @@ def suspects(
     free = rows.free(is_exact=guess.place.is_exact)
     across = np.linalg.svd(free, full_matrices=True)[0][:, free.shape[1] :]
     r, S = across.T @ rows.residual, across.T @ rows.covariance(links, arm) @ across
+    spreads = [(0.0, S)]
+    if not (guess.place.is_exact or guess.place.is_free):
+        spreads.append((np.log(_KNOCKED), S + _KNOCK**2 * across[-6:].T @ across[-6:]))
     evidence, slips = {}, {}
     for link, J in _slips(rows, guess).items():
-        trials = [_explain(r, S, across.T @ J, scale) for scale in _SCALES]
+        trials = [
+            _explain(r, spread, across.T @ J, scale, prior)
+            for prior, spread in spreads
+            for scale in _SCALES
+        ]
         evidence[link] = float(np.logaddexp.reduce([evidence for evidence, _ in trials]))
         slip = max(trials, key=lambda trial: trial[0])[1]
         slips[link] = (float(np.linalg.norm(slip[:3])), float(np.linalg.norm(slip[3:])))
@@ -45,12 +54,12 @@ def suspects(
     return named, MappingProxyType({link: slips[link] for link in named})
 
 
-def _explain(r: Array, S: Array, J: Array, scale: float) -> tuple[float, Array]:
-    """Logarithm of the likelihood under slips of that size, and the most likely slip (6,)."""
+def _explain(r: Array, S: Array, J: Array, scale: float, prior: float) -> tuple[float, Array]:
+    """Logarithm of the likelihood under slips of that size and of the prior, and the likely slip (6,)."""
     L = J * (scale * _SLIP)
     with_slip = S + L @ L.T
     weighted = np.linalg.solve(with_slip, r)
-    evidence = -0.5 * (float(r @ weighted) + float(np.linalg.slogdet(with_slip)[1]))
+    evidence = prior - 0.5 * (float(r @ weighted) + float(np.linalg.slogdet(with_slip)[1]))
     return evidence, scale * _SLIP * (L.T @ weighted)
 
 

@@ -232,7 +232,8 @@ class JointSolution:
         picture = weigh(links, guess, arm, tags, motions)
         moved = None if camera.is_exact else picture.taught_from_camera
         if picture.fits:
-            return LinkReport(fits=True, taught_from_camera=moved)
+            knocked = guess.place.is_free and not camera.is_free
+            return LinkReport(fits=True, taught_from_camera=moved, knocked=knocked)
         guess = CameraGuess(guess.taught_from_camera, camera)
         named, slips = suspects(links, guess, arm, tags, motions)
         return LinkReport(fits=False, taught_from_camera=moved, suspects=named, slips=slips)

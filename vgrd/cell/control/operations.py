@@ -101,6 +101,7 @@ class Operations:
             "calibration": None if calibration is None else calibration.id,
             "robot": self.measuring.robot_trouble() or "ok",
             "camera": self.measuring.camera_trouble() or "ok",
+            "camera_moved": self.serving.faults.knock or None,
             "picture_age_s": None
             if sight is None
             else round(self.clock.monotonic() - sight.stamp_s, 3),

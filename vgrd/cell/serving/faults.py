@@ -41,6 +41,7 @@ class Faults:
         self._cameras = cameras
         self._contradictions: list[LinkReport] = []  # of the newest pictures in a row
         self._latched: Fault | None = None
+        self._report: LinkReport | None = None  # of the newest picture that told of its links
 
     @property
     def latched(self) -> Fault | None:
@@ -64,6 +65,18 @@ class Faults:
         """DETAIL of CALIBRATION_DRIFT: what may have moved, by the newest picture."""
         return links_detail(self._contradictions[-1].suspects) if self._contradictions else 0
 
+    @property
+    def knock(self) -> str:
+        """In words, that the camera was knocked and is followed; empty while it stands as it was taught."""
+        report = self._report
+        if report is None or not report.knocked or report.taught_from_camera is None:
+            return ""
+        mm, rad = Pose.identity().distance(report.taught_from_camera)
+        return (
+            f"the camera stands {mm:.2f} mm, {1e3 * rad:.1f} mrad from where it was taught: tag A is "
+            "followed; fasten the camera, and teach anew when you can"
+        )
+
     def current(self) -> Fault | None:
         """The fault that forbids to serve now, None while there is none."""
         if self.latched is not None:
@@ -85,6 +98,7 @@ class Faults:
         """Judge by `calibration` from now on; earlier pictures count no longer as a drift."""
         self.calibration = calibration
         self._contradictions.clear()
+        self._report = None
         self._cameras.forget()
 
     def confirm(self) -> None:
@@ -121,6 +135,7 @@ class Faults:
             report = calibration.solution.examine(facts, sight.tag_b, place)
         except TagNotSeen:
             return
+        self._report = report
         if report.fits:
             self._contradictions.clear()
         else:
