@@ -14,6 +14,7 @@ from fakes.studies.robustness import (
     degenerate,
     degenerate_touches,
     moved_camera,
+    moved_links,
 )
 from fakes.studies.study import Study
 from vgrd.errors import InputError
@@ -36,6 +37,7 @@ STUDIES: Mapping[str, Study] = MappingProxyType(
             degenerate,
             degenerate_touches,
             moved_camera,
+            moved_links,
         )
     }
 )

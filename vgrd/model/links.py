@@ -61,13 +61,15 @@ class Link(StrEnum):
 class LinkReport:
     """What a picture says of its links.
 
-    fits: the picture is as the calibration predicts, chance and the camera's displacement allowed for.
+    fits: the picture is as the calibration predicts, chance and the camera's displacement allowed for;
+    misfit: the squares, in sigmas, that say so.
     taught_from_camera: how the camera seems to stand against where it stood while teaching, None where
     it is taken to stand still; knocked: farther off than its stability explains. suspects: links one
     of which must have moved, most likely first; slips: by link, how far it would have moved, (mm, rad).
     """
 
     fits: bool
+    misfit: float
     taught_from_camera: Pose | None = None
     knocked: bool = False
     suspects: tuple[Link, ...] = ()

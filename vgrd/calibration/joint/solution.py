@@ -233,10 +233,10 @@ class JointSolution:
         moved = None if camera.is_exact else picture.taught_from_camera
         if picture.fits:
             knocked = guess.place.is_free and not camera.is_free
-            return LinkReport(fits=True, taught_from_camera=moved, knocked=knocked)
+            return LinkReport(True, picture.misfit, moved, knocked)
         guess = CameraGuess(guess.taught_from_camera, camera)
         named, slips = suspects(links, guess, arm, tags, motions)
-        return LinkReport(fits=False, taught_from_camera=moved, suspects=named, slips=slips)
+        return LinkReport(False, picture.misfit, moved, suspects=named, slips=slips)
 
     def _picture(
         self, wish: "_Wish", tag_b: TagObservation, motion: Motion | None, camera: CameraPlace

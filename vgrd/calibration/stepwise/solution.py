@@ -35,6 +35,7 @@ from vgrd.model import (
 )
 
 _EYE = np.eye(3)
+_PIVOT_STANDS = chi2_quantile(FITS_MODEL, 3)  # its shift in the camera has three numbers
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -118,7 +119,7 @@ class StepwiseSolution:
             position_covariance=frozen_array(covariance, 3, 3),
             u95_mm=radius95(covariance),
             u95_rad=radius95(rotation_covariance) if follows else 0.0,
-            fits=self._fits(facts, tag_b),
+            fits=self._misfit(facts, tag_b) <= _PIVOT_STANDS,
         )
 
     def examine(self, facts: CellFacts, tag_b: TagObservation, camera: CameraPlace) -> LinkReport:
@@ -126,14 +127,15 @@ class StepwiseSolution:
 
         Raises TagNotSeen as `expected`.
         """
-        if self._fits(facts, self._seen(facts, tag_b, camera)):
-            return LinkReport(fits=True)
+        misfit = self._misfit(facts, self._seen(facts, tag_b, camera))
+        if misfit <= _PIVOT_STANDS:
+            return LinkReport(True, misfit)
         links = [Link.TAG_B, Link.OBJECT]
         if camera.flange_tag is not None and not camera.is_exact:
             links.append(Link.TAG_A)
         elif not camera.is_free:
             links.append(Link.CAMERA)
-        return LinkReport(fits=False, suspects=tuple(links))
+        return LinkReport(False, misfit, suspects=tuple(links))
 
     def _seen(
         self, facts: CellFacts, tag_b: TagObservation, camera: CameraPlace
@@ -142,13 +144,12 @@ class StepwiseSolution:
             tag_b, camera, self.base_from_camera, self.wrist_from_tag_a, facts.robot_sigma_mm
         )
 
-    def _fits(self, facts: CellFacts, tag_b: TagObservation) -> bool:
-        """Whether a turntable's rotation centre is where it was; tag_b: as the taught camera sees it."""
+    def _misfit(self, facts: CellFacts, tag_b: TagObservation) -> float:
+        """How far a turntable's rotation centre is from where it was; tag_b: as the taught camera sees it."""
         if self.pivot is None or facts.object.motion is not Motion.TURNTABLE:
-            return True
+            return 0.0
         shift, covariance = self.chain.pivot_shift(self.pivot, tag_b)
-        misfit = float(shift @ np.linalg.solve(covariance, shift))
-        return bool(misfit <= chi2_quantile(FITS_MODEL, len(shift)))
+        return float(shift @ np.linalg.solve(covariance, shift))
 
     @abstractmethod
     def _flange(

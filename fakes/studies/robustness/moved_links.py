@@ -1,0 +1,175 @@
+"""A link that slipped after teaching: how often one picture refuses it, and whether the true link is named.
+
+Slips have random directions and just the size at which the picture is expected to misfit by 1 to 10 sigma (the
+square root of what the slip adds to the misfit). `none`: pictures of a good cell, which must not be refused.
+"""
+
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.random import SeedSequence
+
+from fakes.studies.sessions import Session
+from fakes.studies.study import Figure, Parameters, Study, Trials
+from fakes.world.arm_errors import ArmErrors
+from fakes.world.noise import FINE
+from fakes.world.simulation import SimulatedRequest, Simulation
+from vgrd.calibration.joint import JointSolution, Turntable, calibrate_joint, solution_of
+from vgrd.charts import COLORS, PAPER, legend, panels
+from vgrd.errors import CalibrationError
+from vgrd.geometry import Array, Pose
+from vgrd.model import (
+    ArmModel,
+    CameraPlace,
+    CellFacts,
+    FlangeTag,
+    Link,
+    LinkReport,
+    Plan,
+    TagObservation,
+    frozen_array,
+)
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure as Drawing
+
+_SESSION = Session(Plan.JOINT, looks=8, spins=10, touches=10, tilted=4)
+_ARM = ArmErrors(sigma_mm=0.03, field_mm=0.15)
+_STABILITIES = {
+    "fixed": frozen_array([0.5] * 3 + [5e-4] * 3, 6),  # the cell file's defaults, mm and rad
+    "movable": frozen_array([np.inf] * 6, 6),
+}
+_SIGMAS = (1, 2, 3, 4, 5, 6, 8, 10)
+_PROBE = 0.1  # of a slip of 1 mm and 2 mrad: small enough for a parabola
+_SLIP = np.array([1.0] * 3 + [2e-3] * 3)
+_JUDGED = 5  # sigmas at which the bars hold
+
+
+def _trial(seed: SeedSequence, parameters: Parameters) -> dict[str, float]:
+    """By sigmas of expected misfit: refused or not, and the true link among those named or not."""
+    cell = Simulation(seed, vision=FINE, arm=_ARM, center_sigma_mm=Turntable().center_sigma_mm)
+    recording = _SESSION.record(cell)
+    model = ArmModel(_ARM.sigma_mm, _ARM.field_mm, _ARM.length_mm, _ARM.rad_per_mm)
+    solution = solution_of(calibrate_joint(recording, arm=model))
+    link, is_hidden = Link(parameters["link"]), parameters["tag_a"] == "hidden"
+    picture = _Picture(
+        solution,
+        recording.facts,
+        cell.request(),
+        link,
+        _STABILITIES[parameters["stability"]],
+        is_hidden,
+    )
+    direction = cell.rng.normal(size=6) * _SLIP
+    at_rest = picture.report(np.zeros(6))
+    there, back = (picture.report(sign * _PROBE * direction) for sign in (1, -1))
+    growth = (there.misfit + back.misfit - 2 * at_rest.misfit) / (2 * _PROBE**2)
+    out = {"refused at rest": float(not at_rest.fits)}
+    for sigmas in _SIGMAS:
+        report = picture.report(direction * sigmas / np.sqrt(growth))
+        out[f"refused at {sigmas}"] = float(not report.fits)
+        out[f"named at {sigmas}"] = float(link in report.suspects) if not report.fits else np.nan
+    return out
+
+
+class _Picture:
+    """One picture with its noise, in which a link slips by what is asked."""
+
+    def __init__(
+        self,
+        solution: JointSolution,
+        facts: CellFacts,
+        request: SimulatedRequest,
+        link: Link,
+        stability: Array,
+        is_hidden: bool,
+    ) -> None:
+        self._solution, self._facts = solution, facts
+        self._request, self._link = request, link
+        self._stability, self._is_hidden = stability, is_hidden
+
+    def report(self, slip: Array) -> LinkReport:
+        """Slips of tags are in the tag's frame, of the camera in its own."""
+        tag_a, tag_b = self._request.seen.tag_a, self._request.seen.tag_b
+        if tag_a is None or tag_b is None:
+            raise CalibrationError("a tag is not in the picture")
+        moved = Pose.exp(slip)
+        if self._link is Link.CAMERA:
+            tag_a, tag_b = _shifted(moved.inverse(), tag_a), _shifted(moved.inverse(), tag_b)
+        elif self._link is Link.TAG_A:
+            tag_a = replace(tag_a, camera_from_tag=tag_a.camera_from_tag @ moved)
+        else:
+            tag_b = replace(tag_b, camera_from_tag=tag_b.camera_from_tag @ moved)
+        seen = None if self._is_hidden else FlangeTag(tag_a, self._request.seen.base_from_wrist)
+        return self._solution.examine(self._facts, tag_b, CameraPlace(self._stability, seen))
+
+
+def _shifted(camera_from_camera: Pose, tag: TagObservation) -> TagObservation:
+    return replace(tag, camera_from_tag=camera_from_camera @ tag.camera_from_tag)
+
+
+def _figures(trials: Trials) -> list[Figure]:
+    out = []
+    for case in _CASES:
+        where = f"{case['link']} slips, camera {case['stability']}, tag A {case['tag_a']}"
+        for sigmas in _SIGMAS:
+            refused = 100 * trials.mean(f"refused at {sigmas}", **case)
+            is_judged = sigmas == _JUDGED
+            out.append(
+                Figure(
+                    f"{where}: refused at {sigmas} sigma",
+                    refused,
+                    "%",
+                    at_least=95.0 if is_judged else None,
+                )
+            )
+        named = trials.values(f"named at {_JUDGED}", **case)
+        share = 100 * float(np.nanmean(named))
+        out.append(Figure(f"{where}: named at {_JUDGED} sigma", share, "%", at_least=95.0))
+    wrong = 100 * float(np.mean(trials.values("refused at rest")))
+    out.append(Figure("a good cell: refused", wrong, "%", at_most=0.05))
+    return out
+
+
+def _draw(trials: Trials) -> "Drawing":
+    drawing, (refused, named) = panels(
+        f"A link that slipped, {len(trials.select())} pictures",
+        ("expected misfit, sigma", "refused, %"),
+        ("expected misfit, sigma", "true link named, %"),
+    )
+    for color, case in zip(COLORS * 2, _CASES, strict=False):
+        label = f"{case['link']}, {case['stability']}, tag A {case['tag_a']}"
+        for axes, what in ((refused, "refused"), (named, "named")):
+            shares = [
+                100 * float(np.nanmean(trials.values(f"{what} at {sigmas}", **case)))
+                for sigmas in _SIGMAS
+            ]
+            axes.plot(_SIGMAS, shares, color=color, marker="o", label=label)
+            axes.axhline(95, color=PAPER, ls=(0, (5, 3)), linewidth=1)
+    legend(refused)
+    return drawing
+
+
+_CASES = tuple(
+    {"link": link.value, "stability": stability, "tag_a": tag_a}
+    for link, stability, tag_a in (
+        (Link.TAG_B, "fixed", "seen"),
+        (Link.TAG_A, "fixed", "seen"),
+        (Link.TAG_B, "fixed", "hidden"),
+        (Link.CAMERA, "fixed", "hidden"),
+        (Link.TAG_B, "movable", "seen"),
+        (Link.TAG_A, "movable", "seen"),
+    )
+)
+
+STUDY = Study(
+    name="moved-links",
+    title="A link that slipped after teaching",
+    cases=_CASES,
+    runs=300,
+    full_runs=2000,
+    trial=_trial,
+    figures=_figures,
+    draw=_draw,
+)
