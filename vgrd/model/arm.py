@@ -91,12 +91,15 @@ class ArmKnowledge:
 
     def deviations(self, flanges: Array) -> tuple[Array, Array, Array]:
         """The same of p stands at flange positions (p, 3): (6 p,), (6 p, n), (6 p, 6 p)."""
-        squares = self.model.scales() ** 2
+        squares, p = self.model.scales() ** 2, len(flanges)
         one = np.diag(self.model.variances() - self.model.field_mm**2 * squares)
-        here = np.kron(np.eye(len(flanges)), one)
-        here += np.kron(self.model.field(flanges, flanges), np.diag(squares))
+        here = np.einsum("pq,ij->piqj", np.eye(p), one)
+        here += np.einsum("pq,ij->piqj", self.model.field(flanges, flanges), np.diag(squares))
+        here = here.reshape(6 * p, 6 * p)
         near = self.model.field(flanges, self.flange_at)
-        shared = np.kron(near, np.diag(squares))
+        shared = np.einsum("ps,ij->pisj", near, np.diag(squares)).reshape(
+            6 * p, 6 * len(self.flange_at)
+        )
         return (
             -shared @ self.score,
             -shared @ self.J_unknowns,

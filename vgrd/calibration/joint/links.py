@@ -68,7 +68,7 @@ def _slips(rows: Rows, guess: CameraGuess) -> dict[Link, Array]:
     of_b = np.zeros((len(rows.residual), 6))
     of_b[:6] = rows.J_tag_b
     out = {Link.TAG_B: of_b, Link.OBJECT: of_b}
-    if guess.place.flange_tag is not None:
+    if guess.tag_a is not None:
         out[Link.TAG_A] = np.zeros_like(of_b)
         out[Link.TAG_A][6:12] = rows.J_tag_a
     if guess.place.is_exact:

@@ -102,11 +102,28 @@ class Picture:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+class TagARows:
+    """Residual (6,) of tag A, whitened; J_known (6, n + 6): by unknowns and the arm's deviation there.
+
+    J_camera (6, 6): by the camera's displacement, J_slip (6, 6): by a slip of the tag in its own frame.
+    """
+
+    residual: Array
+    J_known: Array
+    J_camera: Array
+    J_slip: Array
+
+
+@dataclass(frozen=True, slots=True, eq=False)
 class CameraGuess:
-    """Where the camera stands at first: taught_from_camera, and the place with what of it is believed."""
+    """Where the camera stands at first: taught_from_camera, and the place with what of it is believed.
+
+    tag_a: None where it is not used.
+    """
 
     taught_from_camera: Pose
     place: CameraPlace
+    tag_a: TagARows | None = None
 
 
 def guess_camera(links: Links, place: CameraPlace, arm: ArmPrior) -> CameraGuess:
@@ -120,20 +137,27 @@ def guess_camera(links: Links, place: CameraPlace, arm: ArmPrior) -> CameraGuess
         raise TagNotSeen(
             "where the camera stands is not known: bring tag A into view and let the arm stand"
         )
-    if seen is None or place.is_exact:
+    if seen is None:
         return CameraGuess(Pose.identity(), place)
-    chain = links.base_from_camera.inverse() @ seen.base_from_wrist @ links.wrist_from_tag_a
-    guess = CameraGuess(chain @ seen.tag.camera_from_tag.inverse(), place)
-    if place.is_free:
-        return guess
-    r, J_known, J_camera, _ = _rows_of_tag_a(links, guess, seen, arm)
-    by_chain = np.linalg.inv(J_camera)
-    spread = np.eye(6) + J_known @ _covariance_of_known(links, arm) @ J_known.T
+    D = Pose.identity()
+    if not place.is_exact:
+        chain = links.base_from_camera.inverse() @ seen.base_from_wrist @ links.wrist_from_tag_a
+        D = chain @ seen.tag.camera_from_tag.inverse()
+    rows = _rows_of_tag_a(links, D, seen, arm)
+    if place.is_exact or place.is_free or _stands(links, place, D, rows, arm):
+        return CameraGuess(D, place, rows)
+    return CameraGuess(D, replace(place, stability=np.full(6, np.inf)), rows)
+
+
+def _stands(
+    links: Links, place: CameraPlace, taught_from_camera: Pose, rows: TagARows, arm: ArmPrior
+) -> bool:
+    """Whether the chain puts the camera where its stability may have it."""
+    by_chain = np.linalg.inv(rows.J_camera)
+    spread = np.eye(6) + rows.J_known @ _covariance_of_known(links, arm) @ rows.J_known.T
     spread = by_chain @ spread @ by_chain.T + np.diag(place.stability**2)
-    way = guess.taught_from_camera.log() - by_chain @ r
-    if float(way @ np.linalg.solve(spread, way)) <= chi2_quantile(CAMERA_STANDS, 6):
-        return guess
-    return CameraGuess(guess.taught_from_camera, replace(place, stability=np.full(6, np.inf)))
+    way = taught_from_camera.log() - by_chain @ rows.residual
+    return float(way @ np.linalg.solve(spread, way)) <= chi2_quantile(CAMERA_STANDS, 6)
 
 
 def first_motion(
@@ -203,17 +227,18 @@ def rows_of(
     r_b, J_b, J_motion = (
         part[0] for part in moved_tag(links.camera_from_tag_b, tags, motions, links.layout)
     )
-    expected = Pose(motions.rotations[0], motions.translations[0]) @ links.camera_from_tag_b
-    D_b = tag_residuals(expected.rotation[None], expected.translation[None], tags)[1][0]
+    motion_of_object = Pose(motions.rotations[0], motions.translations[0])
+    expected = motion_of_object @ links.camera_from_tag_b
+    by_expected = J_b[:, links.layout.TAG_B] @ motion_of_object.inverse().adjoint()
     residuals, known = [r_b], [np.hstack([J_b, np.zeros((6, w))])]
     # The displacement moves what was measured.
-    camera = [-D_b @ (expected @ tags.poses()[0].inverse()).adjoint()]
+    camera = [-by_expected @ (expected @ tags.poses()[0].inverse()).adjoint()]
     J_tag_a = np.zeros((0, 6))
-    if guess.place.flange_tag is not None:
-        r_a, J_a, J_camera, J_tag_a = _rows_of_tag_a(links, guess, guess.place.flange_tag, arm)
-        residuals.append(r_a)
-        known.append(J_a)
-        camera.append(J_camera)
+    if (tag_a := guess.tag_a) is not None:
+        residuals.append(tag_a.residual)
+        known.append(np.hstack([tag_a.J_known, np.zeros((6, w - 6))]))
+        camera.append(tag_a.J_camera)
+        J_tag_a = tag_a.J_slip
     if not (guess.place.is_exact or guess.place.is_free):
         tangent = guess.taught_from_camera.log()
         residuals.append(tangent / guess.place.stability)
@@ -226,16 +251,16 @@ def rows_of(
         np.vstack(camera),
         np.vstack(motion),
         J_tag_a,
-        D_b @ expected.adjoint(),
+        by_expected @ expected.adjoint(),
     )
 
 
 def _rows_of_tag_a(
-    links: Links, guess: CameraGuess, seen: FlangeTag, arm: ArmPrior
-) -> tuple[Array, Array, Array, Array]:
-    """Residual (6,) of tag A; derivatives by unknowns and deviations (6, n + w), camera, slip (6, 6)."""
+    links: Links, taught_from_camera: Pose, seen: FlangeTag, arm: ArmPrior
+) -> TagARows:
+    """arm: its deviation in the picture alone."""
     n, W = links.layout.size, seen.base_from_wrist
-    camera_from_taught = guess.taught_from_camera.inverse()
+    camera_from_taught = taught_from_camera.inverse()
     camera_from_base = camera_from_taught @ links.base_from_camera.inverse()
     expected = camera_from_base @ W @ links.wrist_from_tag_a
     tags = _as_tags(seen.tag.camera_from_tag, seen.tag.covariance)
@@ -244,12 +269,12 @@ def _rows_of_tag_a(
         for part in tag_residuals(expected.rotation[None], expected.translation[None], tags)
     )
     by_base = D @ camera_from_base.adjoint()
-    J = np.zeros((6, n + len(arm.mean)))
+    J = np.zeros((6, n + 6))
     J[:, links.layout.CAMERA] = -by_base
     J[:, links.layout.TAG_A] = by_base @ W.adjoint()
     J[:, n : n + 6] = by_base
     J[:, n + 3 : n + 6] += by_base[:, :3] @ hat(W.translation)  # it turns about the flange
-    by_arm = J[:, n : n + 6]
-    J[:, :n] += by_arm @ arm.J_unknowns[:6]
-    r = r + by_arm @ arm.mean[:6]
-    return r, J, -D @ camera_from_taught.adjoint(), D @ expected.adjoint()
+    by_arm = J[:, n:]
+    J[:, :n] += by_arm @ arm.J_unknowns
+    r = r + by_arm @ arm.mean
+    return TagARows(r, J, -D @ camera_from_taught.adjoint(), D @ expected.adjoint())

@@ -234,7 +234,7 @@ class JointSolution:
         if picture.fits:
             knocked = guess.place.is_free and not camera.is_free
             return LinkReport(True, picture.misfit, moved, knocked)
-        guess = CameraGuess(guess.taught_from_camera, camera)
+        guess = CameraGuess(guess.taught_from_camera, camera, guess.tag_a)
         named, slips = suspects(links, guess, arm, tags, motions)
         return LinkReport(False, picture.misfit, moved, suspects=named, slips=slips)
 
