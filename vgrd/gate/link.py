@@ -15,8 +15,7 @@ import structlog
 from vgrd.errors import ControlError
 from vgrd.ipc.messages import MAX_LINE_BYTES, decode_line, encode_line
 
-# The smallest that Linux grants: a handful of lines, so that the cell finds few stale ones in it.
-_SEND_BUFFER_BYTES: Final = 4608
+_SEND_BUFFER_BYTES: Final = 4608  # Linux doubles it (socket(7)): some eight lines, few are stale
 _READ_BYTES: Final = 65536  # at once; a longer line comes in parts
 
 log = structlog.get_logger()

@@ -5,17 +5,17 @@ from collections.abc import Callable, Sequence
 from typing import Final, Protocol
 
 # All numbers of this file: Modbus Application Protocol Specification V1.1b3, chapters 6 and 7.
-ILLEGAL_FUNCTION: Final = 1
-ILLEGAL_ADDRESS: Final = 2
-ILLEGAL_VALUE: Final = 3
-EXCEPTION_BIT: Final = 0x80  # of the function code in an answer that refuses
-_MOST_READ_BITS: Final = 2000  # functions 1 and 2
-_MOST_READ_REGISTERS: Final = 125  # functions 3, 4 and 23
-_MOST_WRITTEN_COILS: Final = 1968  # function 15
-_MOST_WRITTEN_REGISTERS: Final = 123  # function 16
-_MOST_EXCHANGED_REGISTERS: Final = 121  # written by function 23
-_COIL_OFF: Final = 0x0000  # the two values that function 5 may write
-_COIL_ON: Final = 0xFF00
+ILLEGAL_FUNCTION: Final = 1  # V1.1b3, 7
+ILLEGAL_ADDRESS: Final = 2  # V1.1b3, 7
+ILLEGAL_VALUE: Final = 3  # V1.1b3, 7
+EXCEPTION_BIT: Final = 0x80  # V1.1b3, 7: of the function code in an answer that refuses
+_MOST_READ_BITS: Final = 2000  # V1.1b3, 6.1 and 6.2: functions 1 and 2
+_MOST_READ_REGISTERS: Final = 125  # V1.1b3, 6.3, 6.4 and 6.17: functions 3, 4 and 23
+_MOST_WRITTEN_COILS: Final = 1968  # V1.1b3, 6.11: function 15
+_MOST_WRITTEN_REGISTERS: Final = 123  # V1.1b3, 6.12: function 16
+_MOST_EXCHANGED_REGISTERS: Final = 121  # V1.1b3, 6.17: written by function 23
+_COIL_OFF: Final = 0x0000  # V1.1b3, 6.5: the two values that function 5 may write
+_COIL_ON: Final = 0xFF00  # V1.1b3, 6.5
 
 
 class Data(Protocol):
@@ -178,7 +178,7 @@ def _read_write_registers(data: Data, body: bytes) -> bytes:
     return _words(data.read_registers(read_address, read_count))
 
 
-_HANDLERS: Final[dict[int, Callable[[Data, bytes], bytes]]] = {
+_HANDLERS: Final[dict[int, Callable[[Data, bytes], bytes]]] = {  # V1.1b3, 6: function codes
     1: _read_coils,
     2: _read_inputs,
     3: _read_registers,
