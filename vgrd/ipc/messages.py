@@ -14,7 +14,7 @@ HEALTH_SLOTS: Final = 4  # only the newest counts; a ring needs two
 HEALTH_BYTES: Final = 1024  # twice the longest detail
 GATE_RING: Final = "gate.ring"
 GATE_KIND: Final = "gate"
-GATE_SLOTS: Final = 4
+GATE_SLOTS: Final = 4  # as of health: only the newest counts
 GATE_BYTES: Final = 16384  # chosen: the longest details of some twenty processes
 MAX_LINE_BYTES: Final = 1 << 20  # chosen: what a client may make the daemon keep
 

@@ -13,11 +13,11 @@ MAGIC = b"VGRDRNG1"
 FILE = struct.Struct("=8sQQQ16s")
 HEADER_BYTES = 4096  # a page
 CACHE_LINE_BYTES = 64  # of x86 and most ARM: words in lines of their own do not slow each other
-_LINE_WORDS = CACHE_LINE_BYTES // 8
-LAST, RETIRED = 3 * _LINE_WORDS, 4 * _LINE_WORDS
+_LINE_WORDS = CACHE_LINE_BYTES // 8  # a word has 8 bytes: what is loaded and stored at once
+LAST, RETIRED = 3 * _LINE_WORDS, 4 * _LINE_WORDS  # behind FILE; line 2 held a generation once
 SLOT_HEADER_BYTES = CACHE_LINE_BYTES
 SLOT = struct.Struct("=QdQ")  # index, stamp_s, length; follows the sequence
-CRC_OFFSET = 8 + SLOT.size
+CRC_OFFSET = 8 + SLOT.size  # behind the sequence, a word, and what follows it
 
 Buffer = bytes | bytearray | memoryview
 

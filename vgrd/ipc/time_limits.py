@@ -2,6 +2,5 @@
 
 from typing import Final
 
-# Of silence of the cell: a killed, stopped or hanging one left the registers after 253-255 ms.
-DEADLINE_S: Final = 0.25
+DEADLINE_S: Final = 0.25  # a killed, stopped or hanging cell left the registers after 253-255 ms
 REQUEST_TIMEOUT_S: Final = 2.0  # for a request without TMO; chosen: an answer takes 0.5 s
