@@ -11,8 +11,8 @@ from vgrd.registers.request import Request
 
 REGISTER_RING: Final = "registers.ring"
 REGISTER_KIND: Final = "registers"
-UNKNOWN16: Final = 0xFFFF
-LARGEST32: Final = 0x7FFFFFFF
+UNKNOWN16: Final = 0xFFFF  # the largest u16: more, or unknown
+LARGEST32: Final = 0x7FFFFFFF  # the largest i32; the smallest is the sentinel
 
 _PACKED = struct.Struct("<8H2I2Bxx3qIHxx6d2Q")
 

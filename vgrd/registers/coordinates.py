@@ -8,7 +8,7 @@ from vgrd.registers.answer import LARGEST32, UNKNOWN16, Answer
 from vgrd.registers.codes import RotationCode, Scale16, Status
 
 _AXES = ("X", "Y", "Z", "RX", "RY", "RZ")
-_LARGEST16 = 0x7FFF
+_LARGEST16 = 0x7FFF  # of an i16
 _LARGEST_FLOAT = 3.4e38  # a little less than the largest float32
 _BEYOND = 1 << 63  # steps that no block holds
 _UNITS16: Final = {  # um per step, steps per rad

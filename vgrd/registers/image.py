@@ -15,7 +15,7 @@ from vgrd.registers.coordinates import coordinates, narrow_axis, sequence, wide_
 from vgrd.registers.layout import MAP_VERSION, encode_response
 from vgrd.registers.request import NOTHING_ASKED, Request
 
-AGE_STEP_S: Final = 0.01
+AGE_STEP_S: Final = 0.01  # AGE lags by less; for it polls encode at most 100 times a second
 
 _CELL_BITS = ~(State.BUSY | State.VALID | State.ERROR | State.DEGRADED)
 _NO_ERROR = (Status.IDLE, Status.OK, Status.OK_DEGRADED, Status.BUSY)

@@ -12,8 +12,8 @@ from typing import Final, Literal
 
 Kind = Literal["u16", "i16", "u32", "i32", "f32", "u64"]
 
-MAP_VERSION: Final = 0x0100
-SWAPPED_FROM: Final = 300
+MAP_VERSION: Final = 0x0100  # 1.0, for programs to compare
+SWAPPED_FROM: Final = 300  # clear of 100-167, which it copies; robots' programs hold it
 
 _CODES: Final[dict[Kind, str]] = {
     "u16": "H",
@@ -111,7 +111,7 @@ def _proof(prefix: str, start: int) -> list[Field]:
 # CLHB is a field, so a value in it is never refused: it asks for nothing that anybody could miss,
 # and programs that were written for the first map count there. Whatever else is written into a
 # reserved register is a wish that nobody would fulfil; `Request.reserved_register` finds it.
-REQUEST: Final = Block(
+REQUEST: Final = Block(  # addresses that robots' programs hold: part of map v1
     0,
     32,
     [
@@ -138,7 +138,7 @@ REQUEST: Final = Block(
     ],
 )
 
-RESPONSE: Final = Block(
+RESPONSE: Final = Block(  # idem
     100,
     168,
     [

@@ -116,4 +116,4 @@ def parse_message(message: Mapping[str, object]) -> Request:
     return Request.parse(block, nonce, orientation_written=written)
 
 
-NOTHING_ASKED = Request.parse(bytes(64))
+NOTHING_ASKED = Request.parse(bytes(64))  # 32 registers of two bytes
