@@ -41,7 +41,9 @@ class Tool:
     """
 
     name: str = "tool"
-    axis_in_wrist: Array = field(default_factory=lambda: frozen_array((0, 0, 1), 3))
+    axis_in_wrist: Array = field(  # as `axis` of a tool in the cell file
+        default_factory=lambda: frozen_array((0, 0, 1), 3)
+    )
     work_from_touch_mm: Array = field(default_factory=lambda: frozen_array((0, 0, 0), 3))
 
 
@@ -71,7 +73,7 @@ class ObjectSpec:
     targets: Mapping[str, Target]
     motion: Motion = Motion.TURNTABLE
     center_in_object: Array | None = None
-    hole_sigma_mm: float = 0.03
+    hole_sigma_mm: float = 0.03  # as `object.hole_sigma_mm` of the cell file
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -90,7 +92,7 @@ class CellFacts:
     tag_b: TagSpec
     tool: Tool
     object: ObjectSpec
-    robot_sigma_mm: float = 0.1
+    robot_sigma_mm: float = 0.1  # as `robot.sigma_mm` of the cell file
     robot_id: str = ""
     camera_id: str = ""
     wrist_from_tcp: Pose | None = None
