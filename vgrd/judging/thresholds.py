@@ -38,10 +38,10 @@ SAME_ORIENTATION_RAD = np.radians(0.05)  # 0.1 mm at a tool of 120 mm
 REACH_MM = 500.0  # from base to flange: what turns an error of the arm in mm into one in rad
 
 # Two poses that are one: the robot was not read again. Stated noise plays no part.
-SAME_POSE_MM = 1e-6  # as read: the last digit of a double
-SAME_POSE_RAD = 1e-9
+SAME_POSE_MM = 1e-6  # as read: far above a double's rounding, far below what an arm moves
+SAME_POSE_RAD = 1e-9  # the same at 1 m
 SAME_TEXT_MM = 1e-3  # as written in a file: its last digit
-SAME_TEXT_RAD = 1e-6
+SAME_TEXT_RAD = 1e-6  # the same at 1 m
 
 # Points that lie on one line: second spread over the first.
 LINE = 1e-2  # 2 mm over a plate of 200 mm: what a touch of 0.2 mm can tell with margin
