@@ -40,9 +40,9 @@ def minimize(
     retract: Callable[[State, Array], State],
     start: State,
     *,
-    tolerance: float = 1e-7,
-    max_steps: int = 100,
-    damping: float = 1e-6,
+    tolerance: float = 1e-7,  # docs/decisions/0009
+    max_steps: int = 100,  # a bound, a guess: more would cost time where there is no minimum
+    damping: float = 1e-6,  # of unit columns: nearly undamped, for starts that are near
 ) -> Minimum[State]:
     """Lowest sum of squares near `start`; `linearize` gives residuals (m,) and Jacobian (m, n).
 

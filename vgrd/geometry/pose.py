@@ -239,7 +239,11 @@ class Pose:
         )
 
 
-def nearest_rotation(matrix: ArrayLike, *, tolerance: float = 1e-3) -> Array:
+def nearest_rotation(
+    matrix: ArrayLike,
+    *,
+    tolerance: float = 1e-3,  # numbers with three decimals are off by 5e-4
+) -> Array:
     """Proper rotation (3, 3) nearest to `matrix` in the Frobenius norm; InputError when farther than `tolerance`."""
     M = np.asarray(matrix, dtype=np.float64)
     U, _, Vt = np.linalg.svd(M)

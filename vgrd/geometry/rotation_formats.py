@@ -62,7 +62,7 @@ _SCALAR_FIRST: Mapping[RotationFormat, bool] = MappingProxyType(
         RotationFormat.QUATERNION_XYZW: False,
     }
 )
-_LENGTH_MM: Mapping[str, float] = MappingProxyType({"mm": 1.0, "m": 1000.0})
+_LENGTH_MM: Mapping[str, float] = MappingProxyType({"mm": 1.0, "m": 1000.0})  # by definition
 
 
 def value_count(fmt: RotationFormat) -> int:

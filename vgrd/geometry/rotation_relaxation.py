@@ -78,7 +78,7 @@ _A, _F = _constraints()
 
 # The semidefinite program as Clarabel wants it: upper triangles by columns, isometrically scaled.
 _UPPER = tuple(np.array([(i, j) for j in range(_SIZE) for i in range(j + 1)]).T)
-_SCALE = np.where(_UPPER[0] == _UPPER[1], 1.0, np.sqrt(2))
+_SCALE = np.where(_UPPER[0] == _UPPER[1], 1.0, np.sqrt(2))  # off the diagonal one stands for two
 _COLUMNS = csc_matrix(-(_A[:, *_UPPER] * _SCALE).T)
 _NO_SQUARES = csc_matrix((len(_F), len(_F)))
 _CONES = [clarabel.PSDTriangleConeT(_SIZE)]
