@@ -20,7 +20,7 @@ _GROUP_ENTERS: Final = 0o050  # members look and read; only the daemon's user ch
 _GROUP_READS: Final = 0o040  # of a file
 _GROUP_CONNECTS: Final = 0o060  # connecting to a Unix socket is writing to it
 _FOR_OWNER: Final = 0o700  # of what is new, whatever the umask left of it
-_FILE_OF_OWNER: Final = 0o600
+_FILE_OF_OWNER: Final = 0o600  # nobody else, until it has taken after its folder
 # Not our file, a file system mounted read-only, an id that the user namespace does not know.
 _REFUSED: Final = (errno.EPERM, errno.EACCES, errno.EROFS, errno.EINVAL)
 

@@ -16,9 +16,9 @@ _NS = 1_000_000_000  # in a second
 class Topic(IntEnum):
     """MCAP channel ids, the same in every file: a damaged one needs no index to be read."""
 
-    FLANGE = 1
-    OBSERVATION = 2
-    IMAGE = 3
+    FLANGE = 1  # recordings hold these numbers: none is ever changed
+    OBSERVATION = 2  # idem
+    IMAGE = 3  # idem
 
 
 class _Channel(NamedTuple):
