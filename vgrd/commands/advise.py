@@ -8,7 +8,7 @@ import typer
 from vgrd.commands.asking import ConfigOption, SocketOption, ask
 from vgrd.commands.printing import JsonOption, print_result, show_fields
 
-_TIMEOUT_S = 70.0
+_TIMEOUT_S = 70.0  # above the 60 s after which the daemon gives up and says so (advisor.py)
 
 
 def register(app: typer.Typer) -> None:

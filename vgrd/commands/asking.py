@@ -10,8 +10,8 @@ from vgrd.errors import InputError
 if TYPE_CHECKING:
     from vgrd.ipc.control import ControlClient
 
-SAMPLE_TIMEOUT_S = 15.0
-SOLVE_TIMEOUT_S = 300.0
+SAMPLE_TIMEOUT_S = 15.0  # a sample's two pictures, 5 s each, and 5 s of room
+SOLVE_TIMEOUT_S = 300.0  # a guess; the daemon gives up at 280 s, so that its reason arrives
 
 ConfigOption = Annotated[
     Path | None,

@@ -25,17 +25,27 @@ def budget(
         tuple[float, float, float] | None,
         typer.Option(help="Wrist at work, needed for requested; none: as touched."),
     ] = None,
-    turn_deg: Annotated[float, typer.Option(help="How far the object has turned.")] = 90.0,
-    print_percent: Annotated[float, typer.Option(min=0, help="Sigma of the tags' size.")] = 0.05,
-    focal_percent: Annotated[float, typer.Option(min=0, help="Sigma of the focal length.")] = 0.03,
-    center_px: Annotated[float, typer.Option(min=0, help="Sigma of cx and cy.")] = 0.5,
-    drift_mm: Annotated[float, typer.Option(min=0, help="Sigma of what moved since.")] = 0.02,
+    turn_deg: Annotated[
+        float, typer.Option(help="How far the object has turned.")
+    ] = 90.0,  # a guess: an error of the centre counts 1.4 times there, 2 at most
+    print_percent: Annotated[
+        float, typer.Option(min=0, help="Sigma of the tags' size.")
+    ] = 0.05,  # as `Systematic.of`
+    focal_percent: Annotated[
+        float, typer.Option(min=0, help="Sigma of the focal length.")
+    ] = 0.03,  # as `Systematic.of`
+    center_px: Annotated[
+        float, typer.Option(min=0, help="Sigma of cx and cy.")
+    ] = 0.5,  # as `Systematic.of`
+    drift_mm: Annotated[
+        float, typer.Option(min=0, help="Sigma of what moved since.")
+    ] = 0.02,  # as `Systematic.of`
     quantum_mm: Annotated[
         float, typer.Option(min=0, help="Step to which the robot rounds positions.")
-    ] = 0.01,
+    ] = 0.01,  # a guess: two decimals; some robots tell one (docs/decisions/0013)
     quantum_deg: Annotated[
         float, typer.Option(min=0, help="Step to which the robot rounds angles.")
-    ] = 0.001,
+    ] = 0.001,  # a guess: three decimals; some robots tell one (docs/decisions/0013)
     png: Annotated[Path | None, typer.Option(help="Draw it into this file.")] = None,
     json_to: JsonOption = None,
 ) -> None:

@@ -17,7 +17,7 @@ from vgrd.errors import ConfigError, InputError
 if TYPE_CHECKING:  # pydantic is slow to load, and most commands do without
     from vgrd.config.cell_file import CellSection
 
-_SOCKET_FOLDER_BYTES = 90
+_SOCKET_FOLDER_BYTES = 90  # of the 108 of sun_path (unix(7)); "/control.sock" and NUL need 14
 # What earlier versions left open to all, and what tells that a folder is the daemon's.
 _RUNTIME_PARTS = ("health", "processes.json", "gate.lock")
 _STATE_PARTS = ("sessions", "calibrations")

@@ -35,16 +35,26 @@ def intrinsics(
         str, typer.Option(help="charuco, tags, or a board file (.toml).")
     ] = "charuco",
     squares: Annotated[str, typer.Option(help="charuco: columns x rows of squares.")] = "5x7",
-    square_mm: Annotated[float, typer.Option("--square-mm", help="charuco: measured.")] = 30.0,
-    marker_mm: Annotated[float, typer.Option("--marker-mm", help="charuco: measured.")] = 22.0,
+    square_mm: Annotated[
+        float, typer.Option("--square-mm", help="charuco: measured.")
+    ] = 30.0,  # as `target charuco`
+    marker_mm: Annotated[
+        float, typer.Option("--marker-mm", help="charuco: measured.")
+    ] = 22.0,  # as `target charuco`
     tags: Annotated[str, typer.Option(help="tags: columns x rows of tags.")] = "4x3",
-    size_mm: Annotated[float, typer.Option("--size-mm", help="tags: measured.")] = 30.0,
-    gap_mm: Annotated[float, typer.Option("--gap-mm", help="tags: measured.")] = 7.5,
+    size_mm: Annotated[
+        float, typer.Option("--size-mm", help="tags: measured.")
+    ] = 30.0,  # a guess: 4 x 3 of them fit on A4
+    gap_mm: Annotated[
+        float, typer.Option("--gap-mm", help="tags: measured.")
+    ] = 7.5,  # a quarter of the size, as `target grid`
     first_id: Annotated[int, typer.Option(help="tags: id of the first one.")] = 0,
     dictionary: Annotated[
         str | None, typer.Option(help="Of the markers; charuco 5x5_100, tags 36h11.")
     ] = None,
-    distortion: Annotated[int, typer.Option(help="Numbers of distortion: 0, 4, 5 or 8.")] = 4,
+    distortion: Annotated[
+        int, typer.Option(help="Numbers of distortion: 0, 4, 5 or 8.")
+    ] = 4,  # as `calibrate_intrinsics`
     print_mm: Annotated[
         float | None,
         typer.Option("--print-mm", help="1 sigma of a printed point; estimated if left out."),
@@ -55,7 +65,9 @@ def intrinsics(
             "--distance-mm", help="Work distance of the report; the board's if left out."
         ),
     ] = None,
-    tag_mm: Annotated[float, typer.Option("--tag-mm", help="Tag size of the report.")] = 25.0,
+    tag_mm: Annotated[
+        float, typer.Option("--tag-mm", help="Tag size of the report.")
+    ] = 25.0,  # as in the fake cell
     out: Annotated[Path, typer.Option(help="Folder for the camera files.")] = Path("intrinsics"),
     json_to: JsonOption = None,
 ) -> None:

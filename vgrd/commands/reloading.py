@@ -25,7 +25,7 @@ if TYPE_CHECKING:  # these load numpy or pydantic, which most commands do withou
 
 _FRESH_S = 2.0  # the gate reports four times a second
 _TAKEN_S = 20.0  # it needs a second to end the processes; a busy machine some more
-_POLL_S = 0.05
+_POLL_S = 0.05  # little beside the second that it needs
 _RESTART = (
     "cell.",
     "serving.host",

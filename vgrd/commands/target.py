@@ -16,7 +16,9 @@ OutOption = Annotated[Path, typer.Option("--out", help="File: .pdf, .svg or .png
 PageOption = Annotated[
     str, typer.Option("--page", help="a5, a4, a3, letter, tabloid, WIDTHxHEIGHT in mm, or bare.")
 ]
-DpiOption = Annotated[int, typer.Option("--dpi", min=10, max=4800, help="Of a PNG.")]
+DpiOption = Annotated[  # guesses: what is beyond them is a slip
+    int, typer.Option("--dpi", min=10, max=4800, help="Of a PNG.")
+]
 DictionaryArgument = Annotated[
     str, typer.Argument(help="AprilTag family such as 36h11, or ArUco dictionary such as 4x4_50.")
 ]
@@ -36,7 +38,7 @@ def tag(
     size_mm: SizeOption,
     out: OutOption,
     page: PageOption = "a4",
-    dpi: DpiOption = 600,
+    dpi: DpiOption = 600,  # as office printers print
     json_to: JsonOption = None,
 ) -> None:
     """Draw one tag."""
@@ -56,7 +58,7 @@ def grid(
     ] = None,
     first_id: Annotated[int, typer.Option(help="Id of the first tag.")] = 0,
     page: PageOption = "a4",
-    dpi: DpiOption = 600,
+    dpi: DpiOption = 600,  # as office printers print
     json_to: JsonOption = None,
 ) -> None:
     """Draw a board of several tags."""
@@ -67,11 +69,15 @@ def grid(
 def charuco(
     out: OutOption,
     squares: Annotated[str, typer.Option(help="Columns x rows of squares.")] = "5x7",
-    square_mm: Annotated[float, typer.Option("--square-mm", help="Edge of a square.")] = 30.0,
-    marker_mm: Annotated[float, typer.Option("--marker-mm", help="Edge of a marker.")] = 22.0,
+    square_mm: Annotated[
+        float, typer.Option("--square-mm", help="Edge of a square.")
+    ] = 30.0,  # 5 x 7 of them fit on A4
+    marker_mm: Annotated[
+        float, typer.Option("--marker-mm", help="Edge of a marker.")
+    ] = 22.0,  # its white rim, 4 mm, is wider than its cells
     dictionary: Annotated[str, typer.Option(help="ArUco dictionary.")] = "5x5_100",
     page: PageOption = "a4",
-    dpi: DpiOption = 600,
+    dpi: DpiOption = 600,  # as office printers print
     json_to: JsonOption = None,
 ) -> None:
     """Draw a ChArUco board."""
