@@ -15,8 +15,8 @@ from vgrd.geometry.camera import CameraModel
 from vgrd.geometry.covariance import rms
 from vgrd.vision.intrinsics.fit import BoardView, Bundle, IntrinsicsState, PictureNoise, adjust
 
-MIN_VIEWS, MIN_POINTS = 4, 8
-LENGTHS = (0, 4, 5, 8)
+MIN_VIEWS, MIN_POINTS = 4, 8  # twice what fixes fx fy cx cy (Zhang 2000), and a homography
+LENGTHS = (0, 4, 5, 8)  # of OpenCV's models without thin prism and tilt
 _NAMES = ("fx", "fy", "cx", "cy", "k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6")
 _WRONG_POINT_SHARE = 0.02  # of the board's extent in the picture: no lens bends a plane so much
 _OUTLIER, _BAD_VIEW = 6.0, 4.0  # of the robust noise level
@@ -80,7 +80,7 @@ def calibrate_intrinsics(
     views: Sequence[BoardView],
     size_px: tuple[int, int],
     *,
-    distortion: int = 4,
+    distortion: int = 4,  # k1 k2 p1 p2; a guess: more pay for wide lenses, and widen sigmas
     print_mm: float | None = None,
 ) -> IntrinsicsResult:
     """Intrinsics from views of a flat board; points (m, 3) mm with z = 0 as they were meant.

@@ -24,7 +24,7 @@ from vgrd.vision.tags.detection import FoundTag, find_tags
 
 Board = Charuco | Chessboard | CircleGrid | TagGrid
 COVERAGE_CELLS = (6, 4)  # columns, rows
-_WIDTH_PX = 1200
+_WIDTH_PX = 1200  # a guess: fits on any screen
 _ARROW_PX = 14.0  # length at which a residual of the rms is drawn
 
 

@@ -12,8 +12,11 @@ from vgrd.vision.intrinsics.camera_files import camera_json, write_camera
 from vgrd.vision.intrinsics.estimate import IntrinsicsResult
 from vgrd.vision.intrinsics.pictures import coverage, draw_coverage
 
-_FEW_PICTURES, _TILTED_DEG, _LEAST_TILTED = 10, 15.0, 4
-_HELD_OUT_RATIO, _EMPTY_SHARE = 1.5, 0.2
+_FEW_PICTURES = 10  # a guess: half of the 20 that are good
+_TILTED_DEG = 15.0  # a guess: a little below the 20 to 40 degrees that are asked for
+_LEAST_TILTED = 4  # one in each direction: left, right, up, down
+_HELD_OUT_RATIO = 1.5  # a guess: it is about 1 where one picture more tells little anew
+_EMPTY_SHARE = 0.2  # the four corners, of 24 cells, may be empty
 
 
 def report_json(result: IntrinsicsResult, unusable: Mapping[str, str]) -> dict[str, object]:
