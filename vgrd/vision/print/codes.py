@@ -22,7 +22,7 @@ APRILTAG_FAMILIES = (
 )  # those whose outer edge is the black square
 ARUCO_DICTIONARIES = {
     f"{bits}x{bits}_{count}": getattr(cv2.aruco, f"DICT_{bits}X{bits}_{count}")
-    for bits, count in product((4, 5, 6, 7), (50, 100, 250, 1000))
+    for bits, count in product((4, 5, 6, 7), (50, 100, 250, 1000))  # as OpenCV predefines them
 } | {
     "original": cv2.aruco.DICT_ARUCO_ORIGINAL,
     "mip_36h12": cv2.aruco.DICT_ARUCO_MIP_36H12,

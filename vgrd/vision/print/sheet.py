@@ -21,9 +21,9 @@ from numpy.typing import NDArray
 from vgrd.errors import InputError
 from vgrd.geometry import Array
 
-MM_PER_INCH = 25.4
-_POINTS_PER_MM = 72 / MM_PER_INCH
-_MAX_PIXELS = 400_000_000
+MM_PER_INCH = 25.4  # by definition
+_POINTS_PER_MM = 72 / MM_PER_INCH  # PDF's default unit is 1/72 inch (ISO 32000-1, 8.3.2.3)
+_MAX_PIXELS = 400_000_000  # bytes of memory; A3 at 1200 dpi has 278 million
 Cells = NDArray[np.bool_]
 
 

@@ -22,16 +22,16 @@ from vgrd.vision.print.codes import (
 )
 from vgrd.vision.print.sheet import Sheet, SheetRaster, Text
 
-PAGES_MM = {"a5": (148.0, 210.0), "a4": (210.0, 297.0), "a3": (297.0, 420.0)} | {
-    "letter": (215.9, 279.4),
-    "tabloid": (279.4, 431.8),
+PAGES_MM = {"a5": (148.0, 210.0), "a4": (210.0, 297.0), "a3": (297.0, 420.0)} | {  # ISO 216
+    "letter": (215.9, 279.4),  # 8.5 x 11 inches
+    "tabloid": (279.4, 431.8),  # 11 x 17 inches
 }
 BARE = "bare"  # a page as large as the target and its white rim, nothing else on it
-_MARGIN_MM = 10.0
-_LINE_MM = 5.0
-_LETTER_MM = 3.2
+_MARGIN_MM = 10.0  # a guess: more than printers leave white; it takes room from targets
+_LINE_MM = 5.0  # 14 points: 9 and the space between lines
+_LETTER_MM = 3.2  # 9 points: read at arm's length
 _BAR_MM = (100.0, 50.0)  # the longest that fits
-_FOOTER_MM = 42.0
+_FOOTER_MM = 42.0  # 29 from the target to the last line, the margin, 3 to spare
 
 
 @dataclass(frozen=True, slots=True)
