@@ -25,12 +25,12 @@ from vgrd.vision.print.raster import tag_raster
 from vgrd.vision.tags.detection import FoundTag, find_tags
 from vgrd.vision.tags.planar_pose import MOST_MISFIT_PX, PlanarPose, is_ambiguous, planar_poses
 
-_UNREFINED_SIGMA_PX = 0.3
-_LEAST_CELL_PX = 5.0
-_LEAST_CONTRAST = 40.0
-_LEAST_TILT_DEG = 10.0
-_MOST_BLUR_PX = 2.0
-_CLIPPED, _CLIPPED_SHARE = 254, 0.2
+_UNREFINED_SIGMA_PX = 0.3  # a guess: as if rounded to whole pixels (0.29 px)
+_LEAST_CELL_PX = 5.0  # a guess: below 3.6 px the narrowest profile of an edge is too wide
+_LEAST_CONTRAST = 40.0  # grey levels; a guess: 20 sigma of white's noise at 40 dB
+_LEAST_TILT_DEG = 10.0  # a guess: foreshortening, 1 - cos, is 1.5 % there and hardly tells a tilt
+_MOST_BLUR_PX = 2.0  # a guess: 2.5 times the usual blur of 0.8 px
+_CLIPPED, _CLIPPED_SHARE = 254, 0.2  # 255 less a level of rounding; a guess: more than a glint
 _NO_BOARDS: Mapping[str, MeasurableBoard] = MappingProxyType({})
 
 

@@ -10,10 +10,20 @@ import numpy as np
 from vgrd.geometry import Array
 from vgrd.vision.images.compiling import compiled, inlined
 
-# Gauss-Legendre nodes and weights on (0, 1), four points. The share (7) is then exact to 1e-5 for a
-# correlation of 0.87 (lines 30 degrees apart), to 4e-4 for _MOST_CORRELATION.
-_NODES = (0.06943184420297371, 0.33000947820757187, 0.6699905217924281, 0.9305681557970262)
-_WEIGHTS = (0.17392742256872692, 0.32607257743127307, 0.32607257743127307, 0.17392742256872692)
+# With four points the share (7) is exact to 1e-5 for a correlation of 0.87 (lines 30 degrees
+# apart), to 4e-4 for _MOST_CORRELATION.
+_NODES = (  # of Gauss-Legendre on (0, 1)
+    0.06943184420297371,
+    0.33000947820757187,
+    0.6699905217924281,
+    0.9305681557970262,
+)
+_WEIGHTS = (  # idem
+    0.17392742256872692,
+    0.32607257743127307,
+    0.32607257743127307,
+    0.17392742256872692,
+)
 _PER_TURN = 0.15915494309189535  # 1 / (2 pi) of eq. 7
 _LEAST_VARIANCE_PX2 = 0.01  # across a line: below that of a pixel's own square, 1/12
 _MOST_CORRELATION = 0.98  # lines 11 degrees apart in a round blur: a square tilted by 84 degrees

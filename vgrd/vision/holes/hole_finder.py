@@ -246,7 +246,11 @@ def _edges_of(view: PlaneView, rim: Rim) -> Array:
     return np.column_stack([edges.real, edges.imag])
 
 
-def _derivative(function: Callable[[Array], Array], n: int, step: float = 1e-6) -> Array:
+def _derivative(
+    function: Callable[[Array], Array],
+    n: int,
+    step: float = 1e-6,  # mm, rad: rounding leaves seven digits, curvature more
+) -> Array:
     """Derivative (2, n) of a function (n,) -> (2,) at zero, by central differences."""
     columns = [(function(step * axis) - function(-step * axis)) / (2 * step) for axis in np.eye(n)]
     return np.stack(columns, -1)

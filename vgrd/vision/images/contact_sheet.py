@@ -13,7 +13,7 @@ _TILE_PX = 700  # a hole drawn by `draw_hole` fills it
 _SCALE = 0.65  # of OpenCV's letters, which are 22 px high at 1
 _LINE_PX = 26  # a line of such letters
 _LETTER_PX = 12  # the mean width of one
-_GAP_PX = 8
+_GAP_PX = 8  # of white between two tiles; a guess: tells them apart and takes a hundredth
 
 
 @dataclass(frozen=True, slots=True, eq=False)

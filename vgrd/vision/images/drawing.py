@@ -21,12 +21,12 @@ from vgrd.vision.images.pictures import as_8_bit
 Colour = NDArray[np.uint8]
 Bgr = tuple[int, int, int]
 
-GOOD: Bgr = (60, 180, 40)
-DOUBTFUL: Bgr = (20, 140, 255)
-BLUE: Bgr = (220, 120, 20)
-RED: Bgr = (40, 40, 220)
+GOOD: Bgr = (60, 180, 40)  # green
+DOUBTFUL: Bgr = (20, 140, 255)  # orange
+BLUE: Bgr = (220, 120, 20)  # a guess: lighter than pure blue, which is lost on dark pictures
+RED: Bgr = (40, 40, 220)  # as bright as BLUE: both are ends of one scale
 _AXES: tuple[Bgr, Bgr, Bgr] = ((60, 60, 230), (60, 190, 60), (230, 120, 40))  # x, y, z
-_GREY: Bgr = (128, 128, 128)
+_GREY: Bgr = (128, 128, 128)  # of no value: on no scale from blue over white to red
 _SHIFT = 4  # OpenCV draws with this many bits of a pixel's fraction
 _BAR_PX = 46  # of the scale of residuals: half of it the colours, twice of it the numbers
 _LETTERS_PX = 30  # a line of OpenCV's letters at scale 1
