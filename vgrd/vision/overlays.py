@@ -7,7 +7,7 @@ from vgrd.vision.images.drawing import draw_residuals, draw_tags, write_picture
 from vgrd.vision.images.pictures import Picture
 from vgrd.vision.inspection import PictureReport
 
-_RESIDUAL_SIGMAS = 5.0  # that are shown in full colour
+_RESIDUAL_SIGMAS = 5.0  # that are shown in full colour: no noise does that among 10,000 pixels
 
 
 def write_overlays(path: Path, picture: Picture, report: PictureReport) -> None:

@@ -10,7 +10,7 @@ _MOTION_PX2 = 0.25  # difference of the variances along and across: a motion of 
 _EVEN = 0.03  # of the contrast: paper and print leave as much in even light
 _GLARE_SIGMAS = 3.0  # mean of the striking residuals: glare only adds light
 _STRIKING_SIGMAS = 5.0  # no noise does that among 10,000 pixels
-_BAD_CELL = 5.0  # mean square of a cell's residuals, 1 where the model holds
+_BAD_CELL = 5.0  # mean square of a cell's residuals, 1 where the model holds; a guess: clear of it
 _COVERED = 0.2  # share of bad cells; light across a tag spoils more
 
 

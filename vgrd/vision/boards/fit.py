@@ -32,12 +32,12 @@ MeasurableBoard = Charuco | TagGrid
 
 _LEAST_POINTS = 4  # of a homography
 _POINT_PX = 4.0  # by which a point that was only detected, on a bent board, may be off
-_AGREEING = 0.9  # share of the points that must be where the board has them
+_AGREEING = 0.9  # share of points that are where the board has them; a guess: one of ten is wrong
 _LEAST_EXCESS = 0.002  # of the markers' size, told; a real board had 0.003 to 0.01
 _MOST_EXCESS = 0.02  # idem, refused: another board than its file says, not another print of it
-_EXCESS_SIGMAS = 5.0  # of its own noise
+_EXCESS_SIGMAS = 5.0  # of its own noise: chance does that once in 2 million
 _MOST_SIGMA_PX = 1.0  # of the outline: beyond it a pose is not linear in the corners
-_RANSAC_PX = 1.0  # of the points for the start
+_RANSAC_PX = 1.0  # of the points for the start; a guess: the better ones are enough
 
 
 @dataclass(frozen=True, slots=True, eq=False)

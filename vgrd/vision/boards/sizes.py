@@ -15,7 +15,7 @@ from vgrd.vision.images.warp import LocalFrame
 from vgrd.vision.print.raster import Raster
 
 _PRIOR_SIGMA = 1.0  # of the excess: as good as none
-_STEP = 1e-4  # of the markers' size, of the central difference
+_STEP = 1e-4  # of the size, of the central difference: curvature costs 1e-8, rounding less
 _FEWEST_EDGES = 20  # twice the 10 unknowns
 
 

@@ -23,16 +23,16 @@ from vgrd.vision.holes.view import Circle, Outline, PlaneView, on_circle, turn_a
 
 RIM_HEIGHT_SIGMA_MM = 0.02  # assumed: a caliper's error; at a tilt of 20 degrees 0.007 mm
 RADIUS_TOLERANCE = 0.15  # of the radius; a hole 20 % larger is another one (the test of holes)
-_LEAST_RIM = 0.6  # share of the rim that must fit one circle
+_LEAST_RIM = 0.6  # share of the rim that must fit one circle; a guess: the widest gap leaves 0.72
 _WIDEST_GAP_RAD = np.radians(100)  # of a hidden side; the rest holds the circle from three sides
 _SAME_SIGN = 0.95  # of the sectors darker, or all brighter, inside; some may show a reflex
 _OUTLIER_PX = 1.5  # offset of a sector that fits no circle: scratches and shades move it less
 _WORST_CHI2 = 9.0  # of the sectors: three times as far from a circle as their noise
-_OUTLINE_POINTS = 64  # of the fitted circle, for drawing
-_OTHER_RIM = 0.3  # contrast of a second rim against that of the first
-_FREE_SEARCH_RADII = 8  # around the plane's origin, without a guess
+_OUTLINE_POINTS = 64  # of the fitted circle, for drawing: off by 0.1 % of the radius
+_OTHER_RIM = 0.3  # contrast of a second rim against the first's; a guess: reflexes have less
+_FREE_SEARCH_RADII = 8  # around the plane's origin, if no place is given; a guess
 _PICTURE_MARGIN_PX = 2.0  # of the rim to the picture's edge: its blur
-_SAME_HOLE_RADII = 0.1  # between the centres of two rims that are one hole
+_SAME_HOLE_RADII = 0.1  # between the centres of rims that are one; two holes are two radii apart
 
 
 @dataclass(frozen=True, slots=True, eq=False)

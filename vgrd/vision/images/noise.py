@@ -10,7 +10,7 @@ from vgrd.vision.images.compiling import compiled
 _LEAST_VARIANCE = 1 / 12  # rounding to whole grey levels
 _LEAST_PIXELS = 30  # of one colour: their variance is known to 26 %, sqrt(2 / 30)
 _UNKNOWN = 1.0  # variance where no colour has as many: a good camera in the dark
-_DIRTY = 25.0  # squared sigmas
+_DIRTY = 25.0  # squared sigmas: no noise does that among 10,000 pixels
 _ROUNDS = 3  # of leaving out dirt: the second has its sigma without the worst of it
 _OF_SECOND_DIFFERENCE = 6  # 1 + 4 + 1: its variance over that of a pixel
 

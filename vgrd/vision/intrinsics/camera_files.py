@@ -27,7 +27,7 @@ _SIZES = ("imagesize", "sizepx", "resolution", "size")
 _PINHOLE = ("plumbbob", "rationalpolynomial", "radtan", "thinprism", "opencv", "none", "")
 _LENGTHS = (0, 4, 5, 8, 12, 14)  # what OpenCV knows
 _OURS = 8  # the most that `CameraModel` takes: without thin prism and tilt
-_SAME_PX = 0.02  # by which another model may differ from the one that was read
+_SAME_PX = 0.02  # by which another model may differ: OpenCV's corners of boards err more
 Kind = Literal["opencv", "ros", "toml"]
 Document = Mapping[str, Any]
 

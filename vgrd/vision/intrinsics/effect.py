@@ -9,8 +9,8 @@ from vgrd.geometry import Array, Pose, hat
 from vgrd.geometry.camera import CameraModel
 from vgrd.vision.print.codes import square_corners
 
-_HALF_SPAN_MM, _LEVER_MM = 60.0, 60.0  # tags 120 mm apart, target 60 mm from tag B
-_SPAN_SHARE = 0.3  # of the picture's height, where that is less
+_HALF_SPAN_MM, _LEVER_MM = 60.0, 60.0  # guesses: tags 120 mm apart, target 60 from B
+_SPAN_SHARE = 0.3  # of the picture's height, where that is less: both tags lie in it
 _TILT_RAD = np.radians(20.0)  # a guess: tags at work about face the camera
 _TRIALS, _SEED = 60, 20  # a guess: of the mean one digit matters; any: the same at each run
 _ORDER = [3, 4, 5, 0, 1, 2]  # OpenCV's columns of rotation and translation as (v, w)

@@ -19,7 +19,7 @@ MIN_VIEWS, MIN_POINTS = 4, 8  # twice what fixes fx fy cx cy (Zhang 2000), and a
 LENGTHS = (0, 4, 5, 8)  # of OpenCV's models without thin prism and tilt
 _NAMES = ("fx", "fy", "cx", "cy", "k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6")
 _WRONG_POINT_SHARE = 0.02  # of the board's extent in the picture: no lens bends a plane so much
-_OUTLIER, _BAD_VIEW = 6.0, 4.0  # of the robust noise level
+_OUTLIER, _BAD_VIEW = 6.0, 4.0  # of the robust noise level; guesses: noise does neither
 _MOST_WRONG = 0.2  # of a picture's points; with more of them the picture itself is bad
 
 

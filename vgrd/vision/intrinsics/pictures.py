@@ -23,9 +23,9 @@ from vgrd.vision.print.targets import TagGrid
 from vgrd.vision.tags.detection import FoundTag, find_tags
 
 Board = Charuco | Chessboard | CircleGrid | TagGrid
-COVERAGE_CELLS = (6, 4)  # columns, rows
+COVERAGE_CELLS = (6, 4)  # columns, rows; a guess: each is smaller than the board in a picture
 _WIDTH_PX = 1200  # a guess: fits on any screen
-_ARROW_PX = 14.0  # length at which a residual of the rms is drawn
+_ARROW_PX = 14.0  # length at which a residual of the rms is drawn; a guess: seen, and apart
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -22,8 +22,8 @@ _STEPS = 60  # at most: a slow descent that ended early was taken for a second p
 _STILL = 1e-6  # of (1 + chi-square); a thousandth of a sigma
 _UNDAMPED = 1e-9  # a step with more damping is short for that alone: it shows no minimum
 _RIDGE = 1e-15  # on the diagonal of unit columns: rounding, but a singular matrix becomes solvable
-_SAME_RAD = np.radians(0.01)  # of two descents that ended in one minimum
-MOST_MISFIT_PX = 0.5  # rms beyond which no pose fits the corners
+_SAME_RAD = np.radians(0.01)  # of two descents into one minimum; a guess: two lie degrees apart
+MOST_MISFIT_PX = 0.5  # rms beyond which no pose fits; a guess: a bent tag leaves more
 _BRANCH_MARGIN = 25.0  # chi-square by which the second solution must be worse: 5 sigma
 
 
