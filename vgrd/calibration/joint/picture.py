@@ -118,12 +118,19 @@ class TagARows:
 class CameraGuess:
     """Where the camera stands at first: taught_from_camera, and the place with what of it is believed.
 
-    tag_a: None where it is not used.
+    tag_a: None where it is not used. square: how far tag A puts the camera from where its stability may
+    have it, six squared sigmas; 0 where that is not compared.
     """
 
     taught_from_camera: Pose
     place: CameraPlace
     tag_a: TagARows | None = None
+    square: float = 0.0
+
+    @property
+    def knocked(self) -> bool:
+        """Whether the camera moved farther than its stability explains."""
+        return self.square > chi2_quantile(FITS_MODEL, 6)
 
 
 def guess_camera(links: Links, place: CameraPlace, arm: ArmPrior) -> CameraGuess:
@@ -144,20 +151,23 @@ def guess_camera(links: Links, place: CameraPlace, arm: ArmPrior) -> CameraGuess
         chain = links.base_from_camera.inverse() @ seen.base_from_wrist @ links.wrist_from_tag_a
         D = chain @ seen.tag.camera_from_tag.inverse()
     rows = _rows_of_tag_a(links, D, seen, arm)
-    if place.is_exact or place.is_free or _stands(links, place, D, rows, arm):
+    if place.is_exact or place.is_free:
         return CameraGuess(D, place, rows)
-    return CameraGuess(D, replace(place, stability=np.full(6, np.inf)), rows)
+    square = _displacement_square(links, place, D, rows, arm)
+    if square > chi2_quantile(CAMERA_STANDS, 6):
+        place = replace(place, stability=np.full(6, np.inf))
+    return CameraGuess(D, place, rows, square)
 
 
-def _stands(
+def _displacement_square(
     links: Links, place: CameraPlace, taught_from_camera: Pose, rows: TagARows, arm: ArmPrior
-) -> bool:
-    """Whether the chain puts the camera where its stability may have it."""
+) -> float:
+    """How far the chain puts the camera from where it was, in squared sigmas of chain and stability."""
     by_chain = np.linalg.inv(rows.J_camera)
     spread = np.eye(6) + rows.J_known @ _covariance_of_known(links, arm) @ rows.J_known.T
     spread = by_chain @ spread @ by_chain.T + np.diag(place.stability**2)
     way = taught_from_camera.log() - by_chain @ rows.residual
-    return float(way @ np.linalg.solve(spread, way)) <= chi2_quantile(CAMERA_STANDS, 6)
+    return float(way @ np.linalg.solve(spread, way))
 
 
 def first_motion(

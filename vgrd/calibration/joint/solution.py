@@ -232,8 +232,7 @@ class JointSolution:
         picture = weigh(links, guess, arm, tags, motions)
         moved = None if camera.is_exact else picture.taught_from_camera
         if picture.fits:
-            knocked = guess.place.is_free and not camera.is_free
-            return LinkReport(True, picture.misfit, moved, knocked)
+            return LinkReport(True, picture.misfit, moved, guess.knocked)
         guess = CameraGuess(guess.taught_from_camera, camera, guess.tag_a)
         named, slips = suspects(links, guess, arm, tags, motions)
         return LinkReport(False, picture.misfit, moved, suspects=named, slips=slips)

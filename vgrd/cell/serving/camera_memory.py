@@ -1,5 +1,6 @@
 """What pictures have told of the camera's place: tag A in this picture, or a while ago in another one."""
 
+import math
 from dataclasses import replace
 
 import numpy as np
@@ -8,11 +9,11 @@ from vgrd.cell.measuring import Sight
 from vgrd.geometry import Array
 from vgrd.model import CameraPlace, FlangeTag
 
-MEMORY_S = 60.0  # a guess: over it what tag A said of the camera has faded to its stability
+MEMORY_S = 60.0  # a guess: in it a camera may have moved again as far as its stability says
 
 
 class CameraMemory:
-    """Remembers the newest picture of tag A with the arm at rest.
+    """Remembers the newest picture of tag A with the arm at rest, so that no knock is ever forgotten.
 
     stability: (6,) sigmas (mm, rad) as in `CameraPlace`.
     """
@@ -29,21 +30,18 @@ class CameraMemory:
     def place(self, sight: Sight) -> CameraPlace:
         """Where the camera may stand in a picture.
 
-        Without tag A in it an earlier one counts, the less the older it is, but never for a camera that
-        may stand anywhere.
+        Without tag A in it the newest earlier one counts, the less the older it is, but never for a
+        camera that may stand anywhere. A camera that was seen a while ago stays where it was then and
+        where it was taught, either give or take: both widen, so that together they say `stability`.
         """
         if sight.tag_a is not None and sight.base_from_wrist is not None:
             return CameraPlace(self.stability, FlangeTag(sight.tag_a, sight.base_from_wrist))
         if self._newest is None or not np.isfinite(self.stability).all():
             return CameraPlace(self.stability)
         stamp_s, seen = self._newest
-        age_s = abs(sight.stamp_s - stamp_s)
-        if age_s > MEMORY_S:
-            return CameraPlace(self.stability)
-        since = np.diag((self.stability * age_s / MEMORY_S) ** 2)
+        share = min(abs(sight.stamp_s - stamp_s) / MEMORY_S, 1.0)
+        since = np.diag(2 * (share * self.stability) ** 2)
         faded = replace(seen.tag, covariance=seen.tag.covariance + since)
-        return CameraPlace(self.stability, FlangeTag(faded, seen.base_from_wrist))
-
-    def forget(self) -> None:
-        """Another calibration serves, or a person has been at the cell."""
-        self._newest = None
+        return CameraPlace(
+            math.sqrt(1 + share) * self.stability, FlangeTag(faded, seen.base_from_wrist)
+        )

@@ -14,7 +14,7 @@ from vgrd.cell.serving.answering import links_detail
 from vgrd.cell.serving.camera_memory import CameraMemory
 from vgrd.errors import ControlError, TagNotSeen
 from vgrd.geometry import Pose
-from vgrd.model import LinkReport, Motion
+from vgrd.model import LinkReport
 from vgrd.registers import State, Status
 
 TCP_CHANGED_MM = 0.05  # chosen: a tenth of the u95 (0.5 mm) at which answers are OK_DEGRADED
@@ -99,7 +99,6 @@ class Faults:
         self.calibration = calibration
         self._contradictions.clear()
         self._report = None
-        self._cameras.forget()
 
     def confirm(self) -> None:
         """Forget a latched fault; ControlError while its cause is there or cannot be looked for."""
@@ -128,11 +127,9 @@ class Faults:
         calibration = self.calibration
         if calibration is None or sight.tag_b is None or not sight.is_whole:
             return
-        facts, place = calibration.facts, self._cameras.place(sight)
-        if facts.object.motion is Motion.FREE:
-            return
+        place = self._cameras.place(sight)
         try:
-            report = calibration.solution.examine(facts, sight.tag_b, place)
+            report = calibration.solution.examine(calibration.facts, sight.tag_b, place)
         except TagNotSeen:
             return
         self._report = report
