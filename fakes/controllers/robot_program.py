@@ -185,6 +185,12 @@ class RobotProgram:
             self.check(self.read())
             self.ask(point)
 
+    def watch(self, until_s: float) -> None:
+        """Go by one answer as long as it stands, without asking again; Stopped when it ends."""
+        while time.monotonic() < until_s:
+            self.check(self.read())
+            time.sleep(POLL_S)
+
     def lift(self) -> None:
         """Go straight back from where the tool is."""
         flange = self.world.reported_flange(time.monotonic())

@@ -101,7 +101,8 @@ class Show:
         self.operator.press("record.start", plan="joint", session="requests")
         with self._progress() as progress, self._program() as program:
             for k in progress.track(rng.permutation(count), description="robot requests"):
-                self._request_patiently(program, names[int(k) % len(names)], float(angles[k]))
+                name = names[int(k) % len(names)]
+                self.shown.requests.append(self._touch_patiently(program, name, float(angles[k])))
         self.operator.press("record.stop")
 
     def faults(self) -> None:
@@ -137,14 +138,10 @@ class Show:
                 program,
                 kill_camera_while_turning,
                 lambda: None,
+                follows=False,
             )
-            self._fault(
-                "camera knocked 5 mm, 5 mrad",
-                program,
-                lambda: self.world.shift_camera(KNOCK),
-                lambda: None,
-            )
-            self.shown.knocked = self._ask_and_touch(program, "P1", 2.0)
+            self.world.shift_camera(KNOCK)
+            self.shown.knocked = self._touch_patiently(program, "P1", 2.0)
             self._retract()
 
             def put_back() -> None:
@@ -165,20 +162,19 @@ class Show:
             time.sleep(PAUSE_S)
         return ""
 
-    def _request_patiently(self, program: RobotProgram, target: str, angle_rad: float) -> None:
+    def _touch_patiently(
+        self, program: RobotProgram, target: str, angle_rad: float
+    ) -> ShownRequest:
         """One request; where the program had to stop for what passes by itself, from the start again."""
         for _ in range(ATTEMPTS - 1):
             try:
-                return self._request(program, target, angle_rad)
+                return self._ask_and_touch(program, target, angle_rad)
             except Stopped as stop:
                 if not stop.passes:
                     raise
                 self.shown.repeats += 1
                 time.sleep(PAUSE_S)
-        return self._request(program, target, angle_rad)
-
-    def _request(self, program: RobotProgram, target: str, angle_rad: float) -> None:
-        self.shown.requests.append(self._ask_and_touch(program, target, angle_rad))
+        return self._ask_and_touch(program, target, angle_rad)
 
     def _ask_and_touch(self, program: RobotProgram, target: str, angle_rad: float) -> ShownRequest:
         arrival = self.world.move_flange(retracted_pose(), time.monotonic())
@@ -206,8 +202,13 @@ class Show:
         program: RobotProgram,
         strike: Callable[[], None],
         mend: Callable[[], None],
+        *,
+        follows: bool = True,
     ) -> None:
-        """Follow a target, strike, and time how long the program goes on; then mend and time the recovery."""
+        """Follow a target, strike, and time how long the program goes on; then mend and time the recovery.
+
+        follows: it asks again and again, else it goes by the answer that it has.
+        """
         target = next(iter(self.world.targets.values()))
         struck_s = 0.0
         reason = "the program did not stop"
@@ -215,7 +216,11 @@ class Show:
         try:
             strike()
             struck_s = time.monotonic()
-            program.follow(target.id, until_s=struck_s + FOLLOW_S)
+            until_s = struck_s + FOLLOW_S
+            if follows:
+                program.follow(target.id, until_s)
+            else:
+                program.watch(until_s)
             stopped_s = float("inf")
         except Stopped as stop:
             stopped_s, reason = stop.at_s, stop.reason

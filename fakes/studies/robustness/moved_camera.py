@@ -177,6 +177,8 @@ def _draw(trials: Trials) -> "Drawing":
             axes.plot(_MOVES_MM, rms, color=color, marker="o", label=kind)
         axes.axhline(0, color=PAPER, linewidth=1)
         axes.set(title=motion, xscale="log")
+        axes.set_xticks(_MOVES_MM, [f"{mm:g}" for mm in _MOVES_MM])
+        axes.set_xticks([], minor=True)
     legend(all_axes[0])
     return drawing
 
