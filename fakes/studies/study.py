@@ -37,6 +37,12 @@ class Trials:
         values = self.values(column, **case)
         return float(values.mean()) if values.size else float("nan")
 
+    def finite_mean(self, column: str, **case: object) -> float:
+        """Mean of those that are finite; NaN without any. A trial that has no answer measures NaN."""
+        values = self.values(column, **case)
+        known = values[np.isfinite(values)]
+        return float(known.mean()) if known.size else float("nan")
+
     def select(self, **case: object) -> list[Row]:
         """Rows of the cases given, refused ones included."""
         return [row for row in self.rows if all(row[key] == value for key, value in case.items())]

@@ -76,7 +76,7 @@ def test_every_plan_refuses_a_tag_b_that_slipped_and_names_it(taught) -> None:
     sim, calibration = taught
     request = asked_after(sim, Pose.identity())
     tag_b = request.seen.tag_b
-    slip = Pose.from_rotvec((0.0, 0.0, 0.0), (4.0, 0.0, 0.0))
+    slip = Pose.from_rotvec((0.0, 0.0, 0.0), (8.0, 0.0, 0.0))
     slipped = replace(tag_b, camera_from_tag=tag_b.camera_from_tag @ slip)
     with pytest.raises(Contradiction, match="tag B sits elsewhere") as caught:
         expected_coordinate(

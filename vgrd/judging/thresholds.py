@@ -32,7 +32,7 @@ WEAK_TCP_MM = 5.0  # 95 % radius of a TCP
 UNKNOWN_MM = 1000.0  # sigma of a place of which nothing is known: larger than any cell's need
 
 # Motion.
-CENTER_MM = 0.2  # 1 sigma per axis of a turntable's centre in CAD: a guess, a dowel in its hole
+CENTER_MM = 0.5  # 1 sigma per axis of a turntable's centre in CAD: a guess, one that is 1 mm wrong is served
 NO_ROTATION_RAD = np.radians(0.5)  # rms: a wrist that was meant to stay turned no more than this
 SAME_ORIENTATION_RAD = np.radians(0.05)  # 0.1 mm at a tool of 120 mm
 REACH_MM = 500.0  # from base to flange: what turns an error of the arm in mm into one in rad

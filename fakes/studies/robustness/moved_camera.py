@@ -116,7 +116,7 @@ def _answer(
 
 
 def _rms(trials: Trials, column: str, **case: object) -> float:
-    return float(np.sqrt(np.nanmean(trials.values(column, **case))))
+    return float(np.sqrt(trials.finite_mean(column, **case)))
 
 
 def _figures(trials: Trials) -> list[Figure]:
@@ -147,7 +147,7 @@ def _figures(trials: Trials) -> list[Figure]:
                     ),
                     Figure(
                         f"{where}, {kind}: radius holds",
-                        100 * float(np.nanmean(trials.values(f"{kind}, holds", **case))),
+                        100 * trials.finite_mean(f"{kind}, holds", **case),
                         "%",
                         *_BAR,
                     ),

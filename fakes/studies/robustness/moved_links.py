@@ -124,8 +124,7 @@ def _figures(trials: Trials) -> list[Figure]:
                     at_least=95.0 if is_judged else None,
                 )
             )
-        named = trials.values(f"named at {_JUDGED}", **case)
-        share = 100 * float(np.nanmean(named))
+        share = 100 * trials.finite_mean(f"named at {_JUDGED}", **case)
         out.append(Figure(f"{where}: named at {_JUDGED} sigma", share, "%", at_least=95.0))
     wrong = 100 * float(np.mean(trials.values("refused at rest")))
     out.append(Figure("a good cell: refused", wrong, "%", at_most=0.05))
@@ -142,8 +141,7 @@ def _draw(trials: Trials) -> "Drawing":
         label = f"{case['link']}, {case['stability']}, tag A {case['tag_a']}"
         for axes, what in ((refused, "refused"), (named, "named")):
             shares = [
-                100 * float(np.nanmean(trials.values(f"{what} at {sigmas}", **case)))
-                for sigmas in _SIGMAS
+                100 * trials.finite_mean(f"{what} at {sigmas}", **case) for sigmas in _SIGMAS
             ]
             axes.plot(_SIGMAS, shares, color=color, marker="o", label=label)
             axes.axhline(95, color=PAPER, ls=(0, (5, 3)), linewidth=1)
