@@ -15,6 +15,7 @@
         HoleNotSeen          a hole is not in the picture, hidden, or one of several
         NotSteady            the robot moved during the exposure
         TooOld               the observation is older than allowed
+        Contradiction        the picture shows that something moved since the calibration
       CalibrationError
         TooFewObservations   fewer samples than the method needs
         NotObservable        the data leave something undetermined

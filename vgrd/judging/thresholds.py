@@ -13,9 +13,7 @@ PICTURE_SIGMA = 4.5  # of a picture: many, and their noise is known; 1 in 150,00
 HOLE_SIGMA = 5.0  # of a hole's sighting: dozens in every session
 SPIN_SIGMA = 5.0  # of a spin off the common axis
 SPIN_MM = 0.2  # a slip below it is the noise of a tag on a rough day
-FITS_MODEL = (
-    0.9999  # of pictures of an object that moved as it can: one in 10,000 is taken for another
-)
+FITS_MODEL = 0.9999  # of good pictures: one in 10,000 is taken for one of something that moved
 CAMERA_STANDS = 0.99  # one picture in 100 of a camera that stands loses the help of its stability
 CHANCE = 1e-3  # share of good files whose scatter is larger
 
