@@ -1,5 +1,7 @@
 """How far an object moved, whether two pictures agree, and until when a picture speaks."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -21,7 +23,7 @@ from vgrd.cell.serving.vouching import (
     points_in_tag,
 )
 from vgrd.geometry import Pose
-from vgrd.model import Policy, TagObservation, frozen_array
+from vgrd.model import CameraPlace, FlangeTag, Plan, Policy, TagObservation, frozen_array
 
 TAG = Samples(0).facts().tag_b
 
@@ -86,6 +88,31 @@ def test_one_target_far_from_the_tag_moves_as_far_as_it_does(taught) -> None:
     points = points_in_tag(calibration, answer, now)
     turn = now.camera_from_tag @ Pose.from_rotvec((0, 0, 0.02))
     assert displacement_mm(points, now, seen(turn)) >= 200 * 0.0199
+
+
+FAR = Pose.from_rotvec((0.4, -0.6, 1.2), (150.0, -200.0, 90.0))
+
+
+@pytest.mark.parametrize("plan", [Plan.JOINT, Plan.UNIVERSAL])
+def test_a_camera_that_people_moved_judges_the_same_points(tmp_path, plan) -> None:
+    """The flange and tip in tag B do not depend on where the camera stands that sees them."""
+    world = World(Layout(), 5, CellNoise.none())
+    rehearsal = Rehearsal(world, facts_of(world, tmp_path))
+    recording = rehearsal.teach(looks=5, spins=4, points=0)
+    calibration = calibrate_system(replace(recording, plan=plan))
+    rehearsal.stand(retracted_pose(), 0.3)
+    look = rehearsal.look()
+    movable = np.full(6, np.inf)
+    points = []
+    for shift in (Pose.identity(), FAR):
+        tag_a, tag_b = (
+            replace(tag, camera_from_tag=shift.inverse() @ tag.camera_from_tag)
+            for tag in (look.tag_a, look.tag_b)
+        )
+        place = CameraPlace(movable, FlangeTag(tag_a, look.base_from_wrist))
+        answer = expected_coordinate(calibration, "P1", tag_b, Policy.FIXED, camera=place)
+        points.append(points_in_tag(calibration, answer.base_from_wrist, tag_b, place))
+    np.testing.assert_allclose(points[0], points[1], atol=0.1)
 
 
 def test_pictures_of_one_place_agree_within_their_noise_and_others_do_not() -> None:

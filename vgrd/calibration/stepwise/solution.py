@@ -127,15 +127,19 @@ class StepwiseSolution:
 
         Raises TagNotSeen as `expected`.
         """
-        misfit = self._misfit(facts, self._seen(facts, tag_b, camera))
+        seen = self._seen(facts, tag_b, camera)
+        misfit = self._misfit(facts, seen)
+        moved = None
+        if not camera.is_exact:
+            moved = seen.camera_from_tag @ tag_b.camera_from_tag.inverse()
         if misfit <= _PIVOT_STANDS:
-            return LinkReport(True, misfit)
+            return LinkReport(True, misfit, moved)
         links = [Link.TAG_B, Link.OBJECT]
         if camera.flange_tag is not None and not camera.is_exact:
             links.append(Link.TAG_A)
         elif not camera.is_free:
             links.append(Link.CAMERA)
-        return LinkReport(False, misfit, suspects=tuple(links))
+        return LinkReport(False, misfit, moved, suspects=tuple(links))
 
     def _seen(
         self, facts: CellFacts, tag_b: TagObservation, camera: CameraPlace

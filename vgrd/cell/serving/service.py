@@ -212,7 +212,7 @@ class Serving:
         )
         if pose is None or sight.tag_b is None or not answer.status.is_ok:
             return answer, None
-        points = points_in_tag(calibration, pose, sight.tag_b)
+        points = points_in_tag(calibration, pose, sight.tag_b, self.cameras.place(sight))
         return answer, Basis(pose, points, sight.tag_b, sight.stamp_s, sight.stamp_s)
 
     async def _picture(self, end_s: float, *, whole: bool) -> Sight | None:

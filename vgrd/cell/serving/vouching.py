@@ -13,7 +13,7 @@ import numpy as np
 
 from vgrd.calibration.calibration import Calibration
 from vgrd.geometry import Array, Pose, hat
-from vgrd.model import TagObservation
+from vgrd.model import UNMOVED, CameraPlace, TagObservation
 
 MARGIN_S = 0.1  # for the machine's scheduling, beyond the pictures' own time (decision 7)
 LATENCIES = 5  # newest pictures of which the slowest counts (decision 7)
@@ -22,12 +22,17 @@ AGREEMENT_SIGMAS = 5.0  # the largest of some ten points: 1e-5 false disagreemen
 AGREEMENT_MM = 0.02  # what a standing table trembles, beside the noise of pictures
 
 
-def points_in_tag(calibration: Calibration, answer: Pose, tag_b: TagObservation) -> Array:
+def points_in_tag(
+    calibration: Calibration, answer: Pose, tag_b: TagObservation, camera: CameraPlace = UNMOVED
+) -> Array:
     """Points (n, 3), mm, in tag B, that must not move while an answer stands.
 
-    answer: the flange (base_from_wrist) that was answered from the picture of
-    `tag_b`. The points are flange and work tip, as answered and as every target was taught.
+    answer: the flange (base_from_wrist) that was answered from the picture of `tag_b`; camera: where
+    it may have stood then. The points are flange and work tip, as answered and as every target was
+    taught.
     """
+    report = calibration.solution.examine(calibration.facts, tag_b, camera)
+    moved = report.taught_from_camera or Pose.identity()
     tip = calibration.tcp_in_wrist
     work = None if tip is None else np.asarray(tip) + calibration.facts.tool.work_from_touch_mm
     taught = [
@@ -35,7 +40,10 @@ def points_in_tag(calibration: Calibration, answer: Pose, tag_b: TagObservation)
     ]
     tag_from_base = [
         (calibration.base_from_camera @ camera_from_tag).inverse()
-        for camera_from_tag in (calibration.solution.camera_from_tag_b, tag_b.camera_from_tag)
+        for camera_from_tag in (
+            calibration.solution.camera_from_tag_b,
+            moved @ tag_b.camera_from_tag,
+        )
     ]
     flanges = [tag_from_base[0] @ pose for pose in taught] + [tag_from_base[1] @ answer]
     points = [flange.translation for flange in flanges]
