@@ -65,7 +65,7 @@ def pack(state: JointState) -> np.ndarray:
         state.camera_from_axis,
     ]
     parts = [np.concatenate([pose.rotvec(), pose.translation]) for pose in poses]
-    return np.concatenate([*parts, state.tcp_in_wrist, state.planar[:, 2]])
+    return np.concatenate([*parts, state.tcp_in_wrist, state.table_motion[:, 2]])
 
 
 class Residuals:
