@@ -167,7 +167,7 @@ def _truth(cell: Simulation, recording: Recording, arm: ArmModel) -> tuple[Joint
         base_from_object=cell.base_from_object(0.0),
         camera_from_tag_b=camera_from_base @ cell.base_from_object(0.0) @ cell.object_from_tag_b,
         camera_from_axis=camera_from_base @ cell.base_from_object(0.0),
-        planar=np.column_stack([np.zeros((len(angles), 2)), angles]),
+        table_motion=np.column_stack([np.zeros((len(angles), 2)), angles]),
         fixed_point_in_base=cell.fixed_point_in_base,
     )
     return data, state
