@@ -6,8 +6,9 @@ from types import MappingProxyType
 
 import numpy as np
 
+from fakes.world.arm_errors import ArmErrors
 from fakes.world.simulation import Simulation
-from vgrd.model import Plan, Recording
+from vgrd.model import ArmModel, Plan, Recording
 
 TILT_RAD = np.radians(25)  # within the 30 degrees that an operator reaches
 STEP_MINUTES: Mapping[str, float] = MappingProxyType(  # the paper's table 4: minutes by samples
@@ -48,6 +49,12 @@ SESSIONS: Mapping[str, Session] = MappingProxyType(  # the paper's two, and shor
         "joint, no hand-eye step": Session(Plan.JOINT, spins=4, tilted=3),
     }
 )
+
+
+def known_arm(arm: ArmErrors) -> ArmModel:
+    """What the joint estimate is told of an arm whose sizes of errors are known."""
+    least_mm = 1e-3  # of the repeatability: an exact arm too has the last digit of its report
+    return ArmModel(max(arm.sigma_mm, least_mm), arm.field_mm, arm.length_mm, arm.rad_per_mm)
 
 
 def operator_minutes(recording: Recording) -> dict[str, float]:

@@ -111,7 +111,9 @@ def test_a_camera_that_people_moved_judges_the_same_points(tmp_path, plan) -> No
         )
         place = CameraPlace(movable, FlangeTag(tag_a, look.base_from_wrist))
         answer = expected_coordinate(calibration, "P1", tag_b, Policy.FIXED, camera=place)
-        points.append(points_in_tag(calibration, answer.base_from_wrist, tag_b, place))
+        points.append(
+            points_in_tag(calibration, answer.base_from_wrist, tag_b, answer.taught_from_camera)
+        )
     np.testing.assert_allclose(points[0], points[1], atol=0.1)
 
 

@@ -1,6 +1,6 @@
 """What a calibration found, with its verdict, and the coordinate that is served from it."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from enum import StrEnum
 
 from vgrd.geometry import Array, Pose
@@ -63,6 +63,7 @@ class ExpectedCoordinate:
     """Where the flange must go: the product. u95: 95 % radius, mm and rad.
 
     fits: the picture is as the calibration predicts; else it shows that something moved.
+    taught_from_camera: how the camera has moved since teaching, as the answer takes it.
     """
 
     target: Target
@@ -71,3 +72,4 @@ class ExpectedCoordinate:
     u95_mm: float
     u95_rad: float
     fits: bool = True
+    taught_from_camera: Pose = field(default_factory=Pose.identity)

@@ -6,6 +6,7 @@ from enum import StrEnum
 
 import numpy as np
 
+from vgrd.errors import TagNotSeen
 from vgrd.geometry import Array, Pose
 from vgrd.model.arrays import frozen_array
 from vgrd.model.session import TagObservation
@@ -43,6 +44,13 @@ class CameraPlace:
     def is_free(self) -> bool:
         """Whether it may stand anywhere: a camera that is moved between requests."""
         return bool(np.isinf(self.stability).all())
+
+    def check_known(self) -> None:
+        """TagNotSeen where it may stand anywhere although tag A, that would tell, is not used."""
+        if self.is_free:
+            raise TagNotSeen(
+                "where the camera stands is not known: bring tag A into view and let the arm stand"
+            )
 
 
 UNMOVED = CameraPlace()

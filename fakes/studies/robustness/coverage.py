@@ -11,7 +11,7 @@ import numpy as np
 from numpy.random import SeedSequence
 from scipy.special import chdtri
 
-from fakes.studies.sessions import Session
+from fakes.studies.sessions import Session, known_arm
 from fakes.studies.study import Figure, Parameters, Study, Trials
 from fakes.world.arm_errors import EXACT_ARM, ArmErrors
 from fakes.world.noise import COARSE
@@ -22,7 +22,7 @@ from vgrd.calibration.solve import calibrate_system
 from vgrd.charts import COLORS, PAPER, legend, panels
 from vgrd.errors import CalibrationError
 from vgrd.geometry import Array
-from vgrd.model import ArmModel, ExpectedCoordinate, Plan, Policy, Recording, TagObservation
+from vgrd.model import ExpectedCoordinate, Plan, Policy, Recording, TagObservation
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure as Drawing
@@ -64,8 +64,7 @@ def _of_system(
 def _of_joint(
     cell: Simulation, recording: Recording, request: SimulatedRequest, arm: ArmErrors
 ) -> dict[str, float]:
-    model = ArmModel(max(arm.sigma_mm, 1e-3), arm.field_mm, arm.length_mm, arm.rad_per_mm)
-    result = calibrate_joint(recording, arm=model)
+    result = calibrate_joint(recording, arm=known_arm(arm))
     expected = expected_by_joint(result, request.target, request.seen, Policy.FIXED, WORK_ROTATION)
     part = result.layout.TCP
     error = result.state.tcp_in_wrist - cell.tcp_in_wrist

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.random import SeedSequence
 
-from fakes.studies.sessions import Session
+from fakes.studies.sessions import Session, known_arm
 from fakes.studies.study import Figure, Parameters, Study, Trials
 from fakes.world.arm_errors import ArmErrors
 from fakes.world.noise import FINE
@@ -22,7 +22,6 @@ from vgrd.errors import CalibrationError
 from vgrd.geometry import Array, Pose
 from vgrd.model import (
     UNMOVED,
-    ArmModel,
     CameraPlace,
     CellFacts,
     FlangeTag,
@@ -42,16 +41,14 @@ _MOVES_MM = (0.3, 1.0, 5.0)  # and as many mrad: a screw that gives, a knock, an
 _FIXED = frozen_array([0.5] * 3 + [5e-4] * 3, 6)  # the cell file's defaults, mm and rad
 _MOVABLE = frozen_array([np.inf] * 6, 6)
 _AGO = 0.5  # minutes since tag A was seen last: both sigmas as `CameraMemory` has them then
-_BAR = (93.0, 97.0)
-_KINDS = ("fixed", "movable", "hidden")
+_BAR = (93.0, 97.0)  # of a region that says 95 %: two points either way
 
 
 def _trial(seed: SeedSequence, parameters: Parameters) -> dict[str, float]:
     """Squared misses, mm^2, predicted ones, and whether the radius holds; a refusal has missed nothing."""
     cell = Simulation(seed, vision=FINE, arm=_ARM, center_sigma_mm=Turntable().center_sigma_mm)
     recording = _taught(_SESSION.record(cell), Motion(parameters["motion"]))
-    model = ArmModel(_ARM.sigma_mm, _ARM.field_mm, _ARM.length_mm, _ARM.rad_per_mm)
-    solution = solution_of(calibrate_joint(recording, arm=model))
+    solution = solution_of(calibrate_joint(recording, arm=known_arm(_ARM)))
     still = cell.request()
     out = _answer("unmoved", cell, solution, recording.facts, still, UNMOVED)
     _move(cell, parameters["moved_mm"])

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.random import SeedSequence
 
-from fakes.studies.sessions import Session
+from fakes.studies.sessions import Session, known_arm
 from fakes.studies.study import Figure, Parameters, Study, Trials
 from fakes.world.arm_errors import ArmErrors
 from fakes.world.noise import FINE
@@ -20,7 +20,6 @@ from vgrd.charts import COLORS, PAPER, legend, panels
 from vgrd.errors import CalibrationError
 from vgrd.geometry import Array, Pose
 from vgrd.model import (
-    ArmModel,
     CameraPlace,
     CellFacts,
     FlangeTag,
@@ -40,7 +39,7 @@ _STABILITIES = {
     "fixed": frozen_array([0.5] * 3 + [5e-4] * 3, 6),  # the cell file's defaults, mm and rad
     "movable": frozen_array([np.inf] * 6, 6),
 }
-_SIGMAS = (1, 2, 3, 4, 5, 6, 8, 10)
+_SIGMAS = (1, 2, 3, 4, 5, 6, 8, 10)  # from what no picture tells to what every one does
 _PROBE = 0.1  # of a slip of 1 mm and 2 mrad: small enough for a parabola
 _SLIP = np.array([1.0] * 3 + [2e-3] * 3)
 _JUDGED = 5  # sigmas at which the bars hold
@@ -50,8 +49,7 @@ def _trial(seed: SeedSequence, parameters: Parameters) -> dict[str, float]:
     """By sigmas of expected misfit: refused or not, and the true link among those named or not."""
     cell = Simulation(seed, vision=FINE, arm=_ARM, center_sigma_mm=Turntable().center_sigma_mm)
     recording = _SESSION.record(cell)
-    model = ArmModel(_ARM.sigma_mm, _ARM.field_mm, _ARM.length_mm, _ARM.rad_per_mm)
-    solution = solution_of(calibrate_joint(recording, arm=model))
+    solution = solution_of(calibrate_joint(recording, arm=known_arm(_ARM)))
     link, is_hidden = Link(parameters["link"]), parameters["tag_a"] == "hidden"
     picture = _Picture(
         solution,

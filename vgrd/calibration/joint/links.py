@@ -16,9 +16,7 @@ from vgrd.calibration.joint.rows import ObjectMotions
 from vgrd.geometry import Array
 from vgrd.model import Link
 
-_SLIP = np.array(
-    [1.0] * 3 + [4e-3] * 3
-)  # mm, rad: a guess, 1 mm across a tag's 25 mm turns it more
+_SLIP = np.array([1.0] * 3 + [4e-3] * 3)  # mm, rad: a guess, 1 mm over a tag turns it more
 _SCALES = (0.2, 1.0, 5.0)  # of slips, equally likely: from what glue lets go to what an elbow does
 _KNOCK = 30.0  # times its stability: how far a camera may have been knocked besides
 _KNOCKED = 0.01  # a guess: how many cameras have been, when something else slips

@@ -13,7 +13,6 @@ import numpy as np
 from vgrd.calibration.joint.problem import Tags
 from vgrd.calibration.joint.rows import ObjectMotions, moved_tag, object_motions, tag_residuals
 from vgrd.calibration.joint.state import StepLayout, table_motion_of
-from vgrd.errors import TagNotSeen
 from vgrd.geometry import Array, Pose, hat
 from vgrd.geometry.chi2 import chi2_quantile
 from vgrd.geometry.covariance import sqrt_information
@@ -76,7 +75,7 @@ class Rows:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Picture:
+class PictureFit:
     """What a picture tells of the unknowns (n), the arm's deviations (w) and the object's motion (k).
 
     residual (r,), whitened, at the first guess; J_known (r, n + w): by unknowns and deviations; gain
@@ -119,7 +118,7 @@ class CameraGuess:
     """Where the camera stands at first: taught_from_camera, and the place with what of it is believed.
 
     tag_a: None where it is not used. square: how far tag A puts the camera from where its stability may
-    have it, six squared sigmas; 0 where that is not compared.
+    have it, in squared sigmas of six numbers; 0 where that is not compared.
     """
 
     taught_from_camera: Pose
@@ -140,11 +139,8 @@ def guess_camera(links: Links, place: CameraPlace, arm: ArmPrior) -> CameraGuess
     TagNotSeen for a camera that may stand anywhere while nothing tells where.
     """
     seen = place.flange_tag
-    if seen is None and place.is_free:
-        raise TagNotSeen(
-            "where the camera stands is not known: bring tag A into view and let the arm stand"
-        )
     if seen is None:
+        place.check_known()
         return CameraGuess(Pose.identity(), place)
     D = Pose.identity()
     if not place.is_exact:
@@ -188,7 +184,7 @@ def first_motion(
 
 def weigh(
     links: Links, guess: CameraGuess, arm: ArmPrior, tags: Tags, motions: ObjectMotions
-) -> Picture:
+) -> PictureFit:
     """Most likely unknowns, deviations and motion (Eq. 5 and 6 with the camera's displacement D).
 
     Motion and D are left free but for the stability of the camera, the others have their priors.
@@ -201,7 +197,7 @@ def weigh(
     unexplained = np.eye(len(r)) - N @ free_gain
     misfit = float((unexplained @ r) @ S_inv @ (unexplained @ r))
     step = Pose.exp(-free_gain[k:] @ r) if len(free_gain) > k else Pose.identity()
-    return Picture(
+    return PictureFit(
         motion=motions,
         residual=r,
         J_known=rows.J_known,

@@ -17,11 +17,12 @@ from vgrd.calibration.joint.picture import (
     ArmPrior,
     CameraGuess,
     Links,
-    Picture,
+    PictureFit,
     first_motion,
     guess_camera,
     weigh,
 )
+from vgrd.calibration.joint.problem import Tags
 from vgrd.calibration.joint.rows import ObjectMotions, left_jacobian
 from vgrd.calibration.joint.state import StepLayout
 from vgrd.errors import NotObservable
@@ -55,8 +56,8 @@ class Prediction:
     J_unknowns (3, n): by the joint estimate; J_picture (3, 6): by the left tangent of tag B; J_arm
     (3, w): by the arm's deviation there, and before it, where tag A is used, in the picture;
     arm_covariance (w, w): of what is left of that. J_camera (3, c): by the noise of tag A and the
-    camera's displacement, in sigmas. J_turn_*: the same for the orientation, rad. picture: what the
-    object's motion was taken from; fits_model: the object moved as it can.
+    camera's displacement, in sigmas. J_turn_*: the same for the orientation, rad. taught_from_camera:
+    how the camera has moved, as estimated; fits_model: the object moved as it can.
     """
 
     base_from_wrist: Pose
@@ -69,7 +70,7 @@ class Prediction:
     J_turn_picture: Array
     J_turn_arm: Array
     J_turn_camera: Array
-    picture: Picture
+    taught_from_camera: Pose
     fits_model: bool
 
     def covariance(self, estimate: Array, tag_b: Array) -> Array:
@@ -166,6 +167,7 @@ class JointSolution:
             u95_mm=radius95(covariance),
             u95_rad=radius95(prediction.turn_covariance(self.covariance, tag_b.covariance)),
             fits=prediction.fits_model,
+            taught_from_camera=prediction.taught_from_camera,
         )
 
     def predict(
@@ -216,7 +218,7 @@ class JointSolution:
             J_turn_picture=noise_turn[:, :6] @ picture.sqrt_information,
             J_turn_arm=known_turn[:, n:],
             J_turn_camera=noise_turn[:, 6:],
-            picture=picture,
+            taught_from_camera=picture.taught_from_camera,
             fits_model=fits,
         )
 
@@ -225,10 +227,8 @@ class JointSolution:
 
         Raises TagNotSeen as `expected_for`.
         """
-        links, arm = self._links(), self._arm(_stands(camera))
-        motion = facts.object.motion
-        guess = guess_camera(links, camera, arm)
-        tags, motions = first_motion(links, guess, tag_b, motion if self.layout.axis else None)
+        links, guess, tags, motions = self._sighting(tag_b, facts.object.motion, camera)
+        arm = self._arm(_stands(camera))
         picture = weigh(links, guess, arm, tags, motions)
         moved = None if camera.is_exact else picture.taught_from_camera
         if picture.fits:
@@ -237,15 +237,22 @@ class JointSolution:
         named, slips = suspects(links, guess, arm, tags, motions)
         return LinkReport(False, picture.misfit, moved, suspects=named, slips=slips)
 
+    def _sighting(
+        self, tag_b: TagObservation, motion: Motion | None, camera: CameraPlace
+    ) -> tuple[Links, CameraGuess, Tags, ObjectMotions]:
+        """The picture at the first guess; motion None: the object moved anyhow."""
+        links = self._links()
+        guess = guess_camera(links, camera, self._arm(_stands(camera)))
+        tags, motions = first_motion(links, guess, tag_b, motion if self.layout.axis else None)
+        return links, guess, tags, motions
+
     def _picture(
         self, wish: "_Wish", tag_b: TagObservation, motion: Motion | None, camera: CameraPlace
-    ) -> tuple[Picture, "_Flange", ArmPrior]:
+    ) -> tuple[PictureFit, "_Flange", ArmPrior]:
         """What the picture tells, the flange at the first guess, the arm in the picture and there."""
-        links, stands = self._links(), _stands(camera)
-        guess = guess_camera(links, camera, self._arm(stands))
-        tags, motions = first_motion(links, guess, tag_b, motion if self.layout.axis else None)
+        links, guess, tags, motions = self._sighting(tag_b, motion, camera)
         flange = _flange(self, wish, motions)
-        arm = self._arm([*stands, flange.base_from_wrist.translation])
+        arm = self._arm([*_stands(camera), flange.base_from_wrist.translation])
         return weigh(links, guess, arm, tags, motions), flange, arm
 
     def _links(self) -> Links:

@@ -2,7 +2,6 @@
 
 import numpy as np
 
-from vgrd.errors import TagNotSeen
 from vgrd.geometry import Array, Pose, hat
 from vgrd.geometry.chi2 import chi2_quantile
 from vgrd.judging.thresholds import CAMERA_STANDS
@@ -46,10 +45,7 @@ def _displacement(
 ) -> tuple[Pose, Array]:
     """taught_from_camera and its covariance (6, 6), left."""
     if place.flange_tag is None or wrist_from_tag_a is None:
-        if place.is_free:
-            raise TagNotSeen(
-                "where the camera stands is not known: bring tag A into view and let the arm stand"
-            )
+        place.check_known()
         return Pose.identity(), np.diag(place.stability**2)
     chain, spread = _by_chain(place.flange_tag, base_from_camera, wrist_from_tag_a, robot_sigma_mm)
     if place.is_free:

@@ -100,7 +100,8 @@ class StepwiseSolution:
         camera's place and the arm. Raises InputError for what the calibration cannot serve, naming
         the remedy, TagNotSeen where nothing tells where the camera stands.
         """
-        tag_b = self._seen(facts, tag_b, camera)
+        seen = self._seen(facts, tag_b, camera)
+        moved, tag_b = _displacement(seen, tag_b), seen
         flange = self._flange(facts, taught, tag_b, policy, R_work)
         turn = flange.motion.rotation
         touches = self.touch_covariances.get(taught.target.name, taught.covariance)
@@ -120,6 +121,7 @@ class StepwiseSolution:
             u95_mm=radius95(covariance),
             u95_rad=radius95(rotation_covariance) if follows else 0.0,
             fits=self._misfit(facts, tag_b) <= _PIVOT_STANDS,
+            taught_from_camera=moved,
         )
 
     def examine(self, facts: CellFacts, tag_b: TagObservation, camera: CameraPlace) -> LinkReport:
@@ -129,9 +131,7 @@ class StepwiseSolution:
         """
         seen = self._seen(facts, tag_b, camera)
         misfit = self._misfit(facts, seen)
-        moved = None
-        if not camera.is_exact:
-            moved = seen.camera_from_tag @ tag_b.camera_from_tag.inverse()
+        moved = None if camera.is_exact else _displacement(seen, tag_b)
         if misfit <= _PIVOT_STANDS:
             return LinkReport(True, misfit, moved)
         links = [Link.TAG_B, Link.OBJECT]
@@ -243,6 +243,11 @@ class SpecialSolution(StepwiseSolution):
         return _Flange(
             motion.position, motion, np.hstack([motion.rotation, _EYE - motion.rotation])
         )
+
+
+def _displacement(seen: TagObservation, tag_b: TagObservation) -> Pose:
+    """taught_from_camera, from tag B as the taught camera sees it and as it was seen."""
+    return seen.camera_from_tag @ tag_b.camera_from_tag.inverse()
 
 
 def _wrist(policy: Policy, turn: Array, R_work: Array) -> Array:

@@ -8,7 +8,7 @@ from vgrd.calibration.calibration import Calibration, expected_coordinate
 from vgrd.cell.measuring import Sight
 from vgrd.cell.serving.vouching import Hold
 from vgrd.errors import Contradiction, InputError, NotObservable, TagNotSeen
-from vgrd.geometry import Array, Pose
+from vgrd.geometry import Array
 from vgrd.geometry.rotation_formats import RotationFormat as Format
 from vgrd.geometry.rotation_formats import rotation_from, rotation_to
 from vgrd.model import UNMOVED, CameraPlace, ExpectedCoordinate, Link, Policy, Target
@@ -91,11 +91,11 @@ def answer_request(
     now_s: float,
     now_unix_s: float,
     camera: CameraPlace = UNMOVED,
-) -> tuple[Answer, Pose | None]:
+) -> tuple[Answer, ExpectedCoordinate | None]:
     """Answer a good request (`check_request`) from one evaluated picture.
 
     camera: where it may stand in that picture.
-    Second: where the flange must be (base_from_wrist), None without a coordinate.
+    Second: where the flange must be, None without a coordinate.
     """
     max_age_s = min(request.max_age_s or limits.max_age_s, limits.max_age_s)
     answer = replace(
@@ -129,7 +129,7 @@ def answer_request(
         return replace(answer, status=Status.BAD_PARAMETER, detail=ORIENTATION_REGISTER), None
     if not _is_finite(expected):
         return replace(answer, status=Status.UNCERTAINTY_TOO_HIGH), None
-    return _encode(request, answer, expected, calibration, limits), expected.base_from_wrist
+    return _encode(request, answer, expected, calibration, limits), expected
 
 
 def links_detail(links: Iterable[Link]) -> int:

@@ -24,8 +24,8 @@ class CameraMemory:
 
     def see(self, sight: Sight) -> None:
         """Note what a picture tells of the camera, if it tells anything."""
-        if sight.tag_a is not None and sight.base_from_wrist is not None:
-            self._newest = (sight.stamp_s, FlangeTag(sight.tag_a, sight.base_from_wrist))
+        if (seen := _flange_tag(sight)) is not None:
+            self._newest = (sight.stamp_s, seen)
 
     def place(self, sight: Sight) -> CameraPlace:
         """Where the camera may stand in a picture.
@@ -34,10 +34,9 @@ class CameraMemory:
         camera that may stand anywhere. A camera that was seen a while ago stays where it was then and
         where it was taught, either give or take: both widen, so that together they say `stability`.
         """
-        if sight.tag_a is not None and sight.base_from_wrist is not None:
-            return CameraPlace(self.stability, FlangeTag(sight.tag_a, sight.base_from_wrist))
-        if self._newest is None or not np.isfinite(self.stability).all():
-            return CameraPlace(self.stability)
+        place = CameraPlace(self.stability, _flange_tag(sight))
+        if place.flange_tag is not None or self._newest is None or place.is_free:
+            return place
         stamp_s, seen = self._newest
         share = min(abs(sight.stamp_s - stamp_s) / MEMORY_S, 1.0)
         since = np.diag(2 * (share * self.stability) ** 2)
@@ -45,3 +44,9 @@ class CameraMemory:
         return CameraPlace(
             math.sqrt(1 + share) * self.stability, FlangeTag(faded, seen.base_from_wrist)
         )
+
+
+def _flange_tag(sight: Sight) -> FlangeTag | None:
+    if sight.tag_a is None or sight.base_from_wrist is None:
+        return None
+    return FlangeTag(sight.tag_a, sight.base_from_wrist)

@@ -200,7 +200,7 @@ class Serving:
     ) -> tuple[Answer, Basis | None]:
         """What one picture says; a basis only for a coordinate."""
         now_s, now_unix_s = self.clock.monotonic(), self.clock.wall()
-        answer, pose = answer_request(
+        answer, expected = answer_request(
             request,
             calibration,
             self.calibration_id,
@@ -210,9 +210,10 @@ class Serving:
             now_unix_s,
             self.cameras.place(sight),
         )
-        if pose is None or sight.tag_b is None or not answer.status.is_ok:
+        if expected is None or sight.tag_b is None or not answer.status.is_ok:
             return answer, None
-        points = points_in_tag(calibration, pose, sight.tag_b, self.cameras.place(sight))
+        pose = expected.base_from_wrist
+        points = points_in_tag(calibration, pose, sight.tag_b, expected.taught_from_camera)
         return answer, Basis(pose, points, sight.tag_b, sight.stamp_s, sight.stamp_s)
 
     async def _picture(self, end_s: float, *, whole: bool) -> Sight | None:

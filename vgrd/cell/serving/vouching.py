@@ -13,7 +13,7 @@ import numpy as np
 
 from vgrd.calibration.calibration import Calibration
 from vgrd.geometry import Array, Pose, hat
-from vgrd.model import UNMOVED, CameraPlace, TagObservation
+from vgrd.model import TagObservation
 
 MARGIN_S = 0.1  # for the machine's scheduling, beyond the pictures' own time (decision 7)
 LATENCIES = 5  # newest pictures of which the slowest counts (decision 7)
@@ -23,16 +23,18 @@ AGREEMENT_MM = 0.02  # what a standing table trembles, beside the noise of pictu
 
 
 def points_in_tag(
-    calibration: Calibration, answer: Pose, tag_b: TagObservation, camera: CameraPlace = UNMOVED
+    calibration: Calibration,
+    answer: Pose,
+    tag_b: TagObservation,
+    taught_from_camera: Pose | None = None,
 ) -> Array:
     """Points (n, 3), mm, in tag B, that must not move while an answer stands.
 
-    answer: the flange (base_from_wrist) that was answered from the picture of `tag_b`; camera: where
-    it may have stood then. The points are flange and work tip, as answered and as every target was
-    taught.
+    answer: the flange (base_from_wrist) that was answered from the picture of `tag_b`;
+    taught_from_camera: how the camera had moved then. The points are flange and work tip, as answered
+    and as every target was taught.
     """
-    report = calibration.solution.examine(calibration.facts, tag_b, camera)
-    moved = report.taught_from_camera or Pose.identity()
+    moved = taught_from_camera or Pose.identity()
     tip = calibration.tcp_in_wrist
     work = None if tip is None else np.asarray(tip) + calibration.facts.tool.work_from_touch_mm
     taught = [
