@@ -46,6 +46,7 @@ class Rehearsal:
         self.world = world
         self.facts = facts
         self.now_s = 0.0
+        self._rest_since_s = 0.0
         self.shots: list[tuple[Observation, Picture]] = []
         self._keeps_pictures = keeps_pictures
         self._renderer = Renderer(world.layout)
@@ -66,7 +67,8 @@ class Rehearsal:
         tags = self._detector.detect(picture)
         tag_a = tags.get(self.facts.tag_a.id) if self.facts.tag_a else None
         pose = self.world.reported_flange(self.now_s)
-        observation = Observation(pose, self.now_s, tag_a, tags.get(self.facts.tag_b.id))
+        tag_b = tags.get(self.facts.tag_b.id)
+        observation = Observation(pose, self.now_s, tag_a, tag_b, self._rest_since_s)
         if self._keeps_pictures:
             self.shots.append((observation, picture))
         return observation
@@ -79,14 +81,19 @@ class Rehearsal:
 
     def stand(self, flange: Pose, angle_rad: float | None = None) -> None:
         """Move the flange, and turn the table if an angle is given."""
-        arrival = self.world.move_flange(flange, self.now_s)
+        arrival = self._rest_since_s = self.world.move_flange(flange, self.now_s)
         if angle_rad is not None:
             arrival = max(arrival, self.world.turn_table(angle_rad, self.now_s))
         self.now_s = arrival + 1.0
 
+    def turn(self, angle_rad: float) -> None:
+        """Turn the table; the arm rests where it is."""
+        self.now_s = self.world.turn_table(angle_rad, self.now_s) + 1.0
+
     def touch(self, name: str, rotation: Array, *, has_picture: bool = True) -> Touch:
         """Touch a target (or the spike) with a wrist orientation (3, 3)."""
-        self.now_s = self.world.jog_onto(name, rotation, self.now_s) + 1.0
+        self._rest_since_s = self.world.jog_onto(name, rotation, self.now_s)
+        self.now_s = self._rest_since_s + 1.0
         sigma = self.world.noise.touch_sigma_mm or 0.02
         observation = self.look() if has_picture else None
         pose = self.world.reported_flange(self.now_s)
@@ -99,8 +106,12 @@ class Rehearsal:
         layout, seed = self.world.layout, self.world.seed
         look_observations = [self._after(pose) for pose in look_poses(layout, looks, seed=seed)]
         angles = np.linspace(0, 2 * np.pi, spins, endpoint=False)
-        spin_observations = [self._after(retracted_pose(), float(angle)) for angle in angles]
-        self.stand(retracted_pose(), 0.0)
+        self.stand(retracted_pose())
+        spin_observations = []
+        for angle in angles:
+            self.turn(float(angle))
+            spin_observations.append(self.look())
+        self.turn(0.0)
         names = list(self.world.targets)
         touches = [self.touch(name, WORK_ROTATION) for name in names]
         touches += self._tilted(names[:tilted])
@@ -116,8 +127,8 @@ class Rehearsal:
             points=tuple(spikes),
         )
 
-    def _after(self, flange: Pose, angle_rad: float | None = None) -> Observation:
-        self.stand(flange, angle_rad)
+    def _after(self, flange: Pose) -> Observation:
+        self.stand(flange)
         return self.look()
 
     def _tilted(self, names: Sequence[str]) -> list[Touch]:

@@ -6,7 +6,7 @@ statistics use it; it shares no code with the methods that it judges.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from types import MappingProxyType
 
 import numpy as np
@@ -152,9 +152,10 @@ class Simulation:
 
     def spins(self, count: int) -> tuple[Observation, ...]:
         """Pictures of the turning object, the robot standing at one pose."""
-        draw = self._draw()
+        draw, since_s = self._draw(), self._stamp_s
         angles = np.linspace(0, 1.6 * np.pi, count)
-        return tuple(self.observe(self.standing, float(angle), draw) for angle in angles)
+        pictures = [self.observe(self.standing, float(angle), draw) for angle in angles]
+        return tuple(replace(picture, rest_since_s=since_s) for picture in pictures)
 
     def touch(self, target: str, R: Array, angle_rad: float = 0.0, *, tag_a: bool = True) -> Touch:
         """Touch a target with the wrist oriented as R (reported); tag_a: whether it is visible."""

@@ -15,6 +15,7 @@ from vgrd.cell.schedule import PictureSchedule
 from vgrd.clock import Clock
 from vgrd.devices import CameraImage, FlangeReading
 from vgrd.devices.rate import catch_up_s, reading_period_s, silence_limit_s
+from vgrd.devices.rests import Rests
 from vgrd.devices.stillness import RestLimits, is_covered, rest_pose, rest_pose_since
 from vgrd.errors import DeviceUnavailable, InputError, NotSteady, ObservationError, TooOld
 from vgrd.geometry import Pose
@@ -35,13 +36,17 @@ log = structlog.get_logger()
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Sight:
-    """One evaluated picture: the tags in it, and where the flange stood or why that is not known."""
+    """One evaluated picture: the tags in it, and where the flange stood or why that is not known.
+
+    rest_since_s: when the arm came to the rest in which the picture was taken.
+    """
 
     image: CameraImage
     tag_a: TagObservation | None
     tag_b: TagObservation | None
     base_from_wrist: Pose | None
     unpaired: ObservationError | None
+    rest_since_s: float | None = None
 
     @property
     def stamp_s(self) -> float:
@@ -57,7 +62,9 @@ class Sight:
         """Pose and picture of one instant; raises NotSteady or TooOld when the robot was not at rest."""
         if self.base_from_wrist is None:
             raise self.unpaired or ObservationError("no flange pose belongs to the picture")
-        return Observation(self.base_from_wrist, self.stamp_s, self.tag_a, self.tag_b)
+        return Observation(
+            self.base_from_wrist, self.stamp_s, self.tag_a, self.tag_b, self.rest_since_s
+        )
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -94,6 +101,7 @@ class Measuring:
         self.clock = clock
         self.schedule = PictureSchedule(facts, rate_hz, watch_rate_hz)
         self.limits = RestLimits()
+        self.rests = Rests(self.limits)
         self.sight: Sight | None = None
         self.sight_of_object: Sight | None = None
         self.beat = 0
@@ -207,6 +215,7 @@ class Measuring:
     def _step(self, tasks: asyncio.TaskGroup) -> None:
         now = self.clock.monotonic()
         readings = self.robot.poll()
+        self.rests.add(readings)
         for listener in self.on_readings if readings else ():
             listener(readings)
         if self._evaluation is not None and self._evaluation.done():
@@ -273,7 +282,8 @@ class Measuring:
         except ObservationError as err:
             unpaired = err
         tag_a = tags.get(self.facts.tag_a.id) if self.facts.tag_a else None
-        return Sight(image, tag_a, tags.get(self.facts.tag_b.id), pose, unpaired)
+        since_s = self.rests.since_s(image.stamp_s)
+        return Sight(image, tag_a, tags.get(self.facts.tag_b.id), pose, unpaired, since_s)
 
     def _announce(self, sight: Sight) -> None:
         self.schedule.note(sight.tag_b, whole=sight.is_whole)

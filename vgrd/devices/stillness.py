@@ -38,6 +38,13 @@ class RestLimits:
     half_exposure_s: float = 0.02  # exposures up to 40 ms, see docs/recording.md
     minimum_readings: int = 3  # two before and one after the exposure (decision 13)
 
+    def of(self, reading: FlangeReading) -> tuple[float, float]:
+        """How far from it, (mm per axis, rad), a reading is of the same rest."""
+        return (
+            self.spread_mm + reading.step_mm,
+            self.spread_rad + ROTATIONS_PER_STEP * reading.step_rad,
+        )
+
 
 def rest_pose(
     readings: Sequence[FlangeReading], stamp_s: float, limits: RestLimits | None = None
@@ -88,6 +95,15 @@ def is_covered(
     """Whether a reading is surely from after the exposure, so that `rest_pose` can judge it."""
     after_s = (limits or RestLimits()).half_exposure_s + 0.5 * reading_period_s(readings)
     return bool(readings) and readings[-1].stamp_s >= stamp_s + after_s
+
+
+def is_apart(old: Pose, new: Pose, most_mm: float, most_rad: float) -> bool:
+    """Whether two poses differ by more than so much per axis, or turn by more; angles are small."""
+    turned = (new.rotation - old.rotation).ravel()
+    # |R - S| (Frobenius) is sqrt(8) sin(angle / 2), for small angles sqrt(2) times the angle.
+    if turned @ turned > 2.0 * most_rad**2:
+        return True
+    return bool(np.abs(new.translation - old.translation).max() > most_mm)
 
 
 def mean_rest_pose(poses: Sequence[Pose]) -> Pose:

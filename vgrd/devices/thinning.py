@@ -12,7 +12,7 @@ from collections.abc import Iterable, Sequence
 import numpy as np
 
 from vgrd.devices import FlangeReading
-from vgrd.devices.stillness import ROTATIONS_PER_STEP, RestLimits
+from vgrd.devices.stillness import RestLimits, is_apart
 from vgrd.geometry import Pose
 
 REST_S = 1.0  # one reading a second says that the arm still stands and the robot still answers
@@ -94,8 +94,7 @@ class PoseThinning:
         return not same_state or self._has_moved(last, reading)
 
     def _has_moved(self, old: FlangeReading, new: FlangeReading) -> bool:
-        most_mm = self._limits.spread_mm + new.step_mm
-        most_rad = self._limits.spread_rad + ROTATIONS_PER_STEP * new.step_rad
+        most_mm, most_rad = self._limits.of(new)
         pairs: list[tuple[Pose | None, Pose | None]] = [
             (old.base_from_wrist, new.base_from_wrist),
             (old.wrist_from_tcp, new.wrist_from_tcp),
@@ -104,15 +103,6 @@ class PoseThinning:
             if before is None or after is None:
                 if before is not after:
                     return True
-            elif before is not after and _is_apart(before, after, most_mm, most_rad):
+            elif before is not after and is_apart(before, after, most_mm, most_rad):
                 return True
         return False
-
-
-def _is_apart(old: Pose, new: Pose, most_mm: float, most_rad: float) -> bool:
-    """Whether two poses differ by more than so much per axis, or turn by more; angles are small."""
-    turned = (new.rotation - old.rotation).ravel()
-    # |R - S| (Frobenius) is sqrt(8) sin(angle / 2), for small angles sqrt(2) times the angle.
-    if turned @ turned > 2.0 * most_rad**2:
-        return True
-    return bool(np.abs(new.translation - old.translation).max() > most_mm)

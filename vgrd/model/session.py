@@ -36,12 +36,17 @@ class TagObservation:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Observation:
-    """Pose and picture of one instant, robot at rest: which tags were seen from which flange pose."""
+    """Pose and picture of one instant, robot at rest: which tags were seen from which flange pose.
+
+    rest_since_s: when the arm came to this rest. Pictures of one rest share the error that the arm
+    made as it stopped. None where that is not known: a rest of its own.
+    """
 
     base_from_wrist: Pose
     stamp_s: float
     tag_a: TagObservation | None = None
     tag_b: TagObservation | None = None
+    rest_since_s: float | None = None
 
 
 @dataclass(frozen=True, slots=True, eq=False)

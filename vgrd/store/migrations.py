@@ -31,18 +31,28 @@ def session_header(schema: int, body: Json) -> Json:
 
 
 def observation(body: Json) -> Json:
-    """An observation of any schema: early tags do not tell how well the picture fits."""
-    return _changed(_changed(body, "tag_a", _tag), "tag_b", _tag)
+    """An observation of any schema: early ones do not tell since when the arm stood.
+
+    Early tags do not tell how well the picture fits.
+    """
+    with_tags = _tagged(body)
+    return {"rest_since_s": None, **with_tags} if isinstance(with_tags, dict) else with_tags
 
 
 def sample(body: Json) -> Json:
     """An observation or a touch of any schema."""
-    return _changed(observation(body), "observation", observation)
+    if isinstance(body, dict) and "target" in body:
+        return _changed(body, "observation", observation)
+    return observation(body)
 
 
 def reading(body: Json) -> Json:
     """A reading of the robot: early ones do not tell the steps of the interface."""
     return {"step_mm": _ZERO, "step_rad": _ZERO, **body} if isinstance(body, dict) else body
+
+
+def _tagged(body: Json) -> Json:
+    return _changed(_changed(body, "tag_a", _tag), "tag_b", _tag)
 
 
 def _tag(body: Json) -> Json:

@@ -250,3 +250,14 @@ def test_a_tag_that_slips_after_the_camera_was_knocked_is_among_those_that_are_n
     report = solution.examine(facts, request.seen.tag_b, CameraPlace(FIXED, flange_tag(request)))
     assert not report.fits
     assert link in report.suspects
+
+
+def test_a_good_cell_misfits_as_much_as_its_degrees_of_freedom():
+    misfits = []
+    for seed in range(40):
+        sim, solution, facts = real(seed)
+        request = sim.request()
+        place = CameraPlace(ANYWHERE, flange_tag(request))
+        misfits.append(solution.examine(facts, request.seen.tag_b, place).misfit)
+    spread = np.sqrt(2 * 5 / len(misfits))  # of a mean of chi squares of 5 degrees of freedom
+    assert abs(np.mean(misfits) - 5) < 3 * spread

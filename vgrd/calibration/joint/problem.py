@@ -181,7 +181,7 @@ class Holes:
 class JointData:
     """All evidence, samples in an order that does not depend on the recording's.
 
-    Stations are where the arm stood, one per sample: flange_at (s, 3); cad: (m, 3), one per touch.
+    Stations are where the arm stood, one per rest: flange_at (s, 3) of all samples; cad: (m, 3), one per touch.
     center: of the turntable in CAD, or None. names: of the samples of every kind. corrections: what is
     refined of tag sizes and intrinsics; refined_values: (e,) values of it at which tags are seen here.
     """

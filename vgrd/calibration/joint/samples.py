@@ -9,6 +9,7 @@ from vgrd.calibration.joint.problem import (
     EvidenceKind,
     HolePixel,
     Holes,
+    Indices,
     JointData,
     Looks,
     Tags,
@@ -63,14 +64,15 @@ def gather(
     m, k = len(touches), len(points)
     poses = [touch.base_from_wrist for _, touch in (*touches, *points)]
     poses += [picture.base_from_wrist for _, picture in (*looks, *spins)]
+    stations = _stations([picture for _, picture in pictures])
     return JointData(
         recording=recording,
-        looks=_looks(pictures, of_a),
+        looks=_looks(pictures, of_a, stations),
         touches=_touch_set(recording, [touch for _, touch in touches]),
         cad=np.array([target_of(recording.facts, t.target).point_in_object for _, t in touches]),
-        touch_stations=np.arange(m),
+        touch_stations=stations[:m],
         points=_touch_set(recording, [touch for _, touch in points]),
-        point_stations=np.arange(m, m + k),
+        point_stations=stations[m : m + k],
         reference=_tags([_tag_b(picture) for _, picture in reference]),
         spins=_tags([picture.tag_b for _, picture in turned]),
         holes=_holes(recording, [hole for _, hole in holes], [name for name, _ in turned]),
@@ -141,7 +143,16 @@ def _center(recording: Recording) -> Array | None:
     return spec.center_in_object if spec.motion is Motion.TURNTABLE else None
 
 
-def _looks(seen: Sequence[Named], chosen: Sequence[int]) -> Looks:
+def _stations(pictures: Sequence[Observation | None]) -> Indices:
+    """Where the arm stood for each sample (s,): the number of the first sample of the same rest."""
+    first: dict[float, int] = {}
+    since = [None if picture is None else picture.rest_since_s for picture in pictures]
+    return np.array(
+        [i if t is None else first.setdefault(t, i) for i, t in enumerate(since)], dtype=np.intp
+    )
+
+
+def _looks(seen: Sequence[Named], chosen: Sequence[int], stations: Indices) -> Looks:
     """Every picture of tag A; one taken while touching belongs to the stand of the touch."""
     if not chosen:
         raise TooFewObservations(
@@ -152,7 +163,7 @@ def _looks(seen: Sequence[Named], chosen: Sequence[int]) -> Looks:
         _tags([picture.tag_a for picture in kept]),
         np.array([picture.base_from_wrist.rotation for picture in kept]),
         np.array([picture.base_from_wrist.translation for picture in kept]),
-        np.array(chosen, dtype=np.intp),
+        stations[list(chosen)],
     )
 
 
