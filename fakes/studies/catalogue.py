@@ -13,6 +13,7 @@ from fakes.studies.robustness import (
     coverage,
     degenerate,
     degenerate_touches,
+    false_alarms,
     moved_camera,
     moved_links,
 )
@@ -36,6 +37,7 @@ STUDIES: Mapping[str, Study] = MappingProxyType(
             conventions,
             degenerate,
             degenerate_touches,
+            false_alarms,
             moved_camera,
             moved_links,
         )

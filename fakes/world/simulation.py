@@ -152,9 +152,16 @@ class Simulation:
 
     def spins(self, count: int) -> tuple[Observation, ...]:
         """Pictures of the turning object, the robot standing at one pose."""
-        draw, since_s = self._draw(), self._stamp_s
         angles = np.linspace(0, 1.6 * np.pi, count)
-        pictures = [self.observe(self.standing, float(angle), draw) for angle in angles]
+        return self._rest(self.standing, [float(angle) for angle in angles])
+
+    def watch(self, reported: Pose, angle_rad: float, count: int) -> tuple[Observation, ...]:
+        """Pictures of one rest of the arm at `reported`; nothing moves."""
+        return self._rest(reported, [angle_rad] * count)
+
+    def _rest(self, reported: Pose, angles_rad: Sequence[float]) -> tuple[Observation, ...]:
+        draw, since_s = self._draw(), self._stamp_s
+        pictures = [self.observe(reported, angle, draw) for angle in angles_rad]
         return tuple(replace(picture, rest_since_s=since_s) for picture in pictures)
 
     def touch(self, target: str, R: Array, angle_rad: float = 0.0, *, tag_a: bool = True) -> Touch:

@@ -14,7 +14,15 @@ from vgrd.model.calibration import (
     Verdict,
 )
 from vgrd.model.cell import CellFacts, Motion, Mount, ObjectSpec, TagSpec, Target, Tool
-from vgrd.model.links import UNMOVED, CameraPlace, FlangeTag, Link, LinkReport
+from vgrd.model.links import (
+    UNMOVED,
+    CameraPlace,
+    FlangeTag,
+    Instant,
+    Link,
+    LinkReport,
+    PictureSeries,
+)
 from vgrd.model.session import Observation, Plan, Recording, TagObservation, Touch
 
 __all__ = [
@@ -26,12 +34,14 @@ __all__ = [
     "ExpectedCoordinate",
     "Finding",
     "FlangeTag",
+    "Instant",
     "Link",
     "LinkReport",
     "Motion",
     "Mount",
     "ObjectSpec",
     "Observation",
+    "PictureSeries",
     "Plan",
     "Policy",
     "Recording",

@@ -3,6 +3,7 @@
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from enum import StrEnum
+from typing import Protocol
 
 import numpy as np
 
@@ -56,6 +57,18 @@ class CameraPlace:
 UNMOVED = CameraPlace()
 
 
+@dataclass(frozen=True, slots=True)
+class Instant:
+    """When a picture was taken, and since when the arm rested.
+
+    shows_tag_a: tag A is in this very picture, the arm at rest.
+    """
+
+    stamp_s: float
+    rest_since_s: float | None
+    shows_tag_a: bool
+
+
 class Link(StrEnum):
     """What may have moved since teaching."""
 
@@ -70,10 +83,11 @@ class LinkReport:
     """What a picture says of its links.
 
     fits: the picture is as the calibration predicts, chance and the camera's displacement allowed for;
-    misfit: the squares, in sigmas, that say so.
+    misfit: the squares, in sigmas, that say so, of `freedom` degrees of freedom.
     taught_from_camera: how the camera seems to stand against where it stood while teaching, None where
     it is taken to stand still; knocked: farther off than its stability explains. suspects: links one
     of which must have moved, most likely first; slips: by link, how far it would have moved, (mm, rad).
+    lasting: many pictures say so together, and a person must see to it.
     """
 
     fits: bool
@@ -82,3 +96,15 @@ class LinkReport:
     knocked: bool = False
     suspects: tuple[Link, ...] = ()
     slips: Mapping[Link, tuple[float, float]] = field(default_factory=dict)
+    freedom: int = 0
+    lasting: bool = False
+
+
+class PictureSeries(Protocol):
+    """Judges pictures in their order, since the calibration was activated."""
+
+    def see(self, tag_b: TagObservation, camera: CameraPlace, instant: Instant) -> LinkReport:
+        """What a picture says after all earlier ones; raises TagNotSeen as the solution does."""
+
+    def resume(self) -> str:
+        """Judge anew after a slip that lasted; why not, in words, while it is still there."""

@@ -51,7 +51,7 @@ class Taught:
     def see(self, stamp_s: float) -> Sight:
         seen = self.rehearsal.look()
         image = CameraImage(np.zeros((2, 2), np.uint8), stamp_s, 1)
-        return Sight(image, seen.tag_a, seen.tag_b, seen.base_from_wrist, None)
+        return Sight(image, seen.tag_a, seen.tag_b, seen.base_from_wrist, None, seen.rest_since_s)
 
 
 def request(*, oriented: bool = True, **fields: int) -> Request:

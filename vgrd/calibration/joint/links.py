@@ -16,8 +16,12 @@ from vgrd.calibration.joint.rows import ObjectMotions
 from vgrd.geometry import Array
 from vgrd.model import Link
 
-_SLIP = np.array([1.0] * 3 + [4e-3] * 3)  # mm, rad: a guess, 1 mm over a tag turns it more
-_SCALES = (0.2, 1.0, 5.0)  # of slips, equally likely: from what glue lets go to what an elbow does
+SLIP_SIGMAS = np.array([1.0] * 3 + [4e-3] * 3)  # mm, rad: a guess, 1 mm over a tag turns it more
+SLIP_SCALES = (
+    0.2,
+    1.0,
+    5.0,
+)  # of slips, equally likely: from what glue lets go to what an elbow does
 _KNOCK = 30.0  # times its stability: how far a camera may have been knocked besides
 _KNOCKED = 0.01  # a guess: how many cameras have been, when something else slips
 _NAMED = 0.95  # posterior that the links which are named hold together
@@ -39,29 +43,29 @@ def suspects(
     if not (guess.place.is_exact or guess.place.is_free):
         spreads.append((np.log(_KNOCKED), S + _KNOCK**2 * across[-6:].T @ across[-6:]))
     evidence, slips = {}, {}
-    for link, J in _slips(rows, guess).items():
+    for link, J in slip_jacobians(rows, guess).items():
         trials = [
             _explain(r, spread, across.T @ J, scale, prior)
             for prior, spread in spreads
-            for scale in _SCALES
+            for scale in SLIP_SCALES
         ]
         evidence[link] = float(np.logaddexp.reduce([evidence for evidence, _ in trials]))
         slip = max(trials, key=lambda trial: trial[0])[1]
         slips[link] = (float(np.linalg.norm(slip[:3])), float(np.linalg.norm(slip[3:])))
-    named = _most_likely(evidence)
+    named = most_likely(evidence)
     return named, MappingProxyType({link: slips[link] for link in named})
 
 
 def _explain(r: Array, S: Array, J: Array, scale: float, prior: float) -> tuple[float, Array]:
     """Logarithm of the likelihood under slips of that size and of the prior, and the likely slip (6,)."""
-    L = J * (scale * _SLIP)
+    L = J * (scale * SLIP_SIGMAS)
     with_slip = S + L @ L.T
     weighted = np.linalg.solve(with_slip, r)
     evidence = prior - 0.5 * (float(r @ weighted) + float(np.linalg.slogdet(with_slip)[1]))
-    return evidence, scale * _SLIP * (L.T @ weighted)
+    return evidence, scale * SLIP_SIGMAS * (L.T @ weighted)
 
 
-def _slips(rows: Rows, guess: CameraGuess) -> dict[Link, Array]:
+def slip_jacobians(rows: Rows, guess: CameraGuess) -> dict[Link, Array]:
     """Derivative (r, 6) of the residuals by the slip of each link that the picture speaks of."""
     of_b = np.zeros((len(rows.residual), 6))
     of_b[:6] = rows.J_tag_b
@@ -77,7 +81,7 @@ def _slips(rows: Rows, guess: CameraGuess) -> dict[Link, Array]:
     return out
 
 
-def _most_likely(evidence: Mapping[Link, float]) -> tuple[Link, ...]:
+def most_likely(evidence: Mapping[Link, float]) -> tuple[Link, ...]:
     """The fewest links that hold the posterior; ties stay together."""
     order = sorted(evidence, key=lambda link: -evidence[link])
     weights = np.exp(np.array([evidence[link] for link in order]) - evidence[order[0]])

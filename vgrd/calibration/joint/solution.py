@@ -12,7 +12,7 @@ from typing import ClassVar
 import numpy as np
 
 from vgrd.calibration.joint.fit import unknown_in_words
-from vgrd.calibration.joint.links import suspects
+from vgrd.calibration.joint.links import slip_jacobians, suspects
 from vgrd.calibration.joint.picture import (
     ArmPrior,
     CameraGuess,
@@ -20,10 +20,12 @@ from vgrd.calibration.joint.picture import (
     PictureFit,
     first_motion,
     guess_camera,
+    rows_of,
     weigh,
 )
 from vgrd.calibration.joint.problem import Tags
 from vgrd.calibration.joint.rows import ObjectMotions, left_jacobian
+from vgrd.calibration.joint.sequence import JointSeries, Sighting
 from vgrd.calibration.joint.state import StepLayout
 from vgrd.errors import NotObservable
 from vgrd.geometry import Array, Pose, hat
@@ -229,13 +231,39 @@ class JointSolution:
         """
         links, guess, tags, motions = self._sighting(tag_b, facts.object.motion, camera)
         arm = self._arm(_stands(camera))
+        return self._report(links, guess, arm, tags, motions, camera)
+
+    def series(self, facts: CellFacts) -> JointSeries:
+        """Judges pictures in their order, each by what the earlier ones told."""
+        return JointSeries(
+            self.covariance, self.arm, lambda tag_b, camera: self._told(facts, tag_b, camera)
+        )
+
+    def _told(self, facts: CellFacts, tag_b: TagObservation, camera: CameraPlace) -> Sighting:
+        links, guess, tags, motions = self._sighting(tag_b, facts.object.motion, camera)
+        arm = self._arm(_stands(camera))
+        rows = rows_of(links, guess, arm, tags, motions)
+        moved = Pose(motions.rotations[0], motions.translations[0]) @ self.camera_from_tag_b
+        report = self._report(links, guess, arm, tags, motions, camera)
+        return Sighting(report, rows, slip_jacobians(rows, guess), moved)
+
+    def _report(
+        self,
+        links: Links,
+        guess: CameraGuess,
+        arm: ArmPrior,
+        tags: Tags,
+        motions: ObjectMotions,
+        camera: CameraPlace,
+    ) -> LinkReport:
         picture = weigh(links, guess, arm, tags, motions)
         moved = None if camera.is_exact else picture.taught_from_camera
+        misfit, freedom = picture.misfit, picture.freedom
         if picture.fits:
-            return LinkReport(True, picture.misfit, moved, guess.knocked)
+            return LinkReport(True, misfit, moved, guess.knocked, freedom=freedom)
         guess = CameraGuess(guess.taught_from_camera, camera, guess.tag_a)
         named, slips = suspects(links, guess, arm, tags, motions)
-        return LinkReport(False, picture.misfit, moved, suspects=named, slips=slips)
+        return LinkReport(False, misfit, moved, suspects=named, slips=slips, freedom=freedom)
 
     def _sighting(
         self, tag_b: TagObservation, motion: Motion | None, camera: CameraPlace

@@ -14,6 +14,7 @@ import numpy as np
 
 from vgrd.calibration.stepwise.camera import seen_by_taught_camera
 from vgrd.calibration.stepwise.chain import CameraChain, MovedPoint, Pivot
+from vgrd.calibration.stepwise.series import StepwiseSeries
 from vgrd.errors import InputError
 from vgrd.geometry import Array, Pose, log_rotation
 from vgrd.geometry.chi2 import chi2_quantile
@@ -140,6 +141,10 @@ class StepwiseSolution:
         elif not camera.is_free:
             links.append(Link.CAMERA)
         return LinkReport(False, misfit, moved, suspects=tuple(links))
+
+    def series(self, facts: CellFacts) -> StepwiseSeries:
+        """Judges pictures in their order."""
+        return StepwiseSeries(lambda tag_b, camera: self.examine(facts, tag_b, camera))
 
     def _seen(
         self, facts: CellFacts, tag_b: TagObservation, camera: CameraPlace

@@ -14,7 +14,7 @@ from vgrd.cell.serving.answering import links_detail
 from vgrd.cell.serving.camera_memory import CameraMemory
 from vgrd.errors import ControlError, TagNotSeen
 from vgrd.geometry import Pose
-from vgrd.model import LinkReport
+from vgrd.model import Instant, LinkReport, PictureSeries
 from vgrd.registers import State, Status
 
 TCP_CHANGED_MM = 0.05  # chosen: a tenth of the u95 (0.5 mm) at which answers are OK_DEGRADED
@@ -42,6 +42,7 @@ class Faults:
         self._contradictions: list[LinkReport] = []  # of the newest pictures in a row
         self._latched: Fault | None = None
         self._report: LinkReport | None = None  # of the newest picture that told of its links
+        self._series: PictureSeries | None = None  # of pictures since the calibration is in use
 
     @property
     def latched(self) -> Fault | None:
@@ -99,6 +100,9 @@ class Faults:
         self.calibration = calibration
         self._contradictions.clear()
         self._report = None
+        self._series = None
+        if calibration is not None:
+            self._series = calibration.solution.series(calibration.facts)
 
     def confirm(self) -> None:
         """Forget a latched fault; ControlError while its cause is there or cannot be looked for."""
@@ -108,6 +112,8 @@ class Faults:
         trouble = self._tcp_trouble()
         if trouble:
             raise ControlError(f"the cause is still there: {trouble}")
+        if self._series is not None and (trouble := self._series.resume()):
+            raise ControlError(f"nobody can tell yet that the cause is gone: {trouble}")
         self.latched = None
         self._contradictions.clear()
 
@@ -124,15 +130,18 @@ class Faults:
         One that shows no tag B, or no camera's place, tells nothing.
         """
         self._cameras.see(sight)
-        calibration = self.calibration
-        if calibration is None or sight.tag_b is None or not sight.is_whole:
+        if self._series is None or sight.tag_b is None or not sight.is_whole:
             return
-        place = self._cameras.place(sight)
+        shows_tag_a = sight.tag_a is not None and sight.base_from_wrist is not None
+        instant = Instant(sight.stamp_s, sight.rest_since_s, shows_tag_a)
         try:
-            report = calibration.solution.examine(calibration.facts, sight.tag_b, place)
+            report = self._series.see(sight.tag_b, self._cameras.place(sight), instant)
         except TagNotSeen:
             return
         self._report = report
+        if report.lasting and self.latched is None:
+            log.error("link_slipped", reason=words_of(report))
+            self.latched = (Status.CALIBRATION_DRIFT, words_of(report))
         if report.fits:
             self._contradictions.clear()
         else:

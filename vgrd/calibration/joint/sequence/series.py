@@ -1,0 +1,191 @@
+"""Pictures since activation, one after the other: each against what the earlier ones told, and their sum."""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+from types import MappingProxyType
+
+import numpy as np
+
+from vgrd.calibration.contradiction import words_of
+from vgrd.calibration.joint.picture import Rows
+from vgrd.calibration.joint.sequence.belief import (
+    TAG_ROWS,
+    Belief,
+    Innovation,
+    Unexplained,
+)
+from vgrd.calibration.joint.sequence.slips import Named, SlipSums
+from vgrd.geometry import Array, Pose
+from vgrd.geometry.chi2 import chi2_quantile
+from vgrd.judging.thresholds import CONTRADICTS
+from vgrd.model import ArmKnowledge, CameraPlace, Instant, Link, LinkReport, TagObservation
+
+_SCENE_MM = 0.1  # chosen: the object was moved, beyond the noise of a good tag
+_SCENE_RAD = 1e-3  # the same at a radius of 100 mm
+_WATCHED = 20  # chosen: pictures, ten seconds at 2 Hz
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Sighting:
+    """What one picture tells by itself.
+
+    slips: derivative (r, 6) of the rows by a slip of each link, in its own frame. camera_from_tag_b: as
+    expected of the object where it stands now.
+    """
+
+    report: LinkReport
+    rows: Rows
+    slips: Mapping[Link, Array]
+    camera_from_tag_b: Pose
+
+
+Sight = Callable[[TagObservation, CameraPlace], Sighting]
+
+
+class JointSeries:
+    """Judges pictures in their order.
+
+    Errors that stay are learned, so that they neither alarm nor hide a slip: those of the calibration, of
+    the arm at each pose, of the arm's stop, and those of print and light. Only pictures with tag A and
+    the arm at rest are learned and summed; one without tag A is only compared.
+    """
+
+    def __init__(self, covariance: Array, arm: ArmKnowledge, sight: Sight) -> None:
+        self._belief = Belief(covariance, arm)
+        self._sums: list[SlipSums] = []
+        self._sight = sight
+        self._alarm: Named | None = None
+        self._rest_since_s: float | None = None
+        self._place: Pose | None = None
+        self._last_s = -np.inf
+        self._begun = False
+
+    def see(self, tag_b: TagObservation, camera: CameraPlace, instant: Instant) -> LinkReport:
+        """What a picture says, after all earlier ones.
+
+        Raises TagNotSeen for a camera that may stand anywhere while nothing tells where.
+        """
+        sighting = self._sight(tag_b, camera)
+        if sighting.report.freedom == 0:
+            return sighting.report
+        self._note(sighting, instant)
+        picture = _unexplained(sighting, camera, instant)
+        is_known = self._begun
+        if picture.flange is not None and instant.shows_tag_a:
+            is_known = self._belief.knows(picture.flange)
+        innovation = self._belief.compare(picture)
+        report = sighting.report
+        if is_known:
+            report = _judge(report, innovation, picture, self._belief)
+        self._begun = True
+        if report.fits and instant.shows_tag_a:
+            self._learn(picture, innovation)
+        if self._alarm is None:
+            return report
+        suspects, sizes = self._alarm
+        return replace(report, fits=False, suspects=suspects, slips=sizes, lasting=True)
+
+    def resume(self) -> str:
+        """Judge anew after a slip that lasted; why not, in words, while it shows or too few pictures came."""
+        if self._alarm is None:
+            return ""
+        told = next((sums for sums in self._sums if sums.tells), None)
+        if told is not None:
+            suspects, sizes = told.named()
+            return words_of(LinkReport(False, 0.0, suspects=suspects, slips=sizes))
+        count = self._sums[0].count if self._sums else 0
+        if count < _WATCHED:
+            return (
+                f"{count} of {_WATCHED} pictures with tag A and the arm at rest have shown where "
+                "things are now: let both tags be seen, and confirm in a moment"
+            )
+        self._alarm = None
+        return ""
+
+    def sums(self) -> list[Array]:
+        """Of each link and window, numbers (d,) that are independent of variance 1 while nothing slips."""
+        return [of_link.told()[0] for sums in self._sums for of_link in sums.sums]
+
+    def _learn(self, picture: Unexplained, innovation: Innovation) -> None:
+        """Take a picture over.
+
+        Where the sums tell a slip, what was learned since it began is forgotten, and nothing is learned
+        until a person has seen to it: it would be taken for an error that stays.
+        """
+        if not self._sums or self._sums[-1].is_old:
+            links = [link for link in (Link.TAG_A, Link.TAG_B) if link in picture.J_slips]
+            self._sums = [*self._sums[-1:], SlipSums(self._belief, links)]
+        if self._alarm is None:
+            self._belief.learn(innovation)
+        for sums in self._sums:
+            sums.add(picture)
+        told = next((sums for sums in self._sums if sums.tells), None)
+        if self._alarm is None and told is not None:
+            self._alarm, self._belief = told.named(), told.before
+            self._belief.begin_rest()
+            self._sums = []
+
+    def _note(self, sighting: Sighting, instant: Instant) -> None:
+        """Which errors begin anew with this picture."""
+        beliefs = [self._belief, *(of_link.belief for sums in self._sums for of_link in sums.sums)]
+        if np.isfinite(self._last_s):
+            for belief in beliefs:
+                belief.age(instant.stamp_s - self._last_s)
+        self._last_s = instant.stamp_s
+        if not instant.shows_tag_a:
+            return
+        place = sighting.camera_from_tag_b
+        is_new_rest = instant.rest_since_s is None or instant.rest_since_s != self._rest_since_s
+        if is_new_rest or self._place is None or _is_elsewhere(self._place, place):
+            for belief in beliefs:
+                belief.begin_rest() if is_new_rest else belief.begin_scene()
+            self._place = place
+        self._rest_since_s = instant.rest_since_s
+
+
+def _unexplained(sighting: Sighting, camera: CameraPlace, instant: Instant) -> Unexplained:
+    """The part of a picture that no motion explains.
+
+    The camera is left free where tag A is in the picture: it is followed, whatever it does.
+    """
+    rows, count, is_exact = sighting.rows, len(sighting.rows.residual), camera.is_exact
+    if instant.shows_tag_a:
+        count, is_exact = TAG_ROWS, False
+    free = rows.free(is_exact=is_exact)[:count]
+    across = np.linalg.svd(free, full_matrices=True)[0][:, free.shape[1] :].T
+    seen = camera.flange_tag
+    return Unexplained(
+        residual=across @ rows.residual[:count],
+        J=across @ rows.J_known[:count],
+        J_scene=across if instant.shows_tag_a else np.zeros((len(across), 0)),
+        J_slips={
+            link: across @ J[:count]
+            for link, J in sighting.slips.items()
+            if not (instant.shows_tag_a and link is Link.CAMERA)
+        },
+        flange=None if seen is None else seen.base_from_wrist.translation,
+    )
+
+
+def _judge(
+    report: LinkReport, innovation: Innovation, picture: Unexplained, belief: Belief
+) -> LinkReport:
+    """A picture's report by what the earlier ones told.
+
+    By itself it must fit too: what is learned may not grow beyond what the calibration allows.
+    """
+    is_expected = innovation.square <= chi2_quantile(CONTRADICTS, len(innovation.value))
+    if is_expected and report.misfit <= chi2_quantile(CONTRADICTS, report.freedom):
+        return replace(report, fits=True, suspects=(), slips=MappingProxyType({}))
+    if not report.fits:
+        return report
+    links = [link for link in picture.J_slips if link is not Link.OBJECT]
+    sums = SlipSums(belief, links)
+    sums.add(picture)
+    suspects, sizes = sums.named()
+    return replace(report, fits=False, suspects=suspects, slips=sizes)
+
+
+def _is_elsewhere(old: Pose, new: Pose) -> bool:
+    mm, rad = old.distance(new)
+    return mm > _SCENE_MM or rad > _SCENE_RAD
