@@ -36,8 +36,7 @@ def suspects(
     as it is configured, whether or not tag A contradicts it.
     """
     rows = rows_of(links, guess, arm, tags, motions)
-    free = rows.free(is_exact=guess.place.is_exact)
-    across = np.linalg.svd(free, full_matrices=True)[0][:, free.shape[1] :]
+    across = _across(rows, guess)
     r, S = across.T @ rows.residual, across.T @ rows.covariance(links, arm) @ across
     spreads = [(0.0, S)]
     if not (guess.place.is_exact or guess.place.is_free):
@@ -54,6 +53,27 @@ def suspects(
         slips[link] = (float(np.linalg.norm(slip[:3])), float(np.linalg.norm(slip[3:])))
     named = most_likely(evidence)
     return named, MappingProxyType({link: slips[link] for link in named})
+
+
+def slip_traces(
+    links: Links, guess: CameraGuess, arm: ArmPrior, tags: Tags, motions: ObjectMotions
+) -> Mapping[Link, Array]:
+    """How a slip (mm, rad) of each link shows: (f, 6), in sigmas, of the f numbers that tell something.
+
+    They are what is left of a picture once motion and camera are fitted, whitened by noise and
+    estimate. Slips are as in `suspects`. A link that the picture does not speak of shows nowhere.
+    """
+    rows = rows_of(links, guess, arm, tags, motions)
+    across = _across(rows, guess)
+    L = np.linalg.cholesky(across.T @ rows.covariance(links, arm) @ across)
+    shown = {link: np.linalg.solve(L, across.T @ J) for link, J in slip_jacobians(rows, guess).items()}
+    return MappingProxyType({link: shown.get(link, np.zeros((len(L), 6))) for link in Link})
+
+
+def _across(rows: Rows, guess: CameraGuess) -> Array:
+    """Orthonormal (r, f): what neither motion nor camera explains."""
+    free = rows.free(is_exact=guess.place.is_exact)
+    return np.asarray(np.linalg.svd(free, full_matrices=True)[0][:, free.shape[1] :])
 
 
 def _explain(r: Array, S: Array, J: Array, scale: float, prior: float) -> tuple[float, Array]:

@@ -5,14 +5,14 @@ improves the unknowns a little, and only has to tell the turn of the object. Whe
 moved since teaching, tag A in the picture tells where it stands (`picture`).
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
 
 from vgrd.calibration.joint.fit import unknown_in_words
-from vgrd.calibration.joint.links import slip_jacobians, suspects
+from vgrd.calibration.joint.links import slip_jacobians, slip_traces, suspects
 from vgrd.calibration.joint.picture import (
     ArmPrior,
     CameraGuess,
@@ -37,6 +37,7 @@ from vgrd.model import (
     CameraPlace,
     CellFacts,
     ExpectedCoordinate,
+    Link,
     LinkReport,
     Motion,
     Policy,
@@ -261,9 +262,19 @@ class JointSolution:
         misfit, freedom = picture.misfit, picture.freedom
         if picture.fits:
             return LinkReport(True, misfit, moved, guess.knocked, freedom=freedom)
-        guess = CameraGuess(guess.taught_from_camera, camera, guess.tag_a)
-        named, slips = suspects(links, guess, arm, tags, motions)
+        named, slips = suspects(links, _as_configured(guess, camera), arm, tags, motions)
         return LinkReport(False, misfit, moved, suspects=named, slips=slips, freedom=freedom)
+
+    def slip_traces(
+        self, facts: CellFacts, tag_b: TagObservation, camera: CameraPlace
+    ) -> Mapping[Link, Array]:
+        """How a slip (mm, rad) of each link would show in a picture, (f, 6) in sigmas; `links`.
+
+        Raises TagNotSeen as `expected_for`.
+        """
+        links, guess, tags, motions = self._sighting(tag_b, facts.object.motion, camera)
+        arm = self._arm(_stands(camera))
+        return slip_traces(links, _as_configured(guess, camera), arm, tags, motions)
 
     def _sighting(
         self, tag_b: TagObservation, motion: Motion | None, camera: CameraPlace
@@ -357,6 +368,11 @@ def _flange(solution: JointSolution, wish: _Wish, motions: ObjectMotions) -> _Fl
     J += hat(tip) @ J_turn
     J[:, layout.TCP] = -R
     return _Flange(Pose(R, point - tip), J, J_turn)
+
+
+def _as_configured(guess: CameraGuess, camera: CameraPlace) -> CameraGuess:
+    """The guess with the camera's stability believed, whether or not tag A contradicts it."""
+    return CameraGuess(guess.taught_from_camera, camera, guess.tag_a)
 
 
 def _stands(camera: CameraPlace) -> list[Array]:
