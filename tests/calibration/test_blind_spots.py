@@ -13,6 +13,7 @@ from fakes.world.arm_errors import ArmErrors
 from fakes.world.noise import COARSE
 from fakes.world.simulation import TAG_A, TAG_B, WORK_ROTATION, Simulation
 from vgrd.calibration.blind_spots import Course, blind_spots, sentences
+from vgrd.calibration.blind_spots.courses import slips_of
 from vgrd.calibration.blind_spots.document import document
 from vgrd.calibration.joint import calibrate_joint, solution_of
 from vgrd.errors import TagNotSeen
@@ -237,6 +238,20 @@ def test_a_session_without_spins_knows_no_axis() -> None:
     assert spots[Link.TAG_B].shows_from_mm is None
 
 
+def test_a_camera_that_is_taken_to_stand_still_tells_every_slip_of_tag_a() -> None:
+    _, recording, solution = solved(Motion.TURNTABLE)
+    tag_b, camera = Scene(Pose.identity(), np.zeros(6), sees_tag_a=True).picture()
+    spot = blind_spots(solution, recording.facts, tag_b, camera)[Link.TAG_A]
+    assert spot.untold.shape == (6, 0)
+    assert not spot.harmful
+    assert not spot.harmful_as_knock
+
+
+def test_a_space_of_slips_that_is_no_motion_of_an_object_has_no_name() -> None:
+    up_and_along = np.eye(6)[:, [0, 2, 5]]
+    assert slips_of(up_and_along, Pose.identity()).course is Course.SOME
+
+
 def test_a_movable_camera_without_tag_a_tells_nothing_at_all() -> None:
     _, recording, solution = solved(Motion.TURNTABLE)
     scene = Scene(Pose.identity(), ANYWHERE, sees_tag_a=False)
@@ -268,3 +283,14 @@ def test_two_sentences_say_it_with_the_remedy(motion, stability, told) -> None:
     assert "a second tag on the object, or its holes" in of_tag_b
     assert ("shows from" in text) == (motion is not Motion.FREE)
     assert ("hidden" in text) == (stability is FIXED)
+
+
+def test_a_session_without_pictures_of_a_tag_says_nothing() -> None:
+    _, recording, solution = solved(Motion.TURNTABLE)
+    assert sentences(solution, replace(recording, touches=()), FIXED) == ()
+    hidden = [
+        replace(touch, observation=replace(touch.observation, tag_a=None))
+        for touch in recording.touches
+    ]
+    blind = replace(recording, looks=(), spins=(), touches=tuple(hidden))
+    assert sentences(solution, blind, FIXED) == ()

@@ -1,5 +1,6 @@
 """A calibration that could only refuse is rejected when it is solved, not request by request."""
 
+import json
 from dataclasses import replace
 from pathlib import Path
 
@@ -73,7 +74,32 @@ def test_a_fault_of_ours_in_the_solver_is_told_as_one(
     monkeypatch.setattr(solver, "die_with", lambda _: None)
     monkeypatch.setattr(solver.logs, "configure", lambda _: None)
     folder = stored(replace(recording, plan=Plan.UNIVERSAL), tmp_path)
-    assert solver.main(["solver", str(folder), str(tmp_path), "1.0", "fixed"]) == 0
+    assert solver.main(["solver", str(folder), str(tmp_path), "1.0", "fixed", "inf"]) == 0
     told = capsys.readouterr().out
     assert '"error": "InternalError"' in told
     assert "internal error in solve: ZeroDivisionError: a bug" in told
+
+
+@pytest.mark.parametrize(
+    ("stability", "told"),
+    [
+        ("0.5,0.5,0.5,0.0005,0.0005,0.0005", "passes for a knock"),
+        ("inf,inf,inf,inf,inf,inf", "either"),
+    ],
+)
+def test_the_solver_process_says_what_one_picture_cannot_tell(
+    recording: Recording,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+    stability: str,
+    told: str,
+) -> None:
+    monkeypatch.setattr(solver, "die_with", lambda _: None)
+    monkeypatch.setattr(solver.logs, "configure", lambda _: None)
+    folder = stored(replace(recording, plan=Plan.JOINT), tmp_path)
+    assert solver.main(["solver", str(folder), str(tmp_path), "5.0", "fixed", stability]) == 0
+    result = json.loads(capsys.readouterr().out.splitlines()[-1])["result"]
+    of_tag_b, of_the_rest = result["blind_spots"]
+    assert "along the arc about the axis" in of_tag_b
+    assert told in of_the_rest

@@ -155,6 +155,23 @@ def test_a_recorded_session_is_solved_without_a_daemon(vgrd, tmp_path) -> None:
     assert not (tmp_path / "state" / "calibrations").exists()
 
 
+def test_solve_says_what_one_picture_cannot_tell_of_this_cell(vgrd, tmp_path, cell_file) -> None:
+    cell = Simulation(SEED)
+    wrists = [cell.wrist(TILT_RAD * (i > 5)) for i in range(10)]
+    folder = write_session(tmp_path / "state", cell.record(plan=Plan.JOINT, wrists=wrists))
+    movable = tmp_path / "movable.toml"
+    text = cell_file.read_text(encoding="utf-8")
+    movable.write_text(
+        text.replace("[camera]\n", '[camera]\nstability = "movable"\n'), encoding="utf-8"
+    )
+    told = " ".join(vgrd("solve", folder, "--config", cell_file).out.split())
+    assert "cannot tell a slip of tag B along the arc about the axis: a second tag" in told
+    assert "A slip of tag A that way passes for a knock of the camera" in told
+    result = vgrd("solve", folder, "--config", movable, "--json", "-").result
+    assert "A slip of tag A that way is not told either" in result["blind_spots"][1]
+    assert "add --config" in vgrd("solve", folder).out
+
+
 def test_a_session_that_a_kill_cut_short_in_a_line_is_solved_with_what_is_whole(
     vgrd, tmp_path
 ) -> None:

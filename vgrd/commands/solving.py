@@ -1,7 +1,7 @@
 """Commands that solve: datasets, recorded sessions, the daemon's session, files of touches."""
 
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -17,6 +17,9 @@ from vgrd.commands.printing import (
     table,
 )
 from vgrd.errors import CalibrationError, InputError
+
+if TYPE_CHECKING:
+    from vgrd.geometry import Array
 
 
 def register(app: typer.Typer) -> None:
@@ -61,16 +64,34 @@ def solve(
     elif source.is_dir():
         from vgrd.solving.session import solve_session
 
+        stability = None if config is None else _stability_in(config)
         with progress("looking for holes") as report:
-            result = solve_session(source, tolerance_mm=tolerance_mm, report=report, draw=draw)
+            result = solve_session(
+                source, tolerance_mm=tolerance_mm, stability=stability, report=report, draw=draw
+            )
         _print_calibration(result, json_to, f"{source.name} solved")
     else:
         _solve_dataset(source, method, json_to)
 
 
+def _stability_in(config: Path) -> "Array":
+    """(6,) of the camera, by the cell file."""
+    from vgrd.config.cell_file import load_config
+    from vgrd.config.setup import camera_stability
+
+    return camera_stability(load_config(config))
+
+
 def _print_calibration(result: Result, json_to: str | None, title: str) -> None:
     """Print what was solved; a rejected calibration is told by the exit code too."""
-    print_result(result, json_to, show_fields(title))
+
+    def show(result: Result) -> None:
+        rest = {key: value for key, value in result.items() if key != "blind_spots"}
+        show_fields(title)(rest)
+        for sentence in result["blind_spots"]:
+            console.print(sentence, highlight=False, markup=False)
+
+    print_result(result, json_to, show)
     if not result["verdict"]["ok"]:
         raise typer.Exit(CalibrationError.exit_code)
 

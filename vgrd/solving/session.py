@@ -1,6 +1,8 @@
 """Solving a recorded session: the same function for the daemon's child process and for `vgrd solve`.
 
-python -m vgrd.solving.session SESSION_FOLDER STATE_DIR TOLERANCE_MM POLICY
+python -m vgrd.solving.session SESSION_FOLDER STATE_DIR TOLERANCE_MM POLICY STABILITY
+
+STABILITY: of the camera, six sigmas in mm and rad, with commas; inf: people move it.
 """
 
 import json
@@ -14,10 +16,13 @@ import numpy as np
 import structlog
 
 from vgrd import logs
+from vgrd.calibration.blind_spots import sentences
 from vgrd.calibration.calibration import Calibration
+from vgrd.calibration.joint import JointSolution
 from vgrd.calibration.solve import calibrate_system
 from vgrd.clock import Clock, SystemClock
 from vgrd.errors import CalibrationError, InternalError, StoreError, VgrdError
+from vgrd.geometry import Array
 from vgrd.model import Plan, Policy, Recording, Verdict
 from vgrd.orphans import die_with
 from vgrd.solving.hole_pictures import draw_searched
@@ -38,13 +43,15 @@ def solve_session(
     *,
     tolerance_mm: float | None = None,
     policy: Policy = Policy.FIXED,
+    stability: Array | None = None,
     report: Report | None = None,
     draw: Path | None = None,
 ) -> dict[str, object]:
     """Solve a session folder and store the calibration if `state_dir` is given; JSON-able summary.
 
     tolerance_mm: 95 % of the misses under the policy must be predicted within it; what cannot be
-    served under it at all is rejected. Plans joint and special: holes of the object in the stored
+    served under it at all is rejected. stability: (6,) of the camera, as in `CameraPlace`; None: not
+    known. Plans joint and special: holes of the object in the stored
     pictures are evidence too; report: called with (done, total) of these; draw: folder for a picture
     of each of these. Raises what `calibrate_system` does, StoreError, and InputError for a folder
     that cannot be written.
@@ -64,10 +71,23 @@ def solve_session(
     return {
         "calibration": name,
         **summary(calibration),
+        "blind_spots": _blind_spots(calibration, stored.recording, stability),
         "holes": {"seen": len(holes.sightings), "unseen": dict(holes.unseen)},
         **drawn,
         "warnings": [*stored.warnings, *warnings],
     }
+
+
+def _blind_spots(
+    calibration: Calibration, recording: Recording, stability: Array | None
+) -> list[str]:
+    """What one picture cannot tell of a cell that can be served by the joint estimate, in sentences."""
+    solution = calibration.solution
+    if not (calibration.verdict.ok and isinstance(solution, JointSolution)):
+        return []
+    if stability is None:
+        return ["What one picture cannot tell depends on the camera: add --config CELL.toml"]
+    return list(sentences(solution, recording, stability))
 
 
 def _drawn(folder: Path, holes: HolesSeen, pictures: Path) -> dict[str, object]:
@@ -118,7 +138,7 @@ def _log_progress(count: int, total: int) -> None:
 
 def main(argv: list[str] | None = None) -> int:
     """Entry point of the solver process: one JSON line on standard output."""
-    folder, state_dir, tolerance_mm, policy = (argv or sys.argv)[1:]
+    folder, state_dir, tolerance_mm, policy, stability = (argv or sys.argv)[1:]
     die_with(os.getppid())
     logs.configure("solver")
     try:
@@ -127,6 +147,7 @@ def main(argv: list[str] | None = None) -> int:
             Path(state_dir),
             tolerance_mm=float(tolerance_mm),
             policy=Policy(policy),
+            stability=np.array([float(sigma) for sigma in stability.split(",")]),
             report=_log_progress,
         )
         reply = {"ok": True, "result": result}

@@ -143,6 +143,7 @@ class Operations:
         limits = self.serving.limits
         command = ["-m", "vgrd.solving.session", str(folder), str(self.state_dir)]
         command += [str(limits.max_u95_mm), limits.policy.value]
+        command += [",".join(map(str, self.serving.cameras.stability.tolist()))]
         process = await asyncio.create_subprocess_exec(
             sys.executable, *command, stdout=asyncio.subprocess.PIPE
         )
