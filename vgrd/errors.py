@@ -110,10 +110,13 @@ class TooOld(ObservationError):
 
 
 class Contradiction(ObservationError):
-    """A picture contradicts the calibration beyond chance: something moved. `links` names what, as words."""
+    """A picture contradicts the calibration beyond chance: something moved. `links` names what, as words.
 
-    def __init__(self, message: str, links: Sequence[str]) -> None:
-        self.links = tuple(links)
+    size_mm: how far the first of them would have moved.
+    """
+
+    def __init__(self, message: str, links: Sequence[str], size_mm: float = 0.0) -> None:
+        self.links, self.size_mm = tuple(links), size_mm
         super().__init__(message)
 
 

@@ -12,6 +12,7 @@ from vgrd.errors import InputError
 from vgrd.geometry import Array, Pose
 from vgrd.model import (
     UNMOVED,
+    AdoptedSlip,
     CameraPlace,
     CellFacts,
     ExpectedCoordinate,
@@ -32,6 +33,7 @@ class Calibration:
 
     solution: what answers rest on; all kinds have the same members. taught: by name of the target, at
     the reference picture. wrist_from_tag_a: live check that nothing moved, None if tag A is not used.
+    adopted: slips since teaching that were taken over, oldest first; they are in the solution.
     """
 
     id: str
@@ -42,6 +44,7 @@ class Calibration:
     solution: Solution
     residuals: Mapping[str, float]
     verdict: Verdict
+    adopted: tuple[AdoptedSlip, ...] = ()
 
     @property
     def method(self) -> str:

@@ -7,10 +7,11 @@ from vgrd.model import Link, LinkReport
 
 _SIGNIFICANT_MM = 0.01  # a slip below it moved nothing that matters
 
+_ADOPT = "fasten it and teach anew, or take a small slip over: vgrd confirm --accept"
 _REMEDIES: Mapping[Link, str] = {
     Link.CAMERA: "the camera stands elsewhere: bring tag A into view, it tells where",
-    Link.TAG_A: "tag A sits elsewhere on the flange: fasten it and teach anew",
-    Link.TAG_B: "tag B sits elsewhere on the object: fasten it and teach anew",
+    Link.TAG_A: f"tag A sits elsewhere on the flange: {_ADOPT} 'tag A'",
+    Link.TAG_B: f"tag B sits elsewhere on the object: {_ADOPT} 'tag B'",
     Link.OBJECT: "the object left its turntable or its plane: seat it as it was taught",
 }
 
@@ -27,4 +28,5 @@ def words_of(report: LinkReport) -> str:
 
 def contradiction_of(report: LinkReport) -> Contradiction:
     """The error of a picture that must not be served."""
-    return Contradiction(words_of(report), [link.value for link in report.suspects])
+    links = [link.value for link in report.suspects]
+    return Contradiction(words_of(report), links, report.size_mm)

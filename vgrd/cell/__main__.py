@@ -90,7 +90,9 @@ class Cell:
         self.serving.faults.on_latch.append(self.latches.note)
         self.advisor = Advisor(Policy(serving.policy))
         teaching = Teaching(self.measuring, self.recorder, facts, config.touch, self.advisor)
-        self.activation = Activation(self.serving, CalibrationStore(state, clock), facts)
+        most_adopted = (camera.stability_mm, 1e-3 * camera.stability_mrad)
+        store = CalibrationStore(state, clock)
+        self.activation = Activation(self.serving, store, facts, most_adopted)
         self.operations = Operations(
             self.latches,
             self.measuring,

@@ -142,7 +142,16 @@ def ec(
 
 
 def confirm(
-    config: ConfigOption = None, socket: SocketOption = None, json_to: JsonOption = None
+    accept: Annotated[
+        str | None,
+        typer.Option(
+            help="Take over that 'tag A' or 'tag B' slipped a little; verify it by a touch."
+        ),
+    ] = None,
+    config: ConfigOption = None,
+    socket: SocketOption = None,
+    json_to: JsonOption = None,
 ) -> None:
     """Confirm that the cause of a latched fault is gone."""
-    print_result(ask(config, socket, "confirm"), json_to, show_fields("confirm"))
+    result = ask(config, socket, "confirm", accept=accept)
+    print_result(result, json_to, show_fields("confirm"))

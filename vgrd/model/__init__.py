@@ -16,17 +16,20 @@ from vgrd.model.calibration import (
 from vgrd.model.cell import CellFacts, Motion, Mount, ObjectSpec, TagSpec, Target, Tool
 from vgrd.model.links import (
     UNMOVED,
+    AdoptedSlip,
     CameraPlace,
     FlangeTag,
     Instant,
     Link,
     LinkReport,
     PictureSeries,
+    SlipEstimate,
 )
 from vgrd.model.session import Observation, Plan, Recording, TagObservation, Touch
 
 __all__ = [
     "UNMOVED",
+    "AdoptedSlip",
     "ArmKnowledge",
     "ArmModel",
     "CameraPlace",
@@ -45,6 +48,7 @@ __all__ = [
     "Plan",
     "Policy",
     "Recording",
+    "SlipEstimate",
     "TagObservation",
     "TagSpec",
     "Target",

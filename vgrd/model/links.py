@@ -99,6 +99,46 @@ class LinkReport:
     freedom: int = 0
     lasting: bool = False
 
+    @property
+    def size_mm(self) -> float:
+        """How far the likeliest suspect moved; 0 where none is told."""
+        return self.slips.get(self.suspects[0], (0.0, 0.0))[0] if self.suspects else 0.0
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SlipEstimate:
+    """How a tag slipped: tangent (6,) in its own frame, mm and rad, on the right; covariance (6, 6)."""
+
+    link: Link
+    tangent: Array
+    covariance: Array
+
+    @property
+    def size_mm(self) -> float:
+        """How far."""
+        return float(np.linalg.norm(self.tangent[:3]))
+
+    @property
+    def size_rad(self) -> float:
+        """How much it turned."""
+        return float(np.linalg.norm(self.tangent[3:]))
+
+
+@dataclass(frozen=True, slots=True)
+class AdoptedSlip:
+    """A slip that a person took over, until `term_unix_s` (infinite once a touch has borne it out).
+
+    calibration: id of the one that it was added to; by: who did it.
+    """
+
+    link: Link
+    size_mm: float
+    size_rad: float
+    calibration: str
+    by: str
+    adopted_unix_s: float
+    term_unix_s: float
+
 
 class PictureSeries(Protocol):
     """Judges pictures in their order, since the calibration was activated."""
@@ -108,3 +148,6 @@ class PictureSeries(Protocol):
 
     def resume(self) -> str:
         """Judge anew after a slip that lasted; why not, in words, while it is still there."""
+
+    def slip(self, link: Link) -> SlipEstimate:
+        """How the link slipped; InputError where the pictures do not tell."""

@@ -14,7 +14,7 @@ REGISTER_KIND: Final = "registers"
 UNKNOWN16: Final = 0xFFFF  # the largest u16: more, or unknown
 LARGEST32: Final = 0x7FFFFFFF  # the largest i32; the smallest is the sentinel
 
-_PACKED = struct.Struct("<8H2I2Bxx3qIHxx6d2Q")
+_PACKED = struct.Struct("<8H2I2Bxx3qI2H6d2Q")
 
 
 @dataclass(frozen=True, slots=True)
@@ -22,8 +22,9 @@ class Answer:
     """What the cell found out, for one request or for the continuous point (nonce and echo 0).
 
     nonce, echo, point, object: of the request, by `reply`. captured_s, valid_until_s: cell clock
-    (monotonic). rotation: in `rotation_format`, rad for a rotation vector, degrees otherwise. seq
-    counts the answers of this run of the cell.
+    (monotonic). moved_um: how far the link that moved is off, 0 where none is. rotation: in
+    `rotation_format`, rad for a rotation vector, degrees otherwise. seq counts the answers of this run
+    of the cell.
     """
 
     status: Status = Status.IDLE
@@ -31,6 +32,7 @@ class Answer:
     seq: int = 0
     nonce: int = 0
     detail: int = 0
+    moved_um: int = 0
     point: int = 0
     object: int = 0
     captured_s: float = math.nan
@@ -80,6 +82,7 @@ class RegisterImage:
                 *(self.beat & UNKNOWN16, self.state, a.calibration_id),
                 *(a.rotation_format, a.frame),
                 *(*a.position_um, min(a.u95_um, LARGEST32), min(a.u95_rot_10urad, UNKNOWN16)),
+                min(a.moved_um, UNKNOWN16),
                 *(self.published_s, a.captured_s, a.valid_until_s, *a.rotation),
                 *(a.captured_unix_us, a.nonce),
             )
@@ -105,15 +108,16 @@ class RegisterImage:
                 position_um=(v[12], v[13], v[14]),
                 u95_um=v[15],
                 u95_rot_10urad=v[16],
-                captured_s=v[18],
-                valid_until_s=v[19],
-                rotation=(v[20], v[21], v[22]),
-                captured_unix_us=v[23],
-                nonce=v[24],
+                moved_um=v[17],
+                captured_s=v[19],
+                valid_until_s=v[20],
+                rotation=(v[21], v[22], v[23]),
+                captured_unix_us=v[24],
+                nonce=v[25],
             )
         except (struct.error, ValueError) as error:
             raise IpcError(f"not a register image: {error}") from error
-        return cls(answer=answer, beat=v[7], state=State(v[8]), published_s=v[17])
+        return cls(answer=answer, beat=v[7], state=State(v[8]), published_s=v[18])
 
 
 PACKED_BYTES: Final = _PACKED.size

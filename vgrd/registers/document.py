@@ -128,7 +128,8 @@ _DETAILS = (
     ("302", "id of the tag"),
     (
         "503",
-        "sum of what may have moved: 1 camera, 2 tag A, 4 tag B, 8 object; 0: see `vgrd status`",
+        "sum of what may have moved: 1 camera, 2 tag A, 4 tag B, 8 object; 0: see `vgrd status`. "
+        "MOVED tells how far, of the likeliest",
     ),
     (
         "1, 2",

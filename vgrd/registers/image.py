@@ -155,6 +155,7 @@ def _values(
         "FMT": answer.rotation_format | answer.frame << 4 | scale << 8,
         "TCAP": answer.captured_unix_us,
         "SEQ": sequence(answer, valid=valid),
+        "MOVED": 0 if valid else min(answer.moved_um, UNKNOWN16),
     }
 
 

@@ -160,6 +160,12 @@ RESPONSE: Final = Block(  # idem
         Field("SEQ", 119, "u16", "changes with every answer; even while it is valid"),
         *_axes("EC16", 120, "i16", "in the units of FMT", "in the units of FMT"),
         *_proof("EC16", 126),
+        Field(
+            "MOVED",
+            129,
+            "u16",
+            "with STATUS 503: how far it moved, um, as DETAIL names it; else 0",
+        ),
         *_axes("EC32", 130, "i32", "in um", "in urad (rotvec) or 0.0001 deg"),
         Field("EC32_U95", 142, "i32", "95 % uncertainty of the position, um"),
         *_proof("EC32", 144),

@@ -9,7 +9,7 @@ from typing import Any
 Json = Any
 
 SESSION_SCHEMA = 2  # since 2: steps of the robot's interface, holes, chi2 of a tag
-CALIBRATION_SCHEMA = 2  # since 2: the solution is a table of its own
+CALIBRATION_SCHEMA = 3  # since 2: the solution is a table of its own; since 3: adopted slips
 _ZERO = 0.0
 
 
@@ -69,7 +69,7 @@ def _changed(body: Json, key: str, change: Callable[[Json], Json]) -> Json:
 def calibration(schema: int, body: Json) -> Json:
     """Content of a calibration's file: the solution of schema 1 lay open in it."""
     if schema > 1:
-        return body
+        return {"adopted": [], **body} if schema < 3 else body
     shared = {
         key: body[key] for key in ("id", "session", "created_unix_s", "residuals", "verdict")
     }
@@ -81,7 +81,8 @@ def calibration(schema: int, body: Json) -> Json:
         point["target"] = {"hole_diameter_mm": None, **point["target"]}
     joint = body.get("joint")
     solution = _stepwise(body) if joint is None else _joint(joint)
-    return {**shared, "facts": facts_of(body["facts"]), "taught": taught, "solution": solution}
+    facts = facts_of(body["facts"])
+    return {**shared, "facts": facts, "taught": taught, "solution": solution, "adopted": []}
 
 
 def _joint(joint: Json) -> Json:

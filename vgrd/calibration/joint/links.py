@@ -66,7 +66,9 @@ def slip_traces(
     rows = rows_of(links, guess, arm, tags, motions)
     across = _across(rows, guess)
     L = np.linalg.cholesky(across.T @ rows.covariance(links, arm) @ across)
-    shown = {link: np.linalg.solve(L, across.T @ J) for link, J in slip_jacobians(rows, guess).items()}
+    shown = {
+        link: np.linalg.solve(L, across.T @ J) for link, J in slip_jacobians(rows, guess).items()
+    }
     return MappingProxyType({link: shown.get(link, np.zeros((len(L), 6))) for link in Link})
 
 

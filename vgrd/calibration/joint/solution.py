@@ -6,8 +6,8 @@ moved since teaching, tag A in the picture tells where it stands (`picture`).
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
-from typing import ClassVar
+from dataclasses import dataclass, replace
+from typing import ClassVar, Self
 
 import numpy as np
 
@@ -41,6 +41,7 @@ from vgrd.model import (
     LinkReport,
     Motion,
     Policy,
+    SlipEstimate,
     TagObservation,
     Target,
     TaughtPoint,
@@ -233,6 +234,18 @@ class JointSolution:
         links, guess, tags, motions = self._sighting(tag_b, facts.object.motion, camera)
         arm = self._arm(_stands(camera))
         return self._report(links, guess, arm, tags, motions, camera)
+
+    def after_slip(self, slip: SlipEstimate) -> Self:
+        """The estimate with a tag that sits elsewhere; its uncertainty grows by that of the slip."""
+        name, part = {
+            Link.TAG_A: ("wrist_from_tag_a", StepLayout.TAG_A),
+            Link.TAG_B: ("camera_from_tag_b", StepLayout.TAG_B),
+        }[slip.link]
+        moved = getattr(self, name) @ Pose.exp(slip.tangent)
+        covariance = self.covariance.copy()
+        G = moved.adjoint()
+        covariance[part, part] += G @ slip.covariance @ G.T
+        return replace(self, **{name: moved, "covariance": frozen_copy(covariance)})
 
     def series(self, facts: CellFacts) -> JointSeries:
         """Judges pictures in their order, each by what the earlier ones told."""

@@ -2,7 +2,8 @@
 
 from collections.abc import Callable
 
-from vgrd.model import CameraPlace, Instant, LinkReport, TagObservation
+from vgrd.errors import InputError
+from vgrd.model import CameraPlace, Instant, Link, LinkReport, SlipEstimate, TagObservation
 
 
 class StepwiseSeries:
@@ -18,3 +19,9 @@ class StepwiseSeries:
     def resume(self) -> str:
         """Nothing lasts: no earlier picture counts."""
         return ""
+
+    def slip(self, link: Link) -> SlipEstimate:
+        """Always InputError."""
+        raise InputError(
+            f"{link} cannot be taken over: only a calibration of plan joint tells what a slip changes"
+        )

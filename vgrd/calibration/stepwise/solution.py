@@ -8,7 +8,7 @@ B M B^-1 is applied, B = base_from_camera.
 from abc import abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import ClassVar, Self
 
 import numpy as np
 
@@ -29,6 +29,7 @@ from vgrd.model import (
     LinkReport,
     Motion,
     Policy,
+    SlipEstimate,
     TagObservation,
     TaughtPoint,
     TcpEstimate,
@@ -141,6 +142,10 @@ class StepwiseSolution:
         elif not camera.is_free:
             links.append(Link.CAMERA)
         return LinkReport(False, misfit, moved, suspects=tuple(links))
+
+    def after_slip(self, slip: SlipEstimate) -> Self:
+        """Always InputError: a plan in steps does not tell what a slip changes."""
+        raise InputError(f"{slip.link} cannot be taken over by plan {self.METHOD}: teach anew")
 
     def series(self, facts: CellFacts) -> StepwiseSeries:
         """Judges pictures in their order."""

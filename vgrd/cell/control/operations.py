@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from vgrd.calibration.adoption import link_called
 from vgrd.calibration.calibration import expected_coordinate
 from vgrd.cell.control.lines import Arguments, optional_number, optional_text, text_argument
 from vgrd.cell.control.server import Operation
@@ -64,12 +65,6 @@ class Operations:
         """Operations by name."""
         teaching = self.teaching
 
-        def sample(kind: SampleKind) -> Operation:
-            return Operation(
-                lambda arguments: teaching.touch(text_argument(arguments, "target"), kind),
-                ("target",),
-            )
-
         return {
             "status": Operation(self._status),
             "record.start": Operation(
@@ -81,15 +76,17 @@ class Operations:
             "record.stop": Operation(lambda _: teaching.stop()),
             "look": Operation(lambda _: teaching.look()),
             "spin": Operation(lambda _: teaching.spin()),
-            "touch": sample(SampleKind.TOUCH),
-            "verify": sample(SampleKind.VERIFY),
+            "touch": Operation(
+                lambda a: teaching.touch(text_argument(a, "target"), SampleKind.TOUCH), ("target",)
+            ),
+            "verify": Operation(self._verify, ("target",)),
             "point": Operation(lambda a: teaching.point(text_argument(a, "name")), ("name",)),
             "undo": Operation(lambda _: teaching.undo()),
             "advise": Operation(self._advise, ("policy", "tilt_deg", "yaw_deg")),
             "solve": Operation(self._solve, ("session",)),
             "activate": Operation(self._activate, ("calibration", "by")),
             "ec": Operation(self._ec, ("target", "policy", "work_rotvec_deg")),
-            "confirm": Operation(self._confirm),
+            "confirm": Operation(self._confirm, ("accept", "by")),
         }
 
     async def _status(self, _: Arguments) -> Mapping[str, Any]:
@@ -198,11 +195,21 @@ class Operations:
             "calibration": calibration.id,
         }
 
-    async def _confirm(self, _: Arguments) -> Mapping[str, Any]:
+    async def _verify(self, arguments: Arguments) -> Mapping[str, Any]:
+        target = text_argument(arguments, "target")
+        reply = await self.teaching.touch(target, SampleKind.VERIFY)
+        touch = self.teaching.last_touch
+        return reply | dict(await self.activation.bear_out(touch) if touch else {})
+
+    async def _confirm(self, arguments: Arguments) -> Mapping[str, Any]:
+        adopted: Mapping[str, Any] = {}
+        if (name := optional_text(arguments, "accept")) is not None:
+            by = text_argument(arguments, "by", "")
+            adopted = await self.activation.adopt(link_called(name), by)
         self.serving.confirm()
         await self.latches.settled()
         fault = self.serving.fault()
-        return {"confirmed": True, "fault": None if fault is None else fault[1]}
+        return {"confirmed": True, "fault": None if fault is None else fault[1], **adopted}
 
 
 def _orientation(arguments: Arguments) -> Array | None:

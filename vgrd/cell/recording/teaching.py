@@ -54,6 +54,7 @@ class Teaching:
         self.advisor = advisor
         self.now_name = now_name
         self.last_session: Path | None = None
+        self.last_touch: Touch | None = None
 
     async def start(self, plan: str, session: str | None) -> dict[str, object]:
         """Open a session; the active TCP of the pendant is noted in it."""
@@ -102,7 +103,8 @@ class Teaching:
         if target not in self.facts.object.targets:
             names = ", ".join(self.facts.object.targets)
             raise InputError(f"unknown target {target!r}; the cell file has: {names}")
-        return await self._store(kind, self._touch(target, await self._observe()))
+        self.last_touch = self._touch(target, await self._observe())
+        return await self._store(kind, self.last_touch)
 
     async def point(self, name: str) -> dict[str, object]:
         """Record a touch of a fixed point; no picture is needed."""

@@ -121,8 +121,12 @@ def answer_request(
     except TagNotSeen:
         return replace(answer, status=_without_camera(sight)), None
     except Contradiction as err:
-        detail = links_detail([Link(name) for name in err.links])
-        return replace(answer, status=Status.CALIBRATION_DRIFT, detail=detail), None
+        detail, moved_um = (
+            links_detail([Link(name) for name in err.links]),
+            micrometres(err.size_mm),
+        )
+        drift = Status.CALIBRATION_DRIFT
+        return replace(answer, status=drift, detail=detail, moved_um=moved_um), None
     except (InputError, NotObservable):
         if work is None:
             raise
@@ -135,6 +139,11 @@ def answer_request(
 def links_detail(links: Iterable[Link]) -> int:
     """DETAIL of CALIBRATION_DRIFT."""
     return sum(LINK_BITS[link] for link in links)
+
+
+def micrometres(mm: float) -> int:
+    """Of a length in a register, rounded up."""
+    return math.ceil(1000 * mm)
 
 
 def _without_camera(sight: Sight) -> Status:
@@ -178,7 +187,7 @@ def _encode(
     if request.wants_tcp and calibration.tcp_in_wrist is not None:
         position = pose.apply(calibration.tcp_in_wrist)
     a, b, c = rotation_to(pose.rotation, _FORMATS[format_code])
-    u95_um = math.ceil(1000 * expected.u95_mm)
+    u95_um = micrometres(expected.u95_mm)
     x, y, z = (round(1000 * float(value)) for value in position)
     allowed_um = request.max_u95_um or round(1000 * limits.max_u95_mm)
     if u95_um > min(allowed_um, 1000 * limits.max_u95_mm):

@@ -3,18 +3,21 @@
 The STATE bits tell the same to a robot program, one by one.
 """
 
+import math
 from collections.abc import Callable
 
 import structlog
 
+from vgrd.calibration.adoption import term_unix_s
 from vgrd.calibration.calibration import Calibration
 from vgrd.calibration.contradiction import words_of
 from vgrd.cell.measuring import Measuring, Sight
 from vgrd.cell.serving.answering import links_detail
 from vgrd.cell.serving.camera_memory import CameraMemory
-from vgrd.errors import ControlError, TagNotSeen
+from vgrd.clock import Clock
+from vgrd.errors import ControlError, InputError, TagNotSeen
 from vgrd.geometry import Pose
-from vgrd.model import Instant, LinkReport, PictureSeries
+from vgrd.model import Instant, Link, LinkReport, PictureSeries, SlipEstimate
 from vgrd.registers import State, Status
 
 TCP_CHANGED_MM = 0.05  # chosen: a tenth of the u95 (0.5 mm) at which answers are OK_DEGRADED
@@ -33,15 +36,17 @@ class Faults:
     None when it is confirmed.
     """
 
-    def __init__(self, measuring: Measuring, cameras: CameraMemory) -> None:
+    def __init__(self, measuring: Measuring, cameras: CameraMemory, clock: Clock) -> None:
         self.calibration: Calibration | None = None
         self.absence: Fault = (Status.STARTING, "the calibration is being loaded")
         self.on_latch: list[Callable[[Fault | None], None]] = []
         self._measuring = measuring
         self._cameras = cameras
+        self._clock = clock
         self._contradictions: list[LinkReport] = []  # of the newest pictures in a row
         self._latched: Fault | None = None
         self._report: LinkReport | None = None  # of the newest picture that told of its links
+        self._term_unix_s = self._term_s = math.inf  # of a slip that was taken over
         self._series: PictureSeries | None = None  # of pictures since the calibration is in use
 
     @property
@@ -67,6 +72,11 @@ class Faults:
         return links_detail(self._contradictions[-1].suspects) if self._contradictions else 0
 
     @property
+    def moved_mm(self) -> float:
+        """How far the likeliest of them moved."""
+        return self._contradictions[-1].size_mm if self._contradictions else 0.0
+
+    @property
     def knock(self) -> str:
         """In words, that the camera was knocked and is followed; empty while it stands as it was taught."""
         report = self._report
@@ -89,6 +99,11 @@ class Faults:
             return Status.ROBOT_SAFETY_STOP, "the controller is not in normal mode"
         if self.calibration is None:
             return self.absence
+        if self._is_over():
+            return Status.CALIBRATION_DRIFT, (
+                "the slip that was taken over was not borne out by a touch in time: touch a target "
+                "(vgrd verify TARGET) and activate what comes of it, or teach anew"
+            )
         if len(self._contradictions) >= DRIFT_PICTURES:
             return Status.CALIBRATION_DRIFT, words_of(self._contradictions[-1])
         if trouble := self._measuring.camera_trouble():
@@ -101,8 +116,11 @@ class Faults:
         self._contradictions.clear()
         self._report = None
         self._series = None
+        self._term_unix_s = self._term_s = math.inf
         if calibration is not None:
             self._series = calibration.solution.series(calibration.facts)
+            self._term_unix_s = term_unix_s(calibration)
+            self._term_s = self._clock.monotonic() + self._term_unix_s - self._clock.wall()
 
     def confirm(self) -> None:
         """Forget a latched fault; ControlError while its cause is there or cannot be looked for."""
@@ -146,6 +164,17 @@ class Faults:
             self._contradictions.clear()
         else:
             self._contradictions = [*self._contradictions, report][-DRIFT_PICTURES:]
+
+    def slip(self, link: Link) -> SlipEstimate:
+        """How a link slipped; InputError where the pictures do not tell."""
+        if self._series is None:
+            raise InputError("no calibration serves, so nothing can be taken over")
+        return self._series.slip(link)
+
+    def _is_over(self) -> bool:
+        """Whether the term of a slip that was taken over has ended, by either clock."""
+        now_s, now_unix_s = self._clock.monotonic(), self._clock.wall()
+        return now_s >= self._term_s or now_unix_s >= self._term_unix_s
 
     def _tcp_trouble(self) -> str:
         reading = self._measuring.reading()

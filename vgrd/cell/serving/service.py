@@ -8,7 +8,7 @@ import structlog
 
 from vgrd.calibration.calibration import Calibration
 from vgrd.cell.measuring import Measuring, Sight
-from vgrd.cell.serving.answering import Limits, answer_request, check_request
+from vgrd.cell.serving.answering import Limits, answer_request, check_request, micrometres
 from vgrd.cell.serving.camera_memory import CameraMemory
 from vgrd.cell.serving.faults import DRIFT_PICTURES, Fault, Faults
 from vgrd.cell.serving.standing_answer import Basis, StandingAnswer
@@ -48,7 +48,7 @@ class Serving:
         self.simulation = simulation
         self.calibration_id = 0
         self.cameras = CameraMemory(stability)
-        self.faults = Faults(measuring, self.cameras)
+        self.faults = Faults(measuring, self.cameras, clock)
         self.standing = StandingAnswer(measuring, limits, clock)
         self._tasks: asyncio.TaskGroup | None = None
         self._work: asyncio.Task[None] | None = None
@@ -183,8 +183,11 @@ class Serving:
 
     def _refusal(self, request: Request, fault: Fault) -> Answer:
         """The answer while nothing can be served."""
-        moved = self.faults.moved_links if fault[0] is Status.CALIBRATION_DRIFT else 0
-        return replace(reply(request, fault[0]), detail=moved)
+        answer = reply(request, fault[0])
+        if fault[0] is not Status.CALIBRATION_DRIFT:
+            return answer
+        moved = micrometres(self.faults.moved_mm)
+        return replace(answer, detail=self.faults.moved_links, moved_um=moved)
 
     async def _sight_for(self, request: Request, end_s: float) -> Sight | None:
         """The picture to answer from; more of them while something seems to have moved."""

@@ -15,10 +15,19 @@ from vgrd.calibration.joint.sequence.belief import (
     Unexplained,
 )
 from vgrd.calibration.joint.sequence.slips import Named, SlipSums
+from vgrd.errors import InputError
 from vgrd.geometry import Array, Pose
 from vgrd.geometry.chi2 import chi2_quantile
 from vgrd.judging.thresholds import CONTRADICTS
-from vgrd.model import ArmKnowledge, CameraPlace, Instant, Link, LinkReport, TagObservation
+from vgrd.model import (
+    ArmKnowledge,
+    CameraPlace,
+    Instant,
+    Link,
+    LinkReport,
+    SlipEstimate,
+    TagObservation,
+)
 
 _SCENE_MM = 0.1  # chosen: the object was moved, beyond the noise of a good tag
 _SCENE_RAD = 1e-3  # the same at a radius of 100 mm
@@ -53,6 +62,7 @@ class JointSeries:
     def __init__(self, covariance: Array, arm: ArmKnowledge, sight: Sight) -> None:
         self._belief = Belief(covariance, arm)
         self._sums: list[SlipSums] = []
+        self._apart: SlipSums | None = None  # of pictures in a row of which each one contradicts
         self._sight = sight
         self._alarm: Named | None = None
         self._rest_since_s: float | None = None
@@ -78,8 +88,10 @@ class JointSeries:
         if is_known:
             report = _judge(report, innovation, picture, self._belief)
         self._begun = True
-        if report.fits and instant.shows_tag_a:
-            self._learn(picture, innovation)
+        if instant.shows_tag_a:
+            self._note_contradiction(report, picture)
+            if report.fits:
+                self._learn(picture, innovation)
         if self._alarm is None:
             return report
         suspects, sizes = self._alarm
@@ -102,9 +114,37 @@ class JointSeries:
         self._alarm = None
         return ""
 
+    def slip(self, link: Link) -> SlipEstimate:
+        """How the link slipped, by the pictures since it did; InputError where they do not tell."""
+        sums = self._apart or (self._sums[0] if self._alarm and self._sums else None)
+        if sums is None:
+            raise InputError("the pictures show no slip: nothing is to be taken over")
+        suspects = self._alarm[0] if self._alarm else sums.named()[0]
+        if link not in suspects:
+            raise InputError(f"it may be {' or '.join(suspects)} that slipped, not {link}")
+        if sums.count < _WATCHED:
+            raise InputError(
+                f"{sums.count} of {_WATCHED} pictures with tag A and the arm at rest have come: wait"
+            )
+        of_link = [one for one in sums.sums if one.link is link]
+        if not of_link:
+            raise InputError(
+                f"pictures do not tell how far {link} is off: seat it as it was taught"
+            )
+        return of_link[0].estimate()
+
     def sums(self) -> list[Array]:
         """Of each link and window, numbers (d,) that are independent of variance 1 while nothing slips."""
         return [of_link.told()[0] for sums in self._sums for of_link in sums.sums]
+
+    def _note_contradiction(self, report: LinkReport, picture: Unexplained) -> None:
+        """Add up pictures of which each one contradicts; one that fits ends it."""
+        if report.fits:
+            self._apart = None
+            return
+        if self._apart is None:
+            self._apart = SlipSums(self._belief, _tags_of(picture))
+        self._apart.add(picture)
 
     def _learn(self, picture: Unexplained, innovation: Innovation) -> None:
         """Take a picture over.
@@ -113,8 +153,7 @@ class JointSeries:
         until a person has seen to it: it would be taken for an error that stays.
         """
         if not self._sums or self._sums[-1].is_old:
-            links = [link for link in (Link.TAG_A, Link.TAG_B) if link in picture.J_slips]
-            self._sums = [*self._sums[-1:], SlipSums(self._belief, links)]
+            self._sums = [*self._sums[-1:], SlipSums(self._belief, _tags_of(picture))]
         if self._alarm is None:
             self._belief.learn(innovation)
         for sums in self._sums:
@@ -127,7 +166,8 @@ class JointSeries:
 
     def _note(self, sighting: Sighting, instant: Instant) -> None:
         """Which errors begin anew with this picture."""
-        beliefs = [self._belief, *(of_link.belief for sums in self._sums for of_link in sums.sums)]
+        every = [*self._sums, *([self._apart] if self._apart else [])]
+        beliefs = [self._belief, *(of_link.belief for sums in every for of_link in sums.sums)]
         if np.isfinite(self._last_s):
             for belief in beliefs:
                 belief.age(instant.stamp_s - self._last_s)
@@ -141,6 +181,11 @@ class JointSeries:
                 belief.begin_rest() if is_new_rest else belief.begin_scene()
             self._place = place
         self._rest_since_s = instant.rest_since_s
+
+
+def _tags_of(picture: Unexplained) -> list[Link]:
+    """The links whose slips pictures add up."""
+    return [link for link in (Link.TAG_A, Link.TAG_B) if link in picture.J_slips]
 
 
 def _unexplained(sighting: Sighting, camera: CameraPlace, instant: Instant) -> Unexplained:

@@ -14,7 +14,7 @@ from vgrd.calibration.joint.sequence.belief import Belief, Unexplained
 from vgrd.geometry import Array
 from vgrd.geometry.chi2 import chi2_quantile
 from vgrd.judging.thresholds import SLIPPED
-from vgrd.model import Link
+from vgrd.model import Link, SlipEstimate, frozen_array
 
 Named = tuple[tuple[Link, ...], Mapping[Link, tuple[float, float]]]
 
@@ -56,6 +56,22 @@ class SlipSum:
         root = np.sqrt(values[is_told])[:, None]
         along = vectors[:, is_told].T
         return along / root @ score, root * along
+
+    def estimate(self) -> SlipEstimate:
+        """The slip, in mm and rad.
+
+        A direction that no picture tells is known as well as the slip is large in the others; what
+        is believed of the slip is no better known than it is large.
+        """
+        told, J = self.told()
+        along = np.linalg.pinv(J) @ told
+        scale = max(float(np.linalg.norm(along)), 1.0 / _ANY)
+        covariance = np.linalg.inv(J.T @ J + np.eye(6) / scale**2)
+        mean = covariance @ (J.T @ told)
+        spread = np.outer(SLIP_SIGMAS, SLIP_SIGMAS) * (covariance + np.outer(mean, mean))
+        return SlipEstimate(
+            self.link, frozen_array(SLIP_SIGMAS * mean, 6), frozen_array(spread, 6, 6)
+        )
 
     def explain(self) -> tuple[float, Array]:
         """Logarithm of the likelihood that the link slipped over that nothing did, and the slip (6,)."""
