@@ -13,6 +13,7 @@ from fakes.world.arm_errors import RAD_PER_MM, ErrorField, deviated
 from vgrd.geometry import Array, Pose
 
 PEAK_OVER_MEAN = 1.875  # speed of a minimum-jerk profile
+THERE_MM, THERE_RAD = 1e-6, 1e-9  # less than any interface tells
 
 
 def minimum_jerk(elapsed_s: float, duration_s: float) -> float:
@@ -123,7 +124,13 @@ class Arm:
         return now_s < self._move.started_s + self._move.duration_s
 
     def move_flange(self, base_from_wrist: Pose, now_s: float) -> float:
-        """Start a move of the reported flange; returns the time of arrival."""
+        """Start a move of the reported flange; returns the time of arrival.
+
+        An arm that is there already does not move, and errs as before.
+        """
+        mm, rad = self._move.flange(now_s).distance(base_from_wrist)
+        if not self.moving(now_s) and mm < THERE_MM and rad < THERE_RAD:
+            return now_s
         return self._start(base_from_wrist, self._drawn_deviation(), now_s)
 
     def move_tcp(self, base_from_tcp: Pose, now_s: float) -> float:

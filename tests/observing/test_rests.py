@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from fakes.world.arm import Arm
 from vgrd.devices import FlangeReading
 from vgrd.devices.rests import SILENCE_S, Rests
 from vgrd.geometry import Pose
@@ -74,3 +75,15 @@ def test_a_moving_arm_fills_no_memory():
         )
     rests.add(readings(0.0, 80.0, 1.0))
     assert rests.since_s(80.9) == 80.0
+
+
+def test_the_fake_arm_errs_anew_only_where_it_moved():
+    arm = Arm(Pose.identity(), Pose.identity(), seed=1)
+    away = Pose(np.eye(3), np.array([100.0, 0, 0]))
+    now = arm.move_flange(away, 0.0)
+    first = arm.true_flange(now).translation
+    assert arm.move_flange(away, now + 1.0) == now + 1.0
+    np.testing.assert_array_equal(arm.true_flange(now + 2.0).translation, first)
+    back = arm.move_flange(Pose.identity(), now + 3.0)
+    again = arm.move_flange(away, back)
+    assert np.linalg.norm(arm.true_flange(again).translation - first) > 1e-3
