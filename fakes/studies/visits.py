@@ -41,7 +41,7 @@ class Visits:
         poses: int,
         has_tag_a: bool = True,
     ) -> None:
-        self.series = solution.series(facts)
+        self.series = solution.series(facts, stability)
         self._cell, self._stability, self._has_tag_a = cell, stability, has_tag_a
         offsets = cell.rng.uniform(-_SPREAD_MM, _SPREAD_MM, (poses, 3))
         at = cell.standing.translation

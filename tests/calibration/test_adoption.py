@@ -127,7 +127,7 @@ def test_what_is_no_link_or_no_suspect_is_refused_by_name():
     _, calibration, series = slipped()
     with pytest.raises(InputError, match="not camera"):
         series.slip(Link.CAMERA)
-    fresh = calibration.solution.series(calibration.facts)
+    fresh = calibration.solution.series(calibration.facts, STABILITY)
     with pytest.raises(InputError, match="show no slip"):
         fresh.slip(Link.TAG_B)
 

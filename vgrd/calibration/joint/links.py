@@ -103,11 +103,11 @@ def slip_jacobians(rows: Rows, guess: CameraGuess) -> dict[Link, Array]:
     return out
 
 
-def most_likely(evidence: Mapping[Link, float]) -> tuple[Link, ...]:
-    """The fewest links that hold the posterior; ties stay together."""
+def most_likely(evidence: Mapping[Link, float], share: float = _NAMED) -> tuple[Link, ...]:
+    """The fewest links that hold that share of the posterior; ties stay together."""
     order = sorted(evidence, key=lambda link: -evidence[link])
     weights = np.exp(np.array([evidence[link] for link in order]) - evidence[order[0]])
     shares = np.cumsum(weights) / weights.sum()
-    count = int(np.searchsorted(shares, _NAMED)) + 1
+    count = int(np.searchsorted(shares, share)) + 1
     least = weights[count - 1]
     return tuple(link for link, w in zip(order, weights, strict=True) if w >= least * (1 - 1e-9))

@@ -247,10 +247,13 @@ class JointSolution:
         covariance[part, part] += G @ slip.covariance @ G.T
         return replace(self, **{name: moved, "covariance": frozen_copy(covariance)})
 
-    def series(self, facts: CellFacts) -> JointSeries:
-        """Judges pictures in their order, each by what the earlier ones told."""
+    def series(self, facts: CellFacts, stability: Array) -> JointSeries:
+        """Judges pictures in their order, each by what the earlier ones told; stability: of the camera."""
         return JointSeries(
-            self.covariance, self.arm, lambda tag_b, camera: self._told(facts, tag_b, camera)
+            self.covariance,
+            self.arm,
+            stability,
+            lambda tag_b, camera: self._told(facts, tag_b, camera),
         )
 
     def _told(self, facts: CellFacts, tag_b: TagObservation, camera: CameraPlace) -> Sighting:
@@ -259,7 +262,8 @@ class JointSolution:
         rows = rows_of(links, guess, arm, tags, motions)
         moved = Pose(motions.rotations[0], motions.translations[0]) @ self.camera_from_tag_b
         report = self._report(links, guess, arm, tags, motions, camera)
-        return Sighting(report, rows, slip_jacobians(rows, guess), moved)
+        slips = slip_jacobians(rows, guess)
+        return Sighting(report, rows, slips, moved, guess.taught_from_camera)
 
     def _report(
         self,

@@ -147,8 +147,9 @@ class StepwiseSolution:
         """Always InputError: a plan in steps does not tell what a slip changes."""
         raise InputError(f"{slip.link} cannot be taken over by plan {self.METHOD}: teach anew")
 
-    def series(self, facts: CellFacts) -> StepwiseSeries:
-        """Judges pictures in their order."""
+    def series(self, facts: CellFacts, stability: Array) -> StepwiseSeries:
+        """Judges pictures in their order; their camera's place holds the stability already."""
+        del stability
         return StepwiseSeries(lambda tag_b, camera: self.examine(facts, tag_b, camera))
 
     def _seen(

@@ -118,7 +118,8 @@ class Faults:
         self._series = None
         self._term_unix_s = self._term_s = math.inf
         if calibration is not None:
-            self._series = calibration.solution.series(calibration.facts)
+            stability = self._cameras.stability
+            self._series = calibration.solution.series(calibration.facts, stability)
             self._term_unix_s = term_unix_s(calibration)
             self._term_s = self._clock.monotonic() + self._term_unix_s - self._clock.wall()
 

@@ -19,6 +19,10 @@ _POSES = (
 _SAME_POSE_MM = 2.0  # chosen: the field of an arm changes by 1 % of itself in it
 _SCENE_S = 600.0  # chosen: light and warmth change what the pictures of a scene share
 TAG_ROWS = 12  # six of each tag
+_CAMERA_S = (
+    60.0  # a guess, as `MEMORY_S` of the served path: in it a camera moves as far as its stability
+)
+_GUESSED = np.array([10.0] * 3 + [0.02] * 3)  # mm, rad: far beyond what tag A's chain errs by
 _JITTER = 1e-6  # of the field's variance: poses closer than 1 mm are one
 
 
@@ -26,13 +30,15 @@ _JITTER = 1e-6  # of the field's variance: poses closer than 1 mm are one
 class Unexplained:
     """The part of a picture that no motion explains: independent residuals (m,) of variance 1.
 
-    J (m, n + 6): by unknowns and the arm's deviation at `flange` (3,); J_scene (m, 12), or no columns.
-    J_slips: by link (m, 6), by a slip in mm and rad in the link's own frame.
+    J (m, n + 6): by unknowns and, where tag A is seen, the arm's deviation at `flange` (3,); J_scene
+    (m, 12): by the whitened residuals of tag B and tag A; J_camera (m, 6): by the camera's displacement,
+    left. J_slips: by link (m, 6), by a slip in mm and rad in the link's own frame.
     """
 
     residual: Array
     J: Array
     J_scene: Array
+    J_camera: Array
     J_slips: Mapping[Link, Array]
     flange: Array | None
 
@@ -52,18 +58,21 @@ class Innovation:
 
 
 class Belief:
-    """Mean (N,) and covariance (N, N) of errors: unknowns (n), rest (6), scene (12), slip (6), each pose (6).
+    """Mean (N,) and covariance (N, N) of errors: unknowns, rest, scene (12), slip, camera, each pose; 6 each.
 
     Scene in whitened residuals of tag B and tag A, slip in usual slips of a link in its own frame (0: no link
-    slips), the others in mm and rad.
+    slips), the others in mm and rad. stability: (6,) of the camera, as in `CameraPlace`; it walks so far
+    in a minute. A camera that may stand anywhere is no error: pictures are told without it.
     """
 
-    def __init__(self, covariance: Array, arm: ArmKnowledge) -> None:
+    def __init__(self, covariance: Array, arm: ArmKnowledge, stability: Array) -> None:
         self._arm = arm
         self._n = n = len(covariance)
         self._rest, self._scene = slice(n, n + 6), slice(n + 6, n + 6 + TAG_ROWS)
         self._slip = slice(self._scene.stop, self._scene.stop + 6)
-        size = self._slip.stop
+        self._camera = slice(self._slip.stop, self._slip.stop + 6)
+        self._camera_variances = np.where(np.isfinite(stability), stability, 0.0) ** 2
+        size = self._camera.stop
         self.mean = np.zeros(size)
         self.covariance = np.zeros((size, size))
         self.covariance[:n, :n] = covariance
@@ -73,6 +82,7 @@ class Belief:
         self._visits: list[int] = []
         self._count = 0
         self.begin_rest()
+        self._forget(self._camera, self._camera_variances)
 
     def copy(self) -> "Belief":
         """One that learns by itself from now on."""
@@ -87,6 +97,14 @@ class Belief:
         """Mean (6,) and covariance (6, 6) of the slip."""
         return self.mean[self._slip], self.covariance[self._slip, self._slip]
 
+    def follow_camera(self) -> None:
+        """Nothing is known of where it stands but the first guess of a picture that shows tag A."""
+        self._forget(self._camera, np.where(self._camera_variances > 0, _GUESSED**2, 0.0))
+
+    def shift_camera(self, tangent: Array) -> None:
+        """The first guess of its displacement is another one, by so much less (6,)."""
+        self.mean[self._camera] += tangent
+
     def begin_rest(self) -> None:
         """The arm stopped anew: nothing is known of this stop, nor of the scene."""
         self._forget(self._rest, self._stop_variances)
@@ -97,13 +115,15 @@ class Belief:
         self._forget(self._scene, np.ones(TAG_ROWS))
 
     def age(self, seconds: float) -> None:
-        """What the pictures of a scene share changes slowly, and stays as large as it is."""
+        """What the pictures of a scene share changes slowly and stays as large as it is; the camera walks."""
         share = np.exp(-max(seconds, 0.0) / _SCENE_S)
         self.mean[self._scene] *= share
         self.covariance[self._scene] *= share
         self.covariance[:, self._scene] *= share
         diagonal = np.arange(self._scene.start, self._scene.stop)
         self.covariance[diagonal, diagonal] += 1 - share**2
+        walked = min(max(seconds, 0.0) / _CAMERA_S, 1.0) * self._camera_variances
+        self.covariance[self._camera, self._camera] += np.diag(walked)
 
     def knows(self, flange: Array) -> bool:
         """Whether a picture was learned with the flange there, (3,) base, mm."""
@@ -114,7 +134,7 @@ class Belief:
         m = len(picture.residual)
         H = np.zeros((m, len(self.mean)))
         H[:, : self._n] = picture.J[:, : self._n]
-        H[:, self._scene][:, : picture.J_scene.shape[1]] = picture.J_scene
+        H[:, self._scene], H[:, self._camera] = picture.J_scene, picture.J_camera
         if J_slip is not None:
             H[:, self._slip] = J_slip
         if picture.flange is not None:
@@ -149,7 +169,7 @@ class Belief:
         return None
 
     def _pose(self, index: int) -> slice:
-        start = self._slip.stop + 6 * index
+        start = self._camera.stop + 6 * index
         return slice(start, start + 6)
 
     def _add_pose(self, flange: Array) -> int:
@@ -170,7 +190,7 @@ class Belief:
         return len(self._flanges) - 1
 
     def _append(self, by_known: Array, own: Array) -> None:
-        start, size = self._slip.stop, len(self.mean)
+        start, size = self._camera.stop, len(self.mean)
         across = self.covariance[:, start:] @ by_known.T
         grown = np.zeros((size + 6, size + 6))
         grown[:size, :size] = self.covariance

@@ -32,6 +32,7 @@ from vgrd.model import (
 _SCENE_MM = 0.1  # chosen: the object was moved, beyond the noise of a good tag
 _SCENE_RAD = 1e-3  # the same at a radius of 100 mm
 _WATCHED = 20  # chosen: pictures, ten seconds at 2 Hz
+_TAGS = (Link.TAG_A, Link.TAG_B)  # whose slips pictures add up
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -39,13 +40,15 @@ class Sighting:
     """What one picture tells by itself.
 
     slips: derivative (r, 6) of the rows by a slip of each link, in its own frame. camera_from_tag_b: as
-    expected of the object where it stands now.
+    the taught camera expects the object where it stands now. taught_from_camera: first guess of the
+    camera's displacement, about which the rows are.
     """
 
     report: LinkReport
     rows: Rows
     slips: Mapping[Link, Array]
     camera_from_tag_b: Pose
+    taught_from_camera: Pose
 
 
 Sight = Callable[[TagObservation, CameraPlace], Sighting]
@@ -55,12 +58,15 @@ class JointSeries:
     """Judges pictures in their order.
 
     Errors that stay are learned, so that they neither alarm nor hide a slip: those of the calibration, of
-    the arm at each pose, of the arm's stop, and those of print and light. Only pictures with tag A and
-    the arm at rest are learned and summed; one without tag A is only compared.
+    the arm at each pose, of the arm's stop, and those of print and light. Where tag A is seen with the arm
+    at rest the camera is followed, whatever it does; else it is where it was, as far as it is stable.
     """
 
-    def __init__(self, covariance: Array, arm: ArmKnowledge, sight: Sight) -> None:
-        self._belief = Belief(covariance, arm)
+    def __init__(
+        self, covariance: Array, arm: ArmKnowledge, stability: Array, sight: Sight
+    ) -> None:
+        self._belief = Belief(covariance, arm, stability)
+        self._is_free = bool(np.isinf(stability).all())
         self._sums: list[SlipSums] = []
         self._apart: SlipSums | None = None  # of pictures in a row of which each one contradicts
         self._sight = sight
@@ -68,6 +74,7 @@ class JointSeries:
         self._rest_since_s: float | None = None
         self._place: Pose | None = None
         self._last_s = -np.inf
+        self._taught_from_camera = Pose.identity()
         self._begun = False
 
     def see(self, tag_b: TagObservation, camera: CameraPlace, instant: Instant) -> LinkReport:
@@ -79,10 +86,9 @@ class JointSeries:
         if sighting.report.freedom == 0:
             return sighting.report
         self._note(sighting, instant)
-        picture = _unexplained(sighting, camera, instant)
-        is_known = self._begun
-        if picture.flange is not None and instant.shows_tag_a:
-            is_known = self._belief.knows(picture.flange)
+        picture = _unexplained(sighting, camera, instant, is_free=self._is_free)
+        flange = picture.flange
+        is_known = self._begun if flange is None else self._belief.knows(flange)
         innovation = self._belief.compare(picture)
         report = sighting.report
         if is_known:
@@ -90,8 +96,8 @@ class JointSeries:
         self._begun = True
         if instant.shows_tag_a:
             self._note_contradiction(report, picture)
-            if report.fits:
-                self._learn(picture, innovation)
+        if report.fits:
+            self._learn(picture, innovation)
         if self._alarm is None:
             return report
         suspects, sizes = self._alarm
@@ -105,7 +111,7 @@ class JointSeries:
         if told is not None:
             suspects, sizes = told.named()
             return words_of(LinkReport(False, 0.0, suspects=suspects, slips=sizes))
-        count = self._sums[0].count if self._sums else 0
+        count = self._sums[0].live_count if self._sums else 0
         if count < _WATCHED:
             return (
                 f"{count} of {_WATCHED} pictures with tag A and the arm at rest have shown where "
@@ -122,9 +128,9 @@ class JointSeries:
         suspects = self._alarm[0] if self._alarm else sums.named()[0]
         if link not in suspects:
             raise InputError(f"it may be {' or '.join(suspects)} that slipped, not {link}")
-        if sums.count < _WATCHED:
+        if sums.live_count < _WATCHED:
             raise InputError(
-                f"{sums.count} of {_WATCHED} pictures with tag A and the arm at rest have come: wait"
+                f"{sums.live_count} of {_WATCHED} pictures with tag A and the arm at rest have come: wait"
             )
         of_link = [one for one in sums.sums if one.link is link]
         if not of_link:
@@ -143,7 +149,7 @@ class JointSeries:
             self._apart = None
             return
         if self._apart is None:
-            self._apart = SlipSums(self._belief, _tags_of(picture))
+            self._apart = SlipSums(self._belief, _TAGS)
         self._apart.add(picture)
 
     def _learn(self, picture: Unexplained, innovation: Innovation) -> None:
@@ -153,7 +159,7 @@ class JointSeries:
         until a person has seen to it: it would be taken for an error that stays.
         """
         if not self._sums or self._sums[-1].is_old:
-            self._sums = [*self._sums[-1:], SlipSums(self._belief, _tags_of(picture))]
+            self._sums = [*self._sums[-1:], SlipSums(self._belief, _TAGS)]
         if self._alarm is None:
             self._belief.learn(innovation)
         for sums in self._sums:
@@ -172,42 +178,52 @@ class JointSeries:
             for belief in beliefs:
                 belief.age(instant.stamp_s - self._last_s)
         self._last_s = instant.stamp_s
-        if not instant.shows_tag_a:
-            return
-        place = sighting.camera_from_tag_b
-        is_new_rest = instant.rest_since_s is None or instant.rest_since_s != self._rest_since_s
+        for belief in beliefs:
+            self._note_camera(belief, sighting.taught_from_camera, instant)
+        self._taught_from_camera = sighting.taught_from_camera
+        place, is_new_rest = sighting.camera_from_tag_b, False
+        if instant.shows_tag_a:
+            since_s = instant.rest_since_s
+            is_new_rest = since_s is None or since_s != self._rest_since_s
+            self._rest_since_s = since_s
         if is_new_rest or self._place is None or _is_elsewhere(self._place, place):
             for belief in beliefs:
                 belief.begin_rest() if is_new_rest else belief.begin_scene()
             self._place = place
-        self._rest_since_s = instant.rest_since_s
+
+    def _note_camera(self, belief: Belief, taught_from_camera: Pose, instant: Instant) -> None:
+        if instant.shows_tag_a:
+            belief.follow_camera()
+        else:
+            way = self._taught_from_camera @ taught_from_camera.inverse()
+            belief.shift_camera(way.log())
 
 
-def _tags_of(picture: Unexplained) -> list[Link]:
-    """The links whose slips pictures add up."""
-    return [link for link in (Link.TAG_A, Link.TAG_B) if link in picture.J_slips]
+def _unexplained(
+    sighting: Sighting, camera: CameraPlace, instant: Instant, *, is_free: bool
+) -> Unexplained:
+    """The part of a picture that no motion explains; is_free: the camera may stand anywhere.
 
-
-def _unexplained(sighting: Sighting, camera: CameraPlace, instant: Instant) -> Unexplained:
-    """The part of a picture that no motion explains.
-
-    The camera is left free where tag A is in the picture: it is followed, whatever it does.
+    What earlier pictures and the camera's stability tell of its place stands in the belief, not here.
     """
-    rows, count, is_exact = sighting.rows, len(sighting.rows.residual), camera.is_exact
-    if instant.shows_tag_a:
-        count, is_exact = TAG_ROWS, False
-    free = rows.free(is_exact=is_exact)[:count]
+    rows, count = sighting.rows, TAG_ROWS if instant.shows_tag_a else TAG_ROWS // 2
+    free = rows.free(is_exact=not is_free)[:count]
     across = np.linalg.svd(free, full_matrices=True)[0][:, free.shape[1] :].T
-    seen = camera.flange_tag
+    J_scene = np.zeros((len(across), TAG_ROWS))
+    J_scene[:, :count] = across
+    J_camera = across @ rows.J_camera[:count]
+    slips: dict[Link, Array] = {
+        link: across @ J[:count]
+        for link, J in sighting.slips.items()
+        if link in (Link.TAG_B, Link.OBJECT) or (link is Link.TAG_A and instant.shows_tag_a)
+    }
+    seen = camera.flange_tag if instant.shows_tag_a else None
     return Unexplained(
         residual=across @ rows.residual[:count],
         J=across @ rows.J_known[:count],
-        J_scene=across if instant.shows_tag_a else np.zeros((len(across), 0)),
-        J_slips={
-            link: across @ J[:count]
-            for link, J in sighting.slips.items()
-            if not (instant.shows_tag_a and link is Link.CAMERA)
-        },
+        J_scene=J_scene,
+        J_camera=J_camera,
+        J_slips=slips if instant.shows_tag_a else {**slips, Link.CAMERA: J_camera},
         flange=None if seen is None else seen.base_from_wrist.translation,
     )
 
@@ -222,7 +238,7 @@ def _judge(
     is_expected = innovation.square <= chi2_quantile(CONTRADICTS, len(innovation.value))
     if is_expected and report.misfit <= chi2_quantile(CONTRADICTS, report.freedom):
         return replace(report, fits=True, suspects=(), slips=MappingProxyType({}))
-    if not report.fits:
+    if not report.fits and picture.flange is not None:
         return report
     links = [link for link in picture.J_slips if link is not Link.OBJECT]
     sums = SlipSums(belief, links)

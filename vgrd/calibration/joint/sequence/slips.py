@@ -20,6 +20,7 @@ Named = tuple[tuple[Link, ...], Mapping[Link, tuple[float, float]]]
 
 _ANY = 20.0  # usual slips: wider than any, so that the pictures decide
 _TOLD = 1e-6  # of the largest information: what is less is rounding
+_NAMED = 0.995  # posterior of the links named: the sum that stops first has luck on its side
 _WINDOW = 60  # chosen: pictures, half a minute at 2 Hz, from one start of the sums to the next
 
 
@@ -33,7 +34,8 @@ class SlipSum:
 
     def add(self, picture: Unexplained) -> None:
         """One picture more."""
-        J_slip = picture.J_slips[self.link] * SLIP_SIGMAS
+        J_slip = picture.J_slips.get(self.link)  # None: the picture does not speak of it
+        J_slip = None if J_slip is None else J_slip * SLIP_SIGMAS
         self.belief.learn(self.belief.compare(picture, J_slip))
 
     @property
@@ -82,16 +84,20 @@ class SlipSum:
 
 
 class SlipSums:
-    """A sum for each link that may have slipped since one picture; before: what was known then."""
+    """A sum for each link that may have slipped since one picture; before: what was known then.
+
+    live_count: of the pictures with tag A and the arm at rest.
+    """
 
     def __init__(self, before: Belief, links: Sequence[Link]) -> None:
         self.before = before.copy()
-        self.count = 0
+        self.count = self.live_count = 0
         self.sums = [SlipSum(link, before) for link in links]
 
     def add(self, picture: Unexplained) -> None:
         """One picture more."""
         self.count += 1
+        self.live_count += picture.flange is not None
         for of_link in self.sums:
             of_link.add(picture)
 
@@ -113,7 +119,7 @@ class SlipSums:
         explained = {of_link.link: of_link.explain() for of_link in self.sums}
         if Link.TAG_B in explained:
             explained[Link.OBJECT] = explained[Link.TAG_B]
-        named = most_likely({link: evidence for link, (evidence, _) in explained.items()})
+        named = most_likely({link: evidence for link, (evidence, _) in explained.items()}, _NAMED)
         sizes = {
             link: (float(np.linalg.norm(slip[:3])), float(np.linalg.norm(slip[3:])))
             for link, (_, slip) in explained.items()
