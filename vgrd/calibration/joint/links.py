@@ -10,9 +10,7 @@ from types import MappingProxyType
 
 import numpy as np
 
-from vgrd.calibration.joint.picture import ArmPrior, CameraGuess, Links, Rows, rows_of
-from vgrd.calibration.joint.problem import Tags
-from vgrd.calibration.joint.rows import ObjectMotions
+from vgrd.calibration.joint.picture import PictureModel
 from vgrd.geometry import Array
 from vgrd.model import Link
 
@@ -28,21 +26,20 @@ _NAMED = 0.95  # posterior that the links which are named hold together
 
 
 def suspects(
-    links: Links, guess: CameraGuess, arm: ArmPrior, tags: Tags, motions: ObjectMotions
+    model: PictureModel,
 ) -> tuple[tuple[Link, ...], Mapping[Link, tuple[float, float]]]:
     """Links that may have moved, most likely first, and how far each would have, (mm, rad).
 
-    Slips of tags are in the tag's frame, of the camera in its own. guess: with the camera's stability
+    Slips of tags are in the tag's frame, of the camera in its own. The model has the camera's stability
     as it is configured, whether or not tag A contradicts it.
     """
-    rows = rows_of(links, guess, arm, tags, motions)
-    across = _across(rows, guess)
-    r, S = across.T @ rows.residual, across.T @ rows.covariance(links, arm) @ across
+    rows, guess, across = model.rows, model.guess, _across(model)
+    r, S = across.T @ rows.residual, across.T @ model.covariance @ across
     spreads = [(0.0, S)]
     if not (guess.place.is_exact or guess.place.is_free):
         spreads.append((np.log(_KNOCKED), S + _KNOCK**2 * across[-6:].T @ across[-6:]))
     evidence, slips = {}, {}
-    for link, J in slip_jacobians(rows, guess).items():
+    for link, J in slip_jacobians(model).items():
         trials = [
             _explain(r, spread, across.T @ J, scale, prior)
             for prior, spread in spreads
@@ -55,26 +52,21 @@ def suspects(
     return named, MappingProxyType({link: slips[link] for link in named})
 
 
-def slip_traces(
-    links: Links, guess: CameraGuess, arm: ArmPrior, tags: Tags, motions: ObjectMotions
-) -> Mapping[Link, Array]:
+def slip_traces(model: PictureModel) -> Mapping[Link, Array]:
     """How a slip (mm, rad) of each link shows: (f, 6), in sigmas, of the f numbers that tell something.
 
     They are what is left of a picture once motion and camera are fitted, whitened by noise and
     estimate. Slips are as in `suspects`. A link that the picture does not speak of shows nowhere.
     """
-    rows = rows_of(links, guess, arm, tags, motions)
-    across = _across(rows, guess)
-    L = np.linalg.cholesky(across.T @ rows.covariance(links, arm) @ across)
-    shown = {
-        link: np.linalg.solve(L, across.T @ J) for link, J in slip_jacobians(rows, guess).items()
-    }
+    across = _across(model)
+    L = np.linalg.cholesky(across.T @ model.covariance @ across)
+    shown = {link: np.linalg.solve(L, across.T @ J) for link, J in slip_jacobians(model).items()}
     return MappingProxyType({link: shown.get(link, np.zeros((len(L), 6))) for link in Link})
 
 
-def _across(rows: Rows, guess: CameraGuess) -> Array:
+def _across(model: PictureModel) -> Array:
     """Orthonormal (r, f): what neither motion nor camera explains."""
-    free = rows.free(is_exact=guess.place.is_exact)
+    free = model.free
     return np.asarray(np.linalg.svd(free, full_matrices=True)[0][:, free.shape[1] :])
 
 
@@ -87,8 +79,9 @@ def _explain(r: Array, S: Array, J: Array, scale: float, prior: float) -> tuple[
     return evidence, scale * SLIP_SIGMAS * (L.T @ weighted)
 
 
-def slip_jacobians(rows: Rows, guess: CameraGuess) -> dict[Link, Array]:
+def slip_jacobians(model: PictureModel) -> dict[Link, Array]:
     """Derivative (r, 6) of the residuals by the slip of each link that the picture speaks of."""
+    rows, guess = model.rows, model.guess
     of_b = np.zeros((len(rows.residual), 6))
     of_b[:6] = rows.J_tag_b
     out = {Link.TAG_B: of_b, Link.OBJECT: of_b}

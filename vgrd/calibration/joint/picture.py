@@ -7,6 +7,7 @@ paper's chain, so that a camera that was moved far is linearised where it stands
 """
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -132,6 +133,43 @@ class CameraGuess:
         return self.square > chi2_quantile(FITS_MODEL, 6)
 
 
+@dataclass(frozen=True, eq=False)
+class PictureModel:
+    """One picture at its first guess, about which everything is linear.
+
+    guess: where the camera stands; arm: its deviations at the stands that count; tags: tag B as the
+    taught camera would see it; motions: of the object.
+    """
+
+    links: Links
+    guess: CameraGuess
+    arm: ArmPrior
+    tags: Tags
+    motions: ObjectMotions
+
+    @cached_property
+    def rows(self) -> Rows:
+        """Residuals of tag B, of tag A where it is used, and of the stability of a camera that has one."""
+        return _rows_of(self)
+
+    @property
+    def covariance(self) -> Array:
+        """(r, r) of the residuals."""
+        return self.rows.covariance(self.links, self.arm)
+
+    @property
+    def free(self) -> Array:
+        """Derivative (r, f) by what has no prior of its own."""
+        return self.rows.free(is_exact=self.guess.place.is_exact)
+
+    def with_place(self, place: CameraPlace) -> "PictureModel":
+        """With the camera's stability as it is configured, whether or not tag A contradicts it."""
+        if place is self.guess.place:
+            return self
+        guess = CameraGuess(self.guess.taught_from_camera, place, self.guess.tag_a)
+        return replace(self, guess=guess)
+
+
 def guess_camera(links: Links, place: CameraPlace, arm: ArmPrior) -> CameraGuess:
     """By the paper's chain where tag A is seen, else where it stood while teaching.
 
@@ -182,23 +220,22 @@ def first_motion(
     return tags, object_motions(links.camera_from_axis, on_table, links.layout)
 
 
-def weigh(
-    links: Links, guess: CameraGuess, arm: ArmPrior, tags: Tags, motions: ObjectMotions
-) -> PictureFit:
+def weigh(model: PictureModel) -> PictureFit:
     """Most likely unknowns, deviations and motion (Eq. 5 and 6 with the camera's displacement D).
 
     Motion and D are left free but for the stability of the camera, the others have their priors.
     """
-    rows = rows_of(links, guess, arm, tags, motions)
-    r, k, prior = rows.residual, rows.J_motion.shape[1], _covariance_of_known(links, arm)
-    S_inv = np.linalg.inv(rows.covariance(links, arm))
-    N = rows.free(is_exact=guess.place.is_exact)
+    rows, guess, tags = model.rows, model.guess, model.tags
+    r, k = rows.residual, rows.J_motion.shape[1]
+    prior = _covariance_of_known(model.links, model.arm)
+    S_inv = np.linalg.inv(model.covariance)
+    N = model.free
     free_gain = np.linalg.solve(N.T @ S_inv @ N, N.T @ S_inv)
     unexplained = np.eye(len(r)) - N @ free_gain
     misfit = float((unexplained @ r) @ S_inv @ (unexplained @ r))
     step = Pose.exp(-free_gain[k:] @ r) if len(free_gain) > k else Pose.identity()
     return PictureFit(
-        motion=motions,
+        motion=model.motions,
         residual=r,
         J_known=rows.J_known,
         gain=np.vstack([prior @ rows.J_known.T @ S_inv @ unexplained, free_gain[:k]]),
@@ -225,20 +262,18 @@ def _covariance_of_known(links: Links, arm: ArmPrior) -> Array:
     return out
 
 
-def rows_of(
-    links: Links, guess: CameraGuess, arm: ArmPrior, tags: Tags, motions: ObjectMotions
-) -> Rows:
-    """Residuals of tag B, of tag A where it is used, and of the stability of a camera that has one."""
+def _rows_of(model: PictureModel) -> Rows:
+    links, guess, arm, motions = model.links, model.guess, model.arm, model.motions
     n, w, k = links.layout.size, len(arm.mean), motions.J_motion.shape[2]
     r_b, J_b, J_motion = (
-        part[0] for part in moved_tag(links.camera_from_tag_b, tags, motions, links.layout)
+        part[0] for part in moved_tag(links.camera_from_tag_b, model.tags, motions, links.layout)
     )
     motion_of_object = Pose(motions.rotations[0], motions.translations[0])
     expected = motion_of_object @ links.camera_from_tag_b
     by_expected = J_b[:, links.layout.TAG_B] @ motion_of_object.inverse().adjoint()
     residuals, known = [r_b], [np.hstack([J_b, np.zeros((6, w))])]
     # The displacement moves what was measured.
-    camera = [-by_expected @ (expected @ tags.poses()[0].inverse()).adjoint()]
+    camera = [-by_expected @ (expected @ model.tags.poses()[0].inverse()).adjoint()]
     J_tag_a = np.zeros((0, 6))
     if (tag_a := guess.tag_a) is not None:
         residuals.append(tag_a.residual)

@@ -15,15 +15,13 @@ from vgrd.calibration.joint.fit import unknown_in_words
 from vgrd.calibration.joint.links import slip_jacobians, slip_traces, suspects
 from vgrd.calibration.joint.picture import (
     ArmPrior,
-    CameraGuess,
     Links,
     PictureFit,
+    PictureModel,
     first_motion,
     guess_camera,
-    rows_of,
     weigh,
 )
-from vgrd.calibration.joint.problem import Tags
 from vgrd.calibration.joint.rows import ObjectMotions, left_jacobian
 from vgrd.calibration.joint.sequence import JointSeries, Sighting
 from vgrd.calibration.joint.state import StepLayout
@@ -231,9 +229,7 @@ class JointSolution:
 
         Raises TagNotSeen as `expected_for`.
         """
-        links, guess, tags, motions = self._sighting(tag_b, facts.object.motion, camera)
-        arm = self._arm(_stands(camera))
-        return self._report(links, guess, arm, tags, motions, camera)
+        return _report(self._model(tag_b, facts.object.motion, camera), camera)
 
     def after_slip(self, slip: SlipEstimate) -> Self:
         """The estimate with a tag that sits elsewhere; its uncertainty grows by that of the slip."""
@@ -257,30 +253,16 @@ class JointSolution:
         )
 
     def _told(self, facts: CellFacts, tag_b: TagObservation, camera: CameraPlace) -> Sighting:
-        links, guess, tags, motions = self._sighting(tag_b, facts.object.motion, camera)
-        arm = self._arm(_stands(camera))
-        rows = rows_of(links, guess, arm, tags, motions)
-        moved = Pose(motions.rotations[0], motions.translations[0]) @ self.camera_from_tag_b
-        report = self._report(links, guess, arm, tags, motions, camera)
-        slips = slip_jacobians(rows, guess)
-        return Sighting(report, rows, slips, moved, guess.taught_from_camera)
-
-    def _report(
-        self,
-        links: Links,
-        guess: CameraGuess,
-        arm: ArmPrior,
-        tags: Tags,
-        motions: ObjectMotions,
-        camera: CameraPlace,
-    ) -> LinkReport:
-        picture = weigh(links, guess, arm, tags, motions)
-        moved = None if camera.is_exact else picture.taught_from_camera
-        misfit, freedom = picture.misfit, picture.freedom
-        if picture.fits:
-            return LinkReport(True, misfit, moved, guess.knocked, freedom=freedom)
-        named, slips = suspects(links, _as_configured(guess, camera), arm, tags, motions)
-        return LinkReport(False, misfit, moved, suspects=named, slips=slips, freedom=freedom)
+        model = self._model(tag_b, facts.object.motion, camera)
+        motions = model.motions
+        return Sighting(
+            report=_report(model, camera),
+            rows=model.rows,
+            slips=slip_jacobians(model),
+            camera_from_tag_b=Pose(motions.rotations[0], motions.translations[0])
+            @ self.camera_from_tag_b,
+            taught_from_camera=model.guess.taught_from_camera,
+        )
 
     def slip_traces(
         self, facts: CellFacts, tag_b: TagObservation, camera: CameraPlace
@@ -289,27 +271,25 @@ class JointSolution:
 
         Raises TagNotSeen as `expected_for`.
         """
-        links, guess, tags, motions = self._sighting(tag_b, facts.object.motion, camera)
-        arm = self._arm(_stands(camera))
-        return slip_traces(links, _as_configured(guess, camera), arm, tags, motions)
+        return slip_traces(self._model(tag_b, facts.object.motion, camera).with_place(camera))
 
-    def _sighting(
+    def _model(
         self, tag_b: TagObservation, motion: Motion | None, camera: CameraPlace
-    ) -> tuple[Links, CameraGuess, Tags, ObjectMotions]:
+    ) -> PictureModel:
         """The picture at the first guess; motion None: the object moved anyhow."""
-        links = self._links()
-        guess = guess_camera(links, camera, self._arm(_stands(camera)))
+        links, arm = self._links(), self._arm(_stands(camera))
+        guess = guess_camera(links, camera, arm)
         tags, motions = first_motion(links, guess, tag_b, motion if self.layout.axis else None)
-        return links, guess, tags, motions
+        return PictureModel(links, guess, arm, tags, motions)
 
     def _picture(
         self, wish: "_Wish", tag_b: TagObservation, motion: Motion | None, camera: CameraPlace
     ) -> tuple[PictureFit, "_Flange", ArmPrior]:
         """What the picture tells, the flange at the first guess, the arm in the picture and there."""
-        links, guess, tags, motions = self._sighting(tag_b, motion, camera)
-        flange = _flange(self, wish, motions)
+        model = self._model(tag_b, motion, camera)
+        flange = _flange(self, wish, model.motions)
         arm = self._arm([*_stands(camera), flange.base_from_wrist.translation])
-        return weigh(links, guess, arm, tags, motions), flange, arm
+        return weigh(replace(model, arm=arm)), flange, arm
 
     def _links(self) -> Links:
         return Links(
@@ -387,9 +367,15 @@ def _flange(solution: JointSolution, wish: _Wish, motions: ObjectMotions) -> _Fl
     return _Flange(Pose(R, point - tip), J, J_turn)
 
 
-def _as_configured(guess: CameraGuess, camera: CameraPlace) -> CameraGuess:
-    """The guess with the camera's stability believed, whether or not tag A contradicts it."""
-    return CameraGuess(guess.taught_from_camera, camera, guess.tag_a)
+def _report(model: PictureModel, camera: CameraPlace) -> LinkReport:
+    """What the picture says of its links; camera: as it is configured."""
+    picture = weigh(model)
+    moved = None if camera.is_exact else picture.taught_from_camera
+    misfit, freedom = picture.misfit, picture.freedom
+    if picture.fits:
+        return LinkReport(True, misfit, moved, model.guess.knocked, freedom=freedom)
+    named, slips = suspects(model.with_place(camera))
+    return LinkReport(False, misfit, moved, suspects=named, slips=slips, freedom=freedom)
 
 
 def _stands(camera: CameraPlace) -> list[Array]:
