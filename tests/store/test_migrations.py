@@ -2,6 +2,7 @@
 
 import json
 import shutil
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -11,7 +12,7 @@ from fakes.world.samples import Samples
 from vgrd.calibration.calibration import expected_coordinate
 from vgrd.errors import Corrupt
 from vgrd.geometry import Pose
-from vgrd.model import Observation, Policy, TagObservation, Touch
+from vgrd.model import CellFacts, Observation, Policy, Stability, TagObservation, Touch
 from vgrd.store import migrations
 from vgrd.store.calibrations import CalibrationStore
 from vgrd.store.encoding import decode, encode
@@ -82,6 +83,18 @@ def test_early_cell_facts_lack_what_holes_need():
     del facts["object"]["hole_sigma_mm"]
     for target in facts["object"]["targets"].values():
         del target["hole_diameter_mm"]
+    del facts["camera_stability"]
     moved = migrations.session_header(1, {"facts": facts})["facts"]
+    assert moved["camera_stability"] == "fixed"
     assert moved["object"]["hole_sigma_mm"] == 0.03
     assert all(t["hole_diameter_mm"] is None for t in moved["object"]["targets"].values())
+
+
+def test_the_camera_of_schema_2_stood_still_while_it_was_taught():
+    facts = encode(Samples(3).facts())
+    del facts["camera_stability"]
+    for migrate in (migrations.session_header, migrations.calibration):
+        moved = migrate(2, {"facts": facts})["facts"]
+        assert decode(CellFacts, moved, "facts").camera_stability is Stability.FIXED
+    kept = encode(replace(Samples(3).facts(), camera_stability=Stability.MOVABLE))
+    assert migrations.session_header(3, {"facts": kept})["facts"] == kept

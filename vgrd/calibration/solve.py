@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 from vgrd.calibration.calibration import Calibration, Solution
-from vgrd.calibration.checks import cannot_tell, examine
+from vgrd.calibration.checks import cannot_tell, check_plan, examine
 from vgrd.calibration.joint import HolePixel, calibrate_jointly
 from vgrd.calibration.outcome import Outcome
 from vgrd.calibration.stepwise import calibrate_in_steps
@@ -34,6 +34,7 @@ def calibrate_system(
             "serving needs a camera that stands still (eye-to-hand); an eye-in-hand camera can "
             "be calibrated as a dataset: vgrd solve DATASET"
         )
+    check_plan(recording.plan, facts)
     findings = examine(recording, policy)
     try:
         outcome: Outcome[Solution]

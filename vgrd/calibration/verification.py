@@ -5,11 +5,11 @@ from collections.abc import Sequence
 import numpy as np
 
 from vgrd.calibration.calibration import Calibration, expected_coordinate
-from vgrd.errors import Contradiction, InputError, NotObservable
+from vgrd.errors import Contradiction, InputError, NotObservable, TagNotSeen
 from vgrd.geometry import Array
 from vgrd.geometry.chi2 import chi2_quantile
 from vgrd.judging.findings import finding
-from vgrd.model import ExpectedCoordinate, Finding, Policy, Touch
+from vgrd.model import ExpectedCoordinate, Finding, Policy, Touch, place_in
 
 _MARGIN = 1.5  # on what 95 % of the misses stay within: a good one fails 1 in 300 (one direction) to 1,900
 _EXACT_MM = 1e-6  # nothing is known better than that: keeps an exact direction invertible
@@ -47,9 +47,14 @@ def _judged(
         return finding("verification_unusable", words), None
     try:
         expected = expected_coordinate(
-            calibration, touch.target, picture.tag_b, Policy.FIXED, touch.base_from_wrist.rotation
+            calibration,
+            touch.target,
+            picture.tag_b,
+            Policy.FIXED,
+            touch.base_from_wrist.rotation,
+            place_in(picture, calibration.facts.camera_stability),
         )
-    except (InputError, NotObservable) as fault:
+    except (InputError, NotObservable, TagNotSeen) as fault:
         return finding("verification_unusable", f"{name}: {fault}"), None
     except Contradiction as fault:
         return finding("verification_failed", f"{name}: {fault}", fatal=True), None

@@ -14,6 +14,7 @@ from vgrd.model import (
     Motion,
     Mount,
     ObjectSpec,
+    Stability,
     TagSpec,
     Target,
     Tool,
@@ -47,6 +48,7 @@ def cell_facts(config: "CellConfig", wrist_from_tcp: Pose | None = None) -> Cell
         robot_id=config.robot.id,
         camera_id=config.camera.id,
         wrist_from_tcp=wrist_from_tcp,
+        camera_stability=Stability(config.camera.stability),
     )
 
 

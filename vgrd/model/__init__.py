@@ -13,7 +13,16 @@ from vgrd.model.calibration import (
     TcpEstimate,
     Verdict,
 )
-from vgrd.model.cell import CellFacts, Motion, Mount, ObjectSpec, TagSpec, Target, Tool
+from vgrd.model.cell import (
+    CellFacts,
+    Motion,
+    Mount,
+    ObjectSpec,
+    Stability,
+    TagSpec,
+    Target,
+    Tool,
+)
 from vgrd.model.links import (
     UNMOVED,
     AdoptedSlip,
@@ -24,6 +33,7 @@ from vgrd.model.links import (
     LinkReport,
     PictureSeries,
     SlipEstimate,
+    place_in,
 )
 from vgrd.model.session import Observation, Plan, Recording, TagObservation, Touch
 
@@ -49,6 +59,7 @@ __all__ = [
     "Policy",
     "Recording",
     "SlipEstimate",
+    "Stability",
     "TagObservation",
     "TagSpec",
     "Target",
@@ -59,4 +70,5 @@ __all__ = [
     "Verdict",
     "frozen_array",
     "frozen_copy",
+    "place_in",
 ]

@@ -15,6 +15,13 @@ class Mount(StrEnum):
     EYE_IN_HAND = "eye-in-hand"
 
 
+class Stability(StrEnum):
+    """Whether the camera stays where it stands; people move a movable one, and tag A tells where it is."""
+
+    FIXED = "fixed"
+    MOVABLE = "movable"
+
+
 class Motion(StrEnum):
     """How the object can move."""
 
@@ -81,7 +88,8 @@ class CellFacts:
     """What a calibration must know about the cell besides the samples; goes into the session file.
 
     camera_matrix: (3, 3) px; distortion: OpenCV order; robot_sigma_mm: repeatability and error field of the arm;
-    wrist_from_tcp: the TCP that is active on the pendant, None where the robot does not tell.
+    wrist_from_tcp: the TCP that is active on the pendant, None where the robot does not tell. camera_stability:
+    while teaching, too.
     """
 
     mount: Mount
@@ -96,3 +104,4 @@ class CellFacts:
     robot_id: str = ""
     camera_id: str = ""
     wrist_from_tcp: Pose | None = None
+    camera_stability: Stability = Stability.FIXED

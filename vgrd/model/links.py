@@ -10,7 +10,8 @@ import numpy as np
 from vgrd.errors import TagNotSeen
 from vgrd.geometry import Array, Pose
 from vgrd.model.arrays import frozen_array
-from vgrd.model.session import TagObservation
+from vgrd.model.cell import Stability
+from vgrd.model.session import Observation, TagObservation
 
 
 def _exact() -> Array:
@@ -67,6 +68,14 @@ class Instant:
     stamp_s: float
     rest_since_s: float | None
     shows_tag_a: bool
+
+
+def place_in(picture: Observation, stability: Stability) -> CameraPlace:
+    """Where the camera may stand in a picture of the session that taught it."""
+    if stability is Stability.FIXED:
+        return UNMOVED
+    seen = None if picture.tag_a is None else FlangeTag(picture.tag_a, picture.base_from_wrist)
+    return CameraPlace(frozen_array(np.full(6, np.inf), 6), seen)
 
 
 class Link(StrEnum):

@@ -20,6 +20,10 @@ MAY_CHANGE: Mapping[str, str] = {
         "no fact of the cell file but what the pendant said while teaching; it is compared with the "
         "live value all the time (404)"
     ),
+    "camera_stability": (
+        "teaching followed the camera as its recording said, and every answer follows it as the cell "
+        "file says today"
+    ),
 }
 MAY_GROW: Mapping[str, str] = {
     "object.targets": (

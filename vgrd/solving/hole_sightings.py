@@ -18,7 +18,7 @@ from vgrd.devices import CameraImage
 from vgrd.errors import DidNotConverge
 from vgrd.geometry import Array, Pose
 from vgrd.geometry.camera import CameraModel
-from vgrd.model import Motion, Observation, Recording, TagObservation
+from vgrd.model import Motion, Observation, Recording, Stability, TagObservation
 from vgrd.vision.holes.hole_finder import HoleSighting, HoleSpec, sight_holes
 from vgrd.vision.holes.view import ring, turn_angles
 
@@ -63,22 +63,27 @@ class HolesSeen:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Shot:
-    """A picture of tag B; spin: index of the spin that the object stands as in, None: as touched."""
+    """A picture of tag B; spin: index of the spin that the object stands as in, None: as touched.
+
+    touch: index of the touch that shows it alike, None of a spin.
+    """
 
     observation: Observation
     tag_b: TagObservation
     spin: int | None
+    touch: int | None
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _View:
-    """Where object and tool are in a picture; spin as in `_Shot`."""
+    """Where object and tool are in a picture; spin, touch as in `_Shot`."""
 
     stamp_s: float
     camera_from_tag_b: Pose
     camera_from_object: Pose
     tip_in_object: Array
     spin: int | None
+    touch: int | None
 
 
 def holes_of(recording: Recording) -> dict[str, HoleSpec]:
@@ -128,6 +133,7 @@ class _Search:
 
     def __init__(self, recording: Recording, observations: Iterable[Observation]) -> None:
         facts = recording.facts
+        self._stability = facts.camera_stability
         self._camera = CameraModel(facts.camera_matrix, facts.distortion, facts.image_size_px)
         self._sigma_mm = facts.object.hole_sigma_mm
         self._shots = _shots(recording, observations)
@@ -140,7 +146,7 @@ class _Search:
         """Look for what was not seen yet in the best pictures that were not taken before."""
         searches: dict[float, tuple[_View, list[str]]] = {}
         for shot in self._shots:
-            view = _view(shot, state)
+            view = _view(shot, state, self._stability)
             if names := [name for name in self.unseen if self._may_show(view, name)]:
                 searches[view.stamp_s] = (view, names)
         count = int(np.clip(SEARCHES // max(len(self.holes), 1), _FEWEST_PICTURES, PICTURES))
@@ -161,6 +167,7 @@ class _Search:
                 hole.pixel,
                 float(np.hypot(hole.sigma_px, self._cad_px(view, hole.target, counts))),
                 view.spin,
+                view.touch,
             )
             for view, hole in self.hole_views
         )
@@ -216,18 +223,22 @@ class _Search:
         return float(self._sigma_mm * np.linalg.norm(J) * np.sqrt(counts[name] / 2))
 
 
-def _view(shot: _Shot, state: JointState) -> _View:
-    """Where object and tool are."""
+def _view(shot: _Shot, state: JointState, stability: Stability) -> _View:
+    """Where object and tool are, the tool by tag A where the camera may stand anywhere."""
     camera_from_tag_b = shot.tag_b.camera_from_tag
     camera_from_object = camera_from_tag_b @ state.object_from_tag_b.inverse()
-    tip_in_base = shot.observation.base_from_wrist @ state.tcp_in_wrist
-    tip_in_camera = state.base_from_camera.inverse() @ tip_in_base
+    tag_a = shot.observation.tag_a
+    camera_from_wrist = state.base_from_camera.inverse() @ shot.observation.base_from_wrist
+    if stability is Stability.MOVABLE and tag_a is not None:
+        camera_from_wrist = tag_a.camera_from_tag @ state.wrist_from_tag_a.inverse()
+    tip_in_camera = camera_from_wrist @ state.tcp_in_wrist
     return _View(
         shot.observation.stamp_s,
         camera_from_tag_b,
         camera_from_object,
         camera_from_object.inverse() @ tip_in_camera,
         shot.spin,
+        shot.touch,
     )
 
 
@@ -239,23 +250,27 @@ def _shots(recording: Recording, observations: Iterable[Observation]) -> list[_S
         if observation.tag_b is None or not samples:
             continue
         corners = observation.tag_b.corners_px
-        shifts = [float(np.abs(corners - tag.corners_px).max()) for _, tag in samples]
+        shifts = [float(np.abs(corners - sample.tag_b.corners_px).max()) for sample in samples]
         if min(shifts) <= SAME_PLACE_PX:
-            shots.append(_Shot(observation, observation.tag_b, samples[int(np.argmin(shifts))][0]))
+            alike = samples[int(np.argmin(shifts))]
+            shots.append(_Shot(observation, observation.tag_b, alike.spin, alike.touch))
     return shots
 
 
-def _samples(recording: Recording) -> list[tuple[int | None, TagObservation]]:
-    """Where tag B was in the samples that tell how the object stood."""
-    observations = [touch.observation for touch in recording.touches]
+def _samples(recording: Recording) -> list[_Shot]:
+    """The samples that tell how the object stood, and where tag B was in them."""
     touched = [
-        (None, observation.tag_b)
-        for observation in observations
-        if observation is not None and observation.tag_b is not None
+        _Shot(touch.observation, touch.observation.tag_b, None, k)
+        for k, touch in enumerate(recording.touches)
+        if touch.observation is not None and touch.observation.tag_b is not None
     ]
     if recording.facts.object.motion is Motion.FREE:
-        return [*touched]
-    spun = [(k, spin.tag_b) for k, spin in enumerate(recording.spins) if spin.tag_b is not None]
+        return touched
+    spun = [
+        _Shot(spin, spin.tag_b, k, None)
+        for k, spin in enumerate(recording.spins)
+        if spin.tag_b is not None
+    ]
     return [*touched, *spun]
 
 

@@ -8,14 +8,14 @@ from typing import Any
 
 Json = Any
 
-SESSION_SCHEMA = 2  # since 2: steps of the robot's interface, holes, chi2 of a tag
-CALIBRATION_SCHEMA = 3  # since 2: the solution is a table of its own; since 3: adopted slips
+SESSION_SCHEMA = 3  # since 2: steps of the interface, holes, chi2 of a tag; 3: camera's stability
+CALIBRATION_SCHEMA = 3  # since 2: the solution is a table of its own; 3: stability, adopted slips
 _ZERO = 0.0
 
 
 def facts_of(facts: Json) -> Json:
     """CellFacts of schema 1, whose early files lack what holes need."""
-    out = dict(facts)
+    out = _fixed(facts)
     out["object"] = dict(out["object"])
     out["object"].setdefault("hole_sigma_mm", 0.03)  # the default when it was added
     out["object"]["targets"] = {
@@ -27,7 +27,15 @@ def facts_of(facts: Json) -> Json:
 
 def session_header(schema: int, body: Json) -> Json:
     """Content of session.json."""
-    return body if schema > 1 else {**body, "facts": facts_of(body["facts"])}
+    if schema > 2:
+        return body
+    facts = _fixed(body["facts"]) if schema > 1 else facts_of(body["facts"])
+    return {**body, "facts": facts}
+
+
+def _fixed(facts: Json) -> Json:
+    """CellFacts up to schema 2: a camera was taken to stand still while it was taught."""
+    return {"camera_stability": "fixed", **facts}
 
 
 def observation(body: Json) -> Json:
@@ -68,8 +76,10 @@ def _changed(body: Json, key: str, change: Callable[[Json], Json]) -> Json:
 
 def calibration(schema: int, body: Json) -> Json:
     """Content of a calibration's file: the solution of schema 1 lay open in it."""
+    if schema > 2:
+        return body
     if schema > 1:
-        return {"adopted": [], **body} if schema < 3 else body
+        return {"adopted": [], **body, "facts": _fixed(body["facts"])}
     shared = {
         key: body[key] for key in ("id", "session", "created_unix_s", "residuals", "verdict")
     }

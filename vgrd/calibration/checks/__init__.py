@@ -9,6 +9,7 @@ from vgrd.calibration.checks.examining import examine
 from vgrd.calibration.checks.interpretations import Interpretation, best_of
 from vgrd.calibration.checks.misinterpreted_points import rival_names
 from vgrd.calibration.checks.motion_gaps import MissingMotion, missing_motion, missing_motions
+from vgrd.calibration.checks.plans import check_plan
 from vgrd.calibration.checks.pose_agreement import Poses, agreement
 from vgrd.calibration.checks.touch_outliers import bad_touches
 
@@ -21,6 +22,7 @@ __all__ = [
     "bad_touches",
     "best_of",
     "cannot_tell",
+    "check_plan",
     "examine",
     "misinterpretation",
     "missing_motion",

@@ -21,7 +21,7 @@ from vgrd.calibration.hand_eye import PoseSample, hand_eye_samples
 from vgrd.geometry.rotation_formats import RotationFormat
 from vgrd.judging.findings import finding
 from vgrd.judging.thresholds import CONTRADICTORY_DEG, CONTRADICTORY_MM, REACH_MM
-from vgrd.model import CellFacts, Finding, Mount, Recording
+from vgrd.model import CellFacts, Finding, Mount, Recording, Stability
 
 _MIN_SAMPLES = 4  # three fit every convention
 _SIGMAS = 6.0  # of the typical noise: good files are never doubted
@@ -191,8 +191,11 @@ def _words(reading: Interpretation, recording: Recording) -> str:
 def _camera_moves(recording: Recording) -> bool | None:
     """Whether the mount is another one than stated, by tag B on the object that stands still.
 
-    A camera that stands still sees it stand still. None where too little was seen of it.
+    A camera that stands still sees it stand still. None where too little was seen of it, and of a
+    camera that people move.
     """
+    if recording.facts.camera_stability is Stability.MOVABLE:
+        return None
     touched = [touch.observation for touch in recording.touches if touch.observation]
     pairs = [
         (picture.base_from_wrist, picture.tag_b.camera_from_tag)

@@ -13,10 +13,10 @@ from vgrd.calibration.checks.proposals import MissingMotion, direction, tilted
 from vgrd.calibration.checks.touch_gaps import missing_points, missing_touches
 from vgrd.calibration.hand_eye import PoseSample, hand_eye_samples
 from vgrd.calibration.observability import Axes, hand_eye_observability, turned_axes
-from vgrd.calibration.turntable import find_rotation_center
+from vgrd.calibration.turntable import find_rotation_center, turned_tags
 from vgrd.errors import NotObservable
 from vgrd.geometry import Array, Pose, log_rotation
-from vgrd.model import Motion, Mount, Plan, Policy, Recording
+from vgrd.model import Motion, Mount, Plan, Policy, Recording, Stability
 
 __all__ = ["MissingMotion", "missing_motion", "missing_motions"]
 
@@ -44,13 +44,16 @@ def missing_motions(
 
 def _hand_eye(recording: Recording) -> Iterator[MissingMotion]:
     samples = hand_eye_samples(recording)
+    seen, again, in_view = "tag A was seen", "look again", "tag A"
+    if recording.facts.camera_stability is Stability.MOVABLE:
+        seen, again, in_view = "touches showed both tags", "touch a target", "both tags"
     wrists = [sample.base_from_wrist for sample in samples]
     if len(samples) < _FEW_POSES:
         pose, how = tilted(wrists[-1], np.zeros(3), None) if wrists else (None, "turn the wrist")
         yield MissingMotion(
             "hand_eye_motion",
-            f"tag A was seen from {len(samples)} different robot poses, {_FEW_POSES} are the least: "
-            f"{how} and look again with tag A in view, then about another axis",
+            f"{seen} from {len(samples)} different robot poses, {_FEW_POSES} are the least: "
+            f"{how} and {again} with {in_view} in view, then about another axis",
             rank=6 * max(len(samples) - 1, 0),
             unknowns=12,
             base_from_wrist=pose,
@@ -70,7 +73,7 @@ def _hand_eye(recording: Recording) -> Iterator[MissingMotion]:
     yield MissingMotion(
         "hand_eye_motion",
         f"hand-eye: {status}, {min(rank, 12)} of 12 unknowns are determined: {how}, keep tag A "
-        "where it is, and look again",
+        f"where it is, and {again}",
         rank=rank,
         unknowns=12,
         base_from_wrist=pose,
@@ -100,7 +103,7 @@ def _spins(recording: Recording) -> Iterator[MissingMotion]:
         or recording.plan is Plan.CONVENTIONAL
     ):
         return
-    tags = [spin.tag_b.camera_from_tag for spin in recording.spins if spin.tag_b]
+    tags = turned_tags(recording)
     rank = min(len(tags), 2) + 1 if tags else 0
     if len(tags) >= _FEW_POSES:
         try:

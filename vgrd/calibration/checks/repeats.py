@@ -6,7 +6,7 @@ from vgrd.calibration.hand_eye import first_of_same, sightings_of_tag_a
 from vgrd.calibration.touches import moved_touches
 from vgrd.geometry.coincidence import Difference
 from vgrd.judging.findings import finding
-from vgrd.model import Finding, Recording
+from vgrd.model import Finding, Recording, Stability
 
 _MOVED = Difference(squared=60.0, mm=0.5, rad=5e-3)  # 1 in 2e10 by noise; far below a jog
 
@@ -54,7 +54,12 @@ def _repeated_touches(recording: Recording) -> Iterator[Finding]:
 
 
 def moved_object(recording: Recording) -> Finding | None:
-    """Names the touches in which tag B stood elsewhere; None where there are none."""
+    """Names the touches in which tag B stood elsewhere; None where there are none.
+
+    A camera that people move sees it elsewhere all the time.
+    """
+    if recording.facts.camera_stability is Stability.MOVABLE:
+        return None
     indices = moved_touches(recording.touches)
     if not indices:
         return None

@@ -16,7 +16,7 @@ from vgrd.geometry import Array, hat, log_rotation
 from vgrd.geometry.covariance import covariance_from, sqrt_information
 from vgrd.judging.findings import finding
 from vgrd.judging.thresholds import REACH_MM
-from vgrd.model import Finding, Mount, Observation, Recording
+from vgrd.model import Finding, Mount, Observation, Recording, Stability
 
 _SIGMAS = 4.0  # 1 in 16,000 good files is doubted
 _SIZE_MATTERS = 4e-3  # 0.1 mm of a tag of 25 mm: what a caliper shows
@@ -72,7 +72,8 @@ def time_offset(recording: Recording) -> Finding | None:
     Needs looks that follow each other within a third of a second, six of them moving; a camera
     that stands still. None otherwise, and where the offset is not beyond chance.
     """
-    if recording.facts.mount is not Mount.EYE_TO_HAND:
+    facts = recording.facts
+    if facts.mount is not Mount.EYE_TO_HAND or facts.camera_stability is Stability.MOVABLE:
         return None
     looks = sorted((s for s in recording.looks if s.tag_a), key=lambda look: look.stamp_s)
     moving = _twists(looks)

@@ -1,4 +1,7 @@
-"""What a recording holds for the hand-eye: every flange pose from which tag A was seen."""
+"""What a recording holds for the hand-eye: every flange pose from which tag A was seen.
+
+By a camera that people move, what tag B sees of tag A: while it is touched the object stands still.
+"""
 
 from collections.abc import Sequence
 
@@ -8,11 +11,16 @@ from vgrd.calibration.hand_eye.pose_pairs import PoseSample
 from vgrd.geometry import Pose
 from vgrd.geometry.coincidence import equal_poses
 from vgrd.judging.thresholds import SAME_POSE_MM, SAME_POSE_RAD
-from vgrd.model import Recording
+from vgrd.model import Recording, Stability
 
 
 def sightings_of_tag_a(recording: Recording) -> list[PoseSample]:
-    """All pictures with tag A but those of spins, in order of recording; verifications are held out."""
+    """All pictures with tag A but those of spins, in order of recording; verifications are held out.
+
+    Of a movable camera, touches of the object that show both tags: target and camera are tags A and B.
+    """
+    if recording.facts.camera_stability is Stability.MOVABLE:
+        return _seen_by_tag_b(recording)
     named = [(f"look {i + 1}", look) for i, look in enumerate(recording.looks)]
     for kind, touches in (("touch", recording.touches), ("point", recording.points)):
         named += [
@@ -25,6 +33,25 @@ def sightings_of_tag_a(recording: Recording) -> list[PoseSample]:
         for name, look in named
         if look.tag_a is not None
     ]
+
+
+def _seen_by_tag_b(recording: Recording) -> list[PoseSample]:
+    samples = []
+    for i, touch in enumerate(recording.touches):
+        seen = touch.observation
+        if seen is None or seen.tag_a is None or seen.tag_b is None:
+            continue
+        tag_b_from_camera = seen.tag_b.camera_from_tag.inverse()
+        G = tag_b_from_camera.adjoint()
+        samples.append(
+            PoseSample(
+                f"touch {i + 1} ({touch.target})",
+                seen.base_from_wrist,
+                tag_b_from_camera @ seen.tag_a.camera_from_tag,
+                G @ (seen.tag_a.covariance + seen.tag_b.covariance) @ G.T,
+            )
+        )
+    return samples
 
 
 def hand_eye_samples(recording: Recording) -> list[PoseSample]:

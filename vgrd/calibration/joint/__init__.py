@@ -21,6 +21,7 @@ from vgrd.calibration.joint.fit import (
 )
 from vgrd.calibration.joint.marginal import solution_of
 from vgrd.calibration.joint.problem import (
+    CameraPlaces,
     EvidenceKind,
     HolePixel,
     JointData,
@@ -37,6 +38,7 @@ __all__ = [
     "TAG_A",
     "TAG_B",
     "CameraCorrections",
+    "CameraPlaces",
     "EvidenceKind",
     "HolePixel",
     "JointData",

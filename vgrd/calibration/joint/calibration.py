@@ -26,6 +26,7 @@ from vgrd.model import (
     Recording,
     TaughtPoint,
     frozen_array,
+    place_in,
 )
 
 _OUTLIERS: Mapping[str, str] = {
@@ -57,7 +58,7 @@ def calibrate_jointly(
     solution = solution_of(fit)
     taught = {name: _taught(solution, recording, name) for name in recording.facts.object.targets}
     findings = [*doubts, *_findings(fit, solution)]
-    worst = max(_predicted(solution, fit, taught, policy), key=lambda hole: hole.u95_mm)
+    worst = max(_predicted(solution, fit.recording, taught, policy), key=lambda hole: hole.u95_mm)
     if tolerance_mm is not None:
         findings.append(accept(worst.u95_mm, tolerance_mm, covariance=worst.position_covariance))
     return Outcome(solution, taught, _residuals(fit, worst.u95_mm), findings)
@@ -91,18 +92,32 @@ def _taught(solution: JointSolution, recording: Recording, name: str) -> TaughtP
 
 
 def _predicted(
-    solution: JointSolution, fit: JointFit, taught: Mapping[str, TaughtPoint], policy: Policy
+    solution: JointSolution,
+    recording: Recording,
+    taught: Mapping[str, TaughtPoint],
+    policy: Policy,
 ) -> list[ExpectedCoordinate]:
     """What would be served in the pictures of the session."""
-    recording = fit.recording
     pictures = [touch.observation for touch in recording.touches] + list(recording.spins)
-    tags = [
-        picture.tag_b for picture in pictures if picture is not None and picture.tag_b is not None
+    seen = [
+        (picture.tag_b, place_in(picture, recording.facts.camera_stability))
+        for picture in pictures
+        if picture is not None and picture.tag_b is not None
     ]
+    known = [(tag, place) for tag, place in seen if place.flange_tag or not place.is_free]
+    if not known:
+        raise NotObservable(
+            "no picture shows both tags, so nothing tells where a movable camera stood: touch with "
+            "both in view",
+            rank=0,
+            unknowns=6,
+        )
     return [
-        solution.expected(recording.facts, point, tag, policy, np.asarray(point.base_from_work))
+        solution.expected(
+            recording.facts, point, tag, policy, np.asarray(point.base_from_work), place
+        )
         for point in taught.values()
-        for tag in tags
+        for tag, place in known
     ]
 
 

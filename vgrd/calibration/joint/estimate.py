@@ -14,7 +14,7 @@ from vgrd.calibration.joint.camera_corrections import PriorSigmas
 from vgrd.calibration.joint.fit import JointFit, fit_at, fit_joint
 from vgrd.calibration.joint.problem import EvidenceKind, HolePixel, JointData, Turntable
 from vgrd.calibration.joint.robust import screen
-from vgrd.calibration.joint.rows import left_jacobian, predicted_tag_a
+from vgrd.calibration.joint.rows import left_jacobian, seen_tag_a
 from vgrd.calibration.joint.samples import gather
 from vgrd.calibration.joint.state import JointState, StepLayout, guess, layout_of
 from vgrd.geometry import Array, log_rotation
@@ -84,7 +84,7 @@ def residuals_of(fit: JointFit) -> dict[str, float]:
     residuals["touches_rms_mm"] = rms(
         np.linalg.norm(tips - state.base_from_object @ data.cad, axis=1)
     )
-    R, t = predicted_tag_a(state, data)
+    R, t = seen_tag_a(state, data)
     tags = data.looks.tags
     turns = log_rotation(R @ np.swapaxes(tags.rotations, 1, 2)).reshape(-1, 3)
     if len(data.holes.cad):

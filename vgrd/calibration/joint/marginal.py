@@ -1,11 +1,14 @@
-"""From a fit to the solution that is stored and served: the spins are marginalised."""
+"""From a fit to the solution that is stored and served: spins and the camera's displacements are marginalised."""
 
 import numpy as np
 
-from vgrd.calibration.joint.fit import JointFit, whiten_arm
+from vgrd.calibration.joint.fit import JointFit, units, whiten_arm
 from vgrd.calibration.joint.solution import JointSolution
 from vgrd.calibration.joint.state import Columns, StepLayout
+from vgrd.geometry import Array
 from vgrd.model import ArmKnowledge, frozen_array, frozen_copy
+
+_OPEN = 1e-3  # of 500 mm or 1 rad: less is open in what is left out, not in what is kept
 
 
 def solution_of(fit: JointFit) -> JointSolution:
@@ -22,7 +25,7 @@ def solution_of(fit: JointFit) -> JointSolution:
         object_motions=fit.layout.object_motions,
         has_point=fit.layout.has_point,
         covariance=frozen_copy(fit.covariance[np.ix_(columns, columns)]),
-        undetermined=frozen_copy(fit.undetermined[columns]),
+        undetermined=frozen_copy(_undetermined(fit, columns)),
         arm=_arm_knowledge(fit, columns),
     )
 
@@ -33,6 +36,16 @@ def kept_columns(layout: StepLayout) -> Columns:
     return np.concatenate(
         [np.arange(layout.axis_columns.stop), np.arange(points.start, points.stop)]
     )
+
+
+def _undetermined(fit: JointFit, columns: Columns) -> Array:
+    """Directions (n, z) that matter to what is kept; others are open in a displacement alone."""
+    kept = fit.undetermined[columns]
+    if not fit.layout.places:
+        return kept
+    scales = units(fit.layout)[columns, None]
+    U, s, _ = np.linalg.svd(kept / scales, full_matrices=False)
+    return np.asarray(scales * (U * s)[:, s > _OPEN])
 
 
 def _arm_knowledge(fit: JointFit, columns: Columns) -> ArmKnowledge:
@@ -48,6 +61,8 @@ def _arm_knowledge(fit: JointFit, columns: Columns) -> ArmKnowledge:
         )
     G = whiten_arm(fit.arm_factor, fit.J_deviations)
     k = len(G)
+    if fit.layout.places:
+        G, k = _beside_displacements(G, fit, columns), len(fit.whitened)
     return ArmKnowledge(
         model,
         frozen_copy(fit.data.flange_at),
@@ -55,3 +70,17 @@ def _arm_knowledge(fit: JointFit, columns: Columns) -> ArmKnowledge:
         frozen_copy((G.T @ fit.jacobian[:k])[:, columns]),
         frozen_copy(G.T @ G),
     )
+
+
+def _beside_displacements(G: Array, fit: JointFit, columns: Columns) -> Array:
+    """Rows (r, 6 s) of the deviations as far as no unknown that is left out takes them up.
+
+    The camera's displacements share rows with the arm: what is told of it must not take them for known.
+    """
+    others = np.setdiff1d(np.arange(fit.layout.size), columns)
+    N = fit.jacobian[:, others] * units(fit.layout)[others]
+    U, s, _ = np.linalg.svd(N, full_matrices=False)
+    U = U[:, s > 1.0]
+    rows = np.zeros((len(N), G.shape[1]))
+    rows[: len(G)] = G
+    return np.asarray(rows - U @ (U.T @ rows))

@@ -17,6 +17,7 @@ from vgrd.model import CellFacts, Motion, Recording, Target
 from vgrd.model.arm import ArmModel
 
 __all__ = [
+    "CameraPlaces",
     "EvidenceKind",
     "HolePixel",
     "Holes",
@@ -75,13 +76,38 @@ class HolePixel:
     """A hole of the object in a picture.
 
     pixel: (2,), sigma_px of each coordinate; spin: index of the picture among the spins, None
-    where the object stood as it was touched.
+    where the object stood as it was touched. touch: index of the touch that shows the object alike,
+    which only a camera that moved asks for; None: where it stands in the end.
     """
 
     target: str
     pixel: Array
     sigma_px: float
     spin: int | None = None
+    touch: int | None = None
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class CameraPlaces:
+    """Where the camera stood: pictures in the order of time, a new place from each stamp of `first_s` on.
+
+    reference: number of the place that every pose of the camera is stated for, counted from the first.
+    The camera is displaced in the others, which are numbered in their order.
+    """
+
+    first_s: tuple[float, ...] = ()
+    reference: int = 0
+
+    @property
+    def displaced(self) -> int:
+        """How many places there are beside the reference."""
+        return len(self.first_s)
+
+    def of(self, stamps_s: Array) -> Indices:
+        """(n,): displaced place of the pictures with these stamps, -1 for the reference."""
+        number = np.searchsorted(self.first_s, stamps_s, side="right")
+        displaced = np.where(number > self.reference, number - 1, number)
+        return np.where(number == self.reference, -1, displaced)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -184,6 +210,7 @@ class JointData:
     Stations are where the arm stood, one per rest: flange_at (s, 3) of all samples; cad: (m, 3), one per touch.
     center: of the turntable in CAD, or None. names: of the samples of every kind. corrections: what is
     refined of tag sizes and intrinsics; refined_values: (e,) values of it at which tags are seen here.
+    stamps_s: (n,) of the pictures of the samples, by kind, inf where there is none; places: of the camera.
     """
 
     recording: Recording
@@ -201,13 +228,29 @@ class JointData:
     flange_at: Array
     arm: ArmModel
     names: Mapping[EvidenceKind, tuple[str, ...]]
+    stamps_s: Mapping[EvidenceKind, Array]
     corrections: CameraCorrections
     refined_values: Array = field(default_factory=lambda: np.zeros(0))
+    places: CameraPlaces = field(default_factory=CameraPlaces)
 
     @property
     def motion(self) -> Motion:
         """How the object can move."""
         return self.recording.facts.object.motion
+
+    def places_of(self, kind: EvidenceKind) -> Indices | None:
+        """Places of the camera in the pictures of a kind, as `CameraPlaces.of`."""
+        return self.places.of(self.stamps_s[kind]) if self.places.displaced else None
+
+    def row_stamps(self) -> Array:
+        """(k,): stamp of the picture that each row is of, inf for one of none; the rows of samples."""
+        return np.concatenate(
+            [np.repeat(self.stamps_s[kind], width) for kind, width in SAMPLED.items()]
+        )
+
+    def row_places(self) -> Indices:
+        """(k,): the same for the place of the camera."""
+        return self.places.of(self.row_stamps())
 
     @property
     def axis(self) -> Array | None:
@@ -271,6 +314,7 @@ class JointData:
                 link: tuple(name for name, w in zip(names, weights[link], strict=True) if w > 0)
                 for link, names in self.names.items()
             },
+            stamps_s={link: s[weights[link] > 0] for link, s in self.stamps_s.items()},
         )
 
     def refined(self, values: Array) -> "JointData":

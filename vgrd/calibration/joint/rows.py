@@ -11,6 +11,7 @@ from vgrd.calibration.touches import TouchSet
 from vgrd.geometry import Array, Pose, hat, log_rotation
 
 _EYE = np.eye(3)
+Displaced = tuple[Array, Array]  # (n, 3, 3), (n, 3): camera_from_taught of every picture
 _BERNOULLI = (1 / 12, -1 / 720, 1 / 30240)  # B_2k / (2k)!, k = 1, 2, 3: exact to 1e-6 at 1 rad
 
 
@@ -47,11 +48,49 @@ def linearize(state: JointState, data: JointData, layout: StepLayout) -> tuple[A
     if data.axis is not None:
         blocks.append(_axis(state, data.axis, data.turntable.axis_sigma_rad, layout))
     r, J = np.concatenate([r for r, _ in blocks]), np.vstack([J for _, J in blocks])
+    if layout.places:
+        _put_places(J, state, data, layout)
     if not layout.refined:
         return r, J
     r = r + J[:, layout.refined_columns] @ (state.refined - data.refined_values)
     prior = np.eye(layout.size)[layout.refined_columns]
     return np.concatenate([r, state.refined]), np.vstack([J, prior])
+
+
+def displacement_jacobian(
+    state: JointState, data: JointData, J: Array, layout: StepLayout
+) -> Array:
+    """Derivative (k, 6) of the rows of pictures by the camera's displacement in the picture of each.
+
+    J (r, n): of all rows. The displacement moves what the camera sees against what is predicted, as
+    base_from_camera does to tag A and to holes, and camera_from_tag_b the other way to tag B, each seen
+    through the motion of the object. The k rows are the first ones; those of touches are 0.
+    """
+    out = np.zeros((data.rows_of(EvidenceKind.HOLES).stop, 6))
+    in_camera = state.base_from_camera.adjoint()
+    rows = data.rows_of(EvidenceKind.HAND_EYE)
+    out[rows] = J[rows, layout.CAMERA] @ in_camera
+    rows = data.rows_of(EvidenceKind.REFERENCE)
+    out[rows] = -J[rows, layout.TAG_B]
+    if not (layout.spins or len(data.holes.cad)):
+        return out
+    motions = object_motions(state.camera_from_axis, state.table_motion, layout)
+    back = np.linalg.inv(adjoints(motions.rotations, motions.translations))
+    rows = data.rows_of(EvidenceKind.SPINS)
+    out[rows] = -(J[rows, layout.TAG_B].reshape(-1, 6, 6) @ back).reshape(-1, 6)
+    rows = data.rows_of(EvidenceKind.HOLES)
+    back = np.concatenate([back, np.eye(6)[None]])[data.holes.spin]
+    out[rows] = (J[rows, layout.CAMERA].reshape(-1, 2, 6) @ in_camera @ back).reshape(-1, 6)
+    return out
+
+
+def _put_places(J: Array, state: JointState, data: JointData, layout: StepLayout) -> None:
+    """Columns of the displacements into J (r, n)."""
+    by_displacement = displacement_jacobian(state, data, J, layout)
+    places, columns = data.row_places(), layout.place_columns()
+    for place, own in enumerate(columns):
+        rows = np.flatnonzero(places == place)
+        J[rows[:, None], own] = by_displacement[rows]
 
 
 def arm_jacobian(state: JointState, data: JointData) -> Array:
@@ -62,7 +101,8 @@ def arm_jacobian(state: JointState, data: JointData) -> Array:
     G = np.zeros((data.arm_rows, len(data.flange_at), 6))
     X_inv = state.base_from_camera.inverse()
     looks = data.looks
-    D = tag_residuals(*predicted_tag_a(state, data), looks.tags)[1] @ X_inv.adjoint()
+    displaced = _displaced(state, data, EvidenceKind.HAND_EYE)
+    D = _seen_residuals(*predicted_tag_a(state, data), looks.tags, displaced)[1] @ X_inv.adjoint()
     D[:, :, 3:] += D[:, :, :3] @ hat(looks.translations)
     _put(G, data.rows_of(EvidenceKind.HAND_EYE), D, looks.stations)
     for link, touches, stations in (
@@ -111,8 +151,41 @@ def _inverse_jacobian(ad: Array) -> Array:
     return np.asarray(inverse)
 
 
+def _seen(R: Array, t: Array, displaced: Displaced | None) -> tuple[Array, Array]:
+    """Poses (n, 3, 3), (n, 3) of tags in the reference camera, as the camera of each picture has them."""
+    if displaced is None:
+        return R, t
+    turns, shifts = displaced
+    return turns @ R, np.einsum("nij,nj->ni", turns, t) + shifts
+
+
+def _displaced(state: JointState, data: JointData, kind: EvidenceKind) -> Displaced | None:
+    """Inverse displacements of the camera in the pictures of a kind; None where it stood still."""
+    places = data.places_of(kind)
+    if places is None:
+        return None
+    inverses = [*(pose.inverse() for pose in state.taught_from_camera), Pose.identity()]
+    turns = np.array([pose.rotation for pose in inverses])
+    shifts = np.array([pose.translation for pose in inverses])
+    return turns[places], shifts[places]
+
+
+def _seen_residuals(
+    R: Array, t: Array, tags: Tags, displaced: Displaced | None
+) -> tuple[Array, Array, Array]:
+    """As `tag_residuals`, R and t and their perturbations in the reference camera."""
+    r, D, E = tag_residuals(*_seen(R, t, displaced), tags)
+    return r, D if displaced is None else D @ adjoints(*displaced), E
+
+
+def seen_tag_a(state: JointState, data: JointData) -> tuple[Array, Array]:
+    """Poses of tag A, (n, 3, 3) and (n, 3), in the camera where it stood in each picture."""
+    displaced = _displaced(state, data, EvidenceKind.HAND_EYE)
+    return _seen(*predicted_tag_a(state, data), displaced)
+
+
 def predicted_tag_a(state: JointState, data: JointData) -> tuple[Array, Array]:
-    """Poses of tag A in the camera, (n, 3, 3) and (n, 3), at the flange poses it was seen from."""
+    """Poses of tag A in the reference camera, (n, 3, 3) and (n, 3), at the flange poses it was seen from."""
     X_inv = state.base_from_camera.inverse()
     Y, looks = state.wrist_from_tag_a, data.looks
     t = looks.rotations @ Y.translation + looks.translations
@@ -129,7 +202,8 @@ def _flat(r: Array, J: Array) -> tuple[Array, Array]:
 
 def _hand_eye(state: JointState, data: JointData, layout: StepLayout) -> tuple[Array, Array]:
     X_inv, looks = state.base_from_camera.inverse(), data.looks
-    r, D, E = tag_residuals(*predicted_tag_a(state, data), looks.tags)
+    displaced = _displaced(state, data, EvidenceKind.HAND_EYE)
+    r, D, E = _seen_residuals(*predicted_tag_a(state, data), looks.tags, displaced)
     D = D @ X_inv.adjoint()
     J = _rows(len(r), 6, layout)
     J[:, :, layout.refined_columns] = E
@@ -172,7 +246,9 @@ def left_jacobian(points: Array) -> Array:
 def _reference(state: JointState, data: JointData, layout: StepLayout) -> tuple[Array, Array]:
     tag_b, n = state.camera_from_tag_b, len(data.reference)
     R = np.broadcast_to(tag_b.rotation, (n, 3, 3))
-    r, D, E = tag_residuals(R, np.broadcast_to(tag_b.translation, (n, 3)), data.reference)
+    t = np.broadcast_to(tag_b.translation, (n, 3))
+    displaced = _displaced(state, data, EvidenceKind.REFERENCE)
+    r, D, E = _seen_residuals(R, t, data.reference, displaced)
     J = _rows(n, 6, layout)
     J[:, :, layout.refined_columns] = E
     J[:, :, layout.TAG_B] = D
@@ -199,7 +275,11 @@ def object_motions(
 
 
 def moved_tag(
-    camera_from_tag_b: Pose, tags: Tags, motions: ObjectMotions, layout: StepLayout
+    camera_from_tag_b: Pose,
+    tags: Tags,
+    motions: ObjectMotions,
+    layout: StepLayout,
+    displaced: Displaced | None = None,
 ) -> tuple[Array, Array, Array]:
     """Residuals (n, 6) of tag B on the moved object, derivatives by the unknowns and the motions.
 
@@ -207,7 +287,7 @@ def moved_tag(
     """
     F = camera_from_tag_b
     t = motions.rotations @ F.translation + motions.translations
-    r, D, E = tag_residuals(motions.rotations @ F.rotation, t, tags)
+    r, D, E = _seen_residuals(motions.rotations @ F.rotation, t, tags, displaced)
     J = _rows(len(r), 6, layout)
     if tags.J_refined is not None:
         J[:, :, layout.refined_columns] = E
@@ -218,7 +298,8 @@ def moved_tag(
 
 def _spins(state: JointState, data: JointData, layout: StepLayout) -> tuple[Array, Array]:
     motions = object_motions(state.camera_from_axis, state.table_motion, layout)
-    r, J, J_motion = moved_tag(state.camera_from_tag_b, data.spins, motions, layout)
+    displaced = _displaced(state, data, EvidenceKind.SPINS)
+    r, J, J_motion = moved_tag(state.camera_from_tag_b, data.spins, motions, layout, displaced)
     _put_moves(J, J_motion, np.arange(len(r)), layout)
     return _flat(r, J)
 
@@ -251,8 +332,12 @@ def _holes(state: JointState, data: JointData, layout: StepLayout) -> tuple[Arra
         part[:, :, layout.axis_columns] = lever @ motions.J_axis[k]
         _put_moves(part, lever @ motions.J_motion[k], k, layout)
         J_point[spun] = part
+    if (displaced := _displaced(state, data, EvidenceKind.HOLES)) is not None:
+        turns, shifts = displaced
+        in_camera = np.einsum("nij,nj->ni", turns, in_camera) + shifts
     pixels, D = holes.camera.linearize(in_camera)
     D = D / holes.sigma_px[:, None, None]
+    D = D if displaced is None else D @ displaced[0]
     J = D @ J_point
     J[:, :, layout.OBJECT] = D @ J_base @ left_jacobian(in_base)
     J[:, :, layout.CAMERA] = -J[:, :, layout.OBJECT]

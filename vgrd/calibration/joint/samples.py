@@ -6,6 +6,7 @@ import numpy as np
 
 from vgrd.calibration.joint.camera_corrections import CameraCorrections, PriorSigmas
 from vgrd.calibration.joint.problem import (
+    CameraPlaces,
     EvidenceKind,
     HolePixel,
     Holes,
@@ -20,7 +21,16 @@ from vgrd.calibration.touches import TouchSet, touch_set
 from vgrd.errors import InputError, TooFewObservations
 from vgrd.geometry import Array, Pose
 from vgrd.geometry.covariance import sqrt_information
-from vgrd.model import Motion, Mount, Observation, Recording, TagObservation, Touch
+from vgrd.model import (
+    CellFacts,
+    Motion,
+    Mount,
+    Observation,
+    Recording,
+    Stability,
+    TagObservation,
+    Touch,
+)
 from vgrd.model.arm import ArmModel
 
 _STILL = -1  # instead of the number of a spin
@@ -34,12 +44,14 @@ def gather(
     arm: ArmModel | None = None,
     turntable: Turntable | None = None,
     refine: PriorSigmas | None = None,
+    moves_s: Sequence[float] = (),
 ) -> JointData:
     """Bring all samples into arrays; verifications stay out.
 
     Samples are sorted by what they are, so that a recording in another order gives the same to the
-    last bit. Raises InputError (eye-in-hand, unknown target) or TooFewObservations with what is
-    missing.
+    last bit; the order of time is that of the stamps. moves_s: stamps of the first pictures after a
+    fixed camera was knocked; a movable one may stand elsewhere in every picture. Raises InputError
+    (eye-in-hand, unknown target) or TooFewObservations with what is missing.
     """
     facts = recording.facts
     if facts.mount is not Mount.EYE_TO_HAND:
@@ -88,8 +100,35 @@ def gather(
             EvidenceKind.SPINS: tuple(name for name, _ in turned),
             EvidenceKind.HOLES: tuple(name for name, _ in holes),
         },
+        stamps_s={
+            EvidenceKind.HAND_EYE: _stamps([pictures[i][1] for i in of_a]),
+            EvidenceKind.TOUCHES: _stamps([touch.observation for _, touch in touches]),
+            EvidenceKind.POINTS: _stamps([touch.observation for _, touch in points]),
+            EvidenceKind.REFERENCE: _stamps([picture for _, picture in reference]),
+            EvidenceKind.SPINS: _stamps([picture for _, picture in turned]),
+            EvidenceKind.HOLES: _stamps([_picture_of(recording, hole) for _, hole in holes]),
+        },
         corrections=CameraCorrections.of(facts, refine),
+        places=_places(facts, [seen for _, seen in pictures if seen is not None], moves_s),
     )
+
+
+def _places(
+    facts: CellFacts, pictures: Sequence[Observation], moves_s: Sequence[float]
+) -> CameraPlaces:
+    """Where the camera stood; the reference is the newest place that saw tag A.
+
+    Pictures of one stamp were taken from one place.
+    """
+    first_s = tuple(sorted(moves_s))
+    if facts.camera_stability is Stability.MOVABLE:
+        first_s = tuple(sorted({picture.stamp_s for picture in pictures}))[1:]
+    newest_s = max((seen.stamp_s for seen in pictures if seen.tag_a is not None), default=0.0)
+    return CameraPlaces(first_s, int(np.searchsorted(first_s, newest_s, side="right")))
+
+
+def _stamps(pictures: Sequence[Observation | None]) -> Array:
+    return np.array([np.inf if picture is None else picture.stamp_s for picture in pictures])
 
 
 def _touched(kind: str, touches: Sequence[Touch]) -> list[tuple[str, Touch]]:
@@ -175,6 +214,13 @@ def _tags(observations: Sequence[TagObservation | None]) -> Tags:
         np.array([tag.camera_from_tag.translation for tag in seen]).reshape(-1, 3),
         sqrt_information(covariances),
     )
+
+
+def _picture_of(recording: Recording, hole: HolePixel) -> Observation | None:
+    """Picture of the sample that shows the object as the hole's does; None where none is named."""
+    if hole.spin is not None:
+        return recording.spins[hole.spin] if hole.spin < len(recording.spins) else None
+    return None if hole.touch is None else recording.touches[hole.touch].observation
 
 
 def _touch_set(recording: Recording, touches: Sequence[Touch]) -> TouchSet:

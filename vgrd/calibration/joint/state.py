@@ -6,13 +6,14 @@ G = camera_from_axis (its z is the axis of turning) and P planar (x, y, angle); 
 turntable.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from vgrd.calibration.hand_eye import park_martin_start
-from vgrd.calibration.joint.problem import JointData, Looks, Tags
+from vgrd.calibration.joint.problem import EvidenceKind, JointData, Looks, Tags
 from vgrd.calibration.observability import Axes, turned_axes
 from vgrd.calibration.turntable import RotationCenter, find_rotation_center
 from vgrd.calibration.universal import UniversalProblem, calibrate_universal
@@ -21,6 +22,7 @@ from vgrd.geometry import Array, Pose, nearest_rotation
 from vgrd.model import Motion
 
 _UNIVERSAL_TOUCHES = 4  # what the universal method needs
+_REFERENCE = -1  # as `CameraPlaces.of`
 _LINEAR_RCOND = 1e-6  # directions that no sample tells apart from rounding
 
 Columns = NDArray[np.intp]
@@ -30,7 +32,8 @@ Columns = NDArray[np.intp]
 class StepLayout:
     """Where the unknowns stand in a step.
 
-    axis: which of the 6 body-frame moves of G are free; refined: how many tag sizes and intrinsics.
+    axis: which of the 6 body-frame moves of G are free; refined: how many tag sizes and intrinsics;
+    places: in how many the camera was displaced.
     """
 
     axis: tuple[int, ...]
@@ -38,6 +41,7 @@ class StepLayout:
     spins: int
     has_point: bool
     refined: int = 0
+    places: int = 0
 
     CAMERA = slice(0, 6)
     TAG_A = slice(6, 12)
@@ -68,10 +72,15 @@ class StepLayout:
         first = int(self.point_columns.stop)
         return slice(first, first + self.refined)
 
+    def place_columns(self) -> Columns:
+        """Columns (p, 6) of every displacement of the camera."""
+        first = int(self.refined_columns.stop)
+        return np.arange(first, first + 6 * self.places).reshape(self.places, 6)
+
     @property
     def size(self) -> int:
         """Number of unknowns."""
-        return int(self.refined_columns.stop)
+        return int(self.refined_columns.stop) + 6 * self.places
 
     def is_length(self) -> NDArray[np.bool_]:
         """(n,): True for mm and what is refined (in sigmas known beforehand), False for rad."""
@@ -80,7 +89,11 @@ class StepLayout:
         axis = [i < 3 for i in self.axis]
         object_motions = [i < 3 for i in self.object_motions] * self.spins
         return np.array(
-            fixed + axis + object_motions + [True] * (3 * self.has_point + self.refined)
+            fixed
+            + axis
+            + object_motions
+            + [True] * (3 * self.has_point + self.refined)
+            + pose * self.places
         )
 
 
@@ -88,18 +101,20 @@ def layout_of(data: JointData) -> StepLayout:
     """Unknowns that this evidence speaks of."""
     spins = len(data.spins)
     point, refined = len(data.points) > 0, data.corrections.count
+    places = data.places.displaced
     if not spins:
-        return StepLayout((), (), 0, point, refined)
+        return StepLayout((), (), 0, point, refined, places)
     if data.motion is Motion.TURNTABLE:
-        return StepLayout((3, 4, 0, 1), (5,), spins, point, refined)
-    return StepLayout((3, 4), (5, 0, 1), spins, point, refined)
+        return StepLayout((3, 4, 0, 1), (5,), spins, point, refined, places)
+    return StepLayout((3, 4), (5, 0, 1), spins, point, refined, places)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class JointState:
     """Values of all unknowns; table_motion: (n, 3) x, y in mm and angle in rad of every spin.
 
-    refined: (e,) tag sizes and intrinsics, in sigmas from what was assumed.
+    refined: (e,) tag sizes and intrinsics, in sigmas from what was assumed. taught_from_camera: (p),
+    how the camera was displaced in each place beside the reference.
     """
 
     base_from_camera: Pose
@@ -111,6 +126,7 @@ class JointState:
     table_motion: Array
     fixed_point_in_base: Array
     refined: Array = field(default_factory=lambda: np.zeros(0))
+    taught_from_camera: tuple[Pose, ...] = ()
 
     @property
     def object_from_tag_b(self) -> Pose:
@@ -135,6 +151,12 @@ class JointState:
             if layout.has_point
             else self.fixed_point_in_base,
             refined=self.refined + step[layout.refined_columns],
+            taught_from_camera=tuple(
+                Pose.exp(step[columns]) @ displacement
+                for columns, displacement in zip(
+                    layout.place_columns(), self.taught_from_camera, strict=True
+                )
+            ),
         )
 
 
@@ -155,8 +177,14 @@ def guess(data: JointData) -> JointState:
 
     Raises TooFewObservations where not even a guess is possible.
     """
-    camera_from_tag_b = _guess_reference(data.reference)
-    base_from_camera, wrist_from_tag_a = _guess_hand_eye(data.looks)
+    taught_from_camera: tuple[Pose, ...] = ()
+    if data.places.displaced:
+        base_from_camera, wrist_from_tag_a, taught_from_camera = _guess_places(data)
+        data = _as_taught(data, taught_from_camera)
+        camera_from_tag_b = _guess_reference(data.reference)
+    else:
+        camera_from_tag_b = _guess_reference(data.reference)
+        base_from_camera, wrist_from_tag_a = _guess_hand_eye(data.looks)
     base_from_object, tcp, is_tied = _guess_object(data)
     center = _guess_center(data)
     if center is not None and data.center is not None and not is_tied:
@@ -187,6 +215,7 @@ def guess(data: JointData) -> JointState:
         np.array(table_motion).reshape(-1, 3),
         spike,
         np.zeros(data.corrections.count),
+        taught_from_camera,
     )
 
 
@@ -225,6 +254,86 @@ def _guess_hand_eye(looks: Looks) -> tuple[Pose, Pose]:
         R.T @ X.rotation @ tag.rotation for R, tag in zip(looks.rotations, tags, strict=True)
     )
     return X, Pose(nearest_rotation(rotation_sum, tolerance=np.inf), tag_in_wrist)
+
+
+def _guess_places(data: JointData) -> tuple[Pose, Pose, tuple[Pose, ...]]:
+    """base_from_camera, wrist_from_tag_a, and how the camera was displaced in the other places.
+
+    While it is touched the object stands still, so that tag B is a camera that does not move: what it
+    sees of tag A is the hand-eye problem. Where too few touches show both tags, the place is taken from
+    which tag A was seen most.
+    """
+    looks, places = data.looks, data.places.of(data.stamps_s[EvidenceKind.HAND_EYE])
+    base_from_tag_b = None
+    by_tag_b, seen = _seen_by_tag_b(data)
+    try:
+        base_from_tag_b, wrist_from_tag_a = _guess_hand_eye(
+            replace(looks.subset(seen), tags=by_tag_b)
+        )
+    except TooFewObservations:
+        most = np.bincount(places + 1).argmax() - 1
+        wrist_from_tag_a = _guess_hand_eye(looks.subset(np.flatnonzero(places == most)))[1]
+    chains = [
+        wrist @ wrist_from_tag_a @ tag.inverse()
+        for wrist, tag in zip(looks.poses(), looks.tags.poses(), strict=True)
+    ]
+    touched = data.places.of(data.stamps_s[EvidenceKind.REFERENCE])
+    still = list(zip(touched, data.reference.poses(), strict=True))
+    cameras = {
+        int(place): _middle([c for c, p in zip(chains, places, strict=True) if p == place])
+        for place in np.unique(places)
+    }
+    if base_from_tag_b is None:
+        in_base = [cameras[place] @ tag for place, tag in still if place in cameras]
+        base_from_tag_b = _middle(in_base) if in_base else None
+    if base_from_tag_b is not None:
+        for place, tag in still:
+            cameras.setdefault(int(place), base_from_tag_b @ tag.inverse())
+    camera = cameras[_REFERENCE]
+    return (
+        camera,
+        wrist_from_tag_a,
+        tuple(
+            camera.inverse() @ cameras.get(place, camera) for place in range(data.places.displaced)
+        ),
+    )
+
+
+def _seen_by_tag_b(data: JointData) -> tuple[Tags, Columns]:
+    """Tag A from tag B in the touches that show both, and which of the looks these are."""
+    of_b = {name: i for i, name in enumerate(data.names[EvidenceKind.REFERENCE])}
+    seen = [i for i, name in enumerate(data.names[EvidenceKind.HAND_EYE]) if name in of_b]
+    names = data.names[EvidenceKind.HAND_EYE]
+    tags_a, tags_b = data.looks.tags.poses(), data.reference.poses()
+    poses = [tags_b[of_b[names[i]]].inverse() @ tags_a[i] for i in seen]
+    return _tags_at(poses), np.array(seen, dtype=np.intp)
+
+
+def _as_taught(data: JointData, taught_from_camera: Sequence[Pose]) -> JointData:
+    """Tag B as the camera in the reference would have seen it; its noise is left as it was."""
+    displacements = [*taught_from_camera, Pose.identity()]
+
+    def moved(tags: Tags, kind: EvidenceKind) -> Tags:
+        poses = zip(data.places.of(data.stamps_s[kind]), tags.poses(), strict=True)
+        return _tags_at([displacements[place] @ pose for place, pose in poses])
+
+    return replace(
+        data,
+        reference=moved(data.reference, EvidenceKind.REFERENCE),
+        spins=moved(data.spins, EvidenceKind.SPINS),
+    )
+
+
+def _tags_at(poses: Sequence[Pose]) -> Tags:
+    """Tags (n) of which only the poses count."""
+    R = np.array([pose.rotation for pose in poses]).reshape(-1, 3, 3)
+    t = np.array([pose.translation for pose in poses]).reshape(-1, 3)
+    return Tags(R, t, np.broadcast_to(np.eye(6), (len(R), 6, 6)))
+
+
+def _middle(poses: Sequence[Pose]) -> Pose:
+    R = nearest_rotation(np.sum([pose.rotation for pose in poses], axis=0), tolerance=np.inf)
+    return Pose(R, np.median([pose.translation for pose in poses], axis=0))
 
 
 def _guess_object(data: JointData) -> tuple[Pose, Array, bool]:

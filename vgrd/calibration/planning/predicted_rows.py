@@ -8,6 +8,7 @@ import numpy as np
 from vgrd.calibration.joint import (
     TAG_A,
     TAG_B,
+    CameraPlaces,
     EvidenceKind,
     JointData,
     JointFit,
@@ -63,7 +64,7 @@ class ForeseenRows:
         touching = [i for i, candidate in enumerate(candidates) if isinstance(candidate, Touching)]
         data, looking = self._with_looks(poses)
         data = self._with_touches(data, candidates, poses, touching)
-        still = replace(result.layout, spins=0)
+        still = replace(result.layout, spins=0, places=0)
         J = self._embedded(linearize(result.state, data, still)[1], still)
         rows = np.zeros((c, _WIDTH, J.shape[1]))
         for link, indices, width, first in (
@@ -140,7 +141,7 @@ class ForeseenRows:
         result, layout = self._result, self._result.layout
         if not layout.axis:
             return np.zeros((0, layout.size))
-        alone = replace(layout, spins=1)
+        alone = replace(layout, spins=1, places=0)
         table_motion = np.array([[0.0, 0.0, angle_rad]])
         state = replace(result.state, table_motion=table_motion)
         tag = self._tags([moved_tag_b(result, angle_rad)], TAG_B)
@@ -222,4 +223,5 @@ def _blank(data: JointData) -> JointData:
         holes=replace(holes, sigma_px=np.zeros(0)),
         center=None,
         turntable=replace(data.turntable, axis_in_object=None),
+        places=CameraPlaces(),
     )

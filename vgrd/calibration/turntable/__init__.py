@@ -4,6 +4,6 @@ May import geometry and model.
 """
 
 from vgrd.calibration.turntable.rotation_center import RotationCenter, find_rotation_center
-from vgrd.calibration.turntable.usable_spins import without_useless_spins
+from vgrd.calibration.turntable.usable_spins import turned_tags, without_useless_spins
 
-__all__ = ["RotationCenter", "find_rotation_center", "without_useless_spins"]
+__all__ = ["RotationCenter", "find_rotation_center", "turned_tags", "without_useless_spins"]

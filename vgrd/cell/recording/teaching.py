@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import structlog
 
+from vgrd.calibration.checks import check_plan
 from vgrd.cell.measuring import ROBOT_LOST_S, Measuring
 from vgrd.cell.recording.recorder import Recorder
 from vgrd.cell.serving.faults import tcp_difference
@@ -60,6 +61,7 @@ class Teaching:
         """Open a session; the active TCP of the pendant is noted in it."""
         if plan not in list(Plan):
             raise InputError(f"plan {plan!r}: choose one of {', '.join(Plan)}")
+        check_plan(Plan(plan), self.facts)
         name = session or self.now_name()
         facts = replace(self.facts, wrist_from_tcp=self._reading().wrist_from_tcp)
         await self.recorder.start(name, Plan(plan), facts)
