@@ -10,6 +10,7 @@ from fakes.world.noise import FINE
 from fakes.world.simulation import Simulation
 from vgrd.calibration.calibration import expected_coordinate
 from vgrd.calibration.checks import examine, missing_motion
+from vgrd.calibration.planning.advice import advise_session
 from vgrd.calibration.solve import calibrate_system
 from vgrd.errors import InputError
 from vgrd.geometry import Pose
@@ -98,6 +99,14 @@ def test_a_good_session_has_no_finding_and_a_mistake_is_still_named():
         ),
     )
     assert "poses_inverted_or_mount" in codes(examine(inverted))
+
+
+def test_the_coach_works_with_a_camera_that_people_move():
+    _, recording = taught(6)
+    advice = advise_session(recording)
+    assert not advice.findings
+    assert not advice.trouble
+    assert advice.best is not None
 
 
 def test_what_the_hand_eye_lacks_is_told_of_the_touches():

@@ -45,6 +45,9 @@ def calibrate_system(
     except DidNotConverge as err:
         why = "; ".join(remark.message for remark in findings if remark.fatal)
         raise DidNotConverge(f"{why} ({err})" if why else str(err)) from err
+    if outcome.recording is not None:
+        recording = outcome.recording
+        findings = examine(recording, policy)
     calibration = Calibration(
         id="",
         session=recording.session,

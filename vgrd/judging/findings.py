@@ -133,6 +133,11 @@ OF_A_SESSION: Mapping[str, Kind] = MappingProxyType(
         "sample_outlier": Kind(
             "a sample contradicts the others", "undo it and take it again", "leaving it out"
         ),
+        "camera_moved": Kind(
+            "a fixed camera moved while it was taught; it is followed",
+            "it was followed by tag A, and the answers hold; fasten it",
+            "pictures before against after, tag A seen in both: 1 in 1,000 good sessions",
+        ),
         "noisy": Kind(
             "the samples scatter more than robot, camera and touch promise",
             "check intrinsics, tag sizes, CAD points and the targets that the touches name, and that "

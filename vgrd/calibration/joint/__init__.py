@@ -19,6 +19,7 @@ from vgrd.calibration.joint.fit import (
     variance_inflation,
     whiten_arm,
 )
+from vgrd.calibration.joint.knocks import as_seen_in_the_end, camera_moves
 from vgrd.calibration.joint.marginal import solution_of
 from vgrd.calibration.joint.problem import (
     CameraPlaces,
@@ -53,8 +54,10 @@ __all__ = [
     "Turntable",
     "adjoints",
     "arm_jacobian",
+    "as_seen_in_the_end",
     "calibrate_joint",
     "calibrate_jointly",
+    "camera_moves",
     "expected_by_joint",
     "information_inverse",
     "linearize",

@@ -8,6 +8,7 @@ from vgrd.calibration.acceptance import accept
 from vgrd.calibration.joint.estimate import calibrate_joint, residuals_of
 from vgrd.calibration.joint.expected import work_orientation
 from vgrd.calibration.joint.fit import JointFit
+from vgrd.calibration.joint.knocks import as_seen_in_the_end, camera_moves
 from vgrd.calibration.joint.marginal import solution_of
 from vgrd.calibration.joint.problem import EvidenceKind, HolePixel
 from vgrd.calibration.joint.rows import left_jacobian
@@ -58,10 +59,13 @@ def calibrate_jointly(
     solution = solution_of(fit)
     taught = {name: _taught(solution, recording, name) for name in recording.facts.object.targets}
     findings = [*doubts, *_findings(fit, solution)]
-    worst = max(_predicted(solution, fit.recording, taught, policy), key=lambda hole: hole.u95_mm)
+    seen = as_seen_in_the_end(fit, recording) if camera_moves(fit) else None
+    worst = max(
+        _predicted(solution, seen or fit.recording, taught, policy), key=lambda hole: hole.u95_mm
+    )
     if tolerance_mm is not None:
         findings.append(accept(worst.u95_mm, tolerance_mm, covariance=worst.position_covariance))
-    return Outcome(solution, taught, _residuals(fit, worst.u95_mm), findings)
+    return Outcome(solution, taught, _residuals(fit, worst.u95_mm), findings, seen)
 
 
 def _taught(solution: JointSolution, recording: Recording, name: str) -> TaughtPoint:
@@ -125,6 +129,7 @@ def _findings(fit: JointFit, solution: JointSolution) -> Iterator[Finding]:
     for sample in fit.samples:
         if not sample.used:
             yield finding(_OUTLIERS[sample.kind], f"{sample.name} was left out, {sample.reason}")
+    yield from camera_moves(fit)
     if fit.noise_scale > NOISY_SCALE:
         yield finding(
             "noisy",

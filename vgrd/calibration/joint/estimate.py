@@ -5,22 +5,24 @@ turning and every turn; optionally tag sizes and intrinsics. What the data leave
 reported, and refused only by the expected coordinate that depends on it.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 import numpy as np
 
 from vgrd.calibration.joint.camera_corrections import PriorSigmas
 from vgrd.calibration.joint.fit import JointFit, fit_at, fit_joint
+from vgrd.calibration.joint.knocks import Moves, Trial, follow, jumps, pictures_of
 from vgrd.calibration.joint.problem import EvidenceKind, HolePixel, JointData, Turntable
 from vgrd.calibration.joint.robust import screen
 from vgrd.calibration.joint.rows import left_jacobian, seen_tag_a
 from vgrd.calibration.joint.samples import gather
 from vgrd.calibration.joint.state import JointState, StepLayout, guess, layout_of
+from vgrd.errors import CalibrationError, DidNotConverge
 from vgrd.geometry import Array, log_rotation
 from vgrd.geometry.covariance import rms
 from vgrd.geometry.least_squares import Convergence
-from vgrd.model import ArmModel, Recording
+from vgrd.model import ArmModel, Recording, Stability
 
 HEIGHT_SIGMA_MM = 3.0  # targets and tag lie on one plate, give or take its thickness
 
@@ -38,26 +40,54 @@ def calibrate_joint(
 
     sightings: holes that the camera saw. arm: None takes `ArmModel.of(facts.robot_sigma_mm)`.
     turntable: how well CAD knows the axis of turning. refine: tag sizes and intrinsics to estimate
-    too. robust: samples that the others contradict are left out and named. Raises InputError,
-    TooFewObservations, NotObservable or DidNotConverge.
+    too. robust: samples that the others contradict are left out and named, and a fixed camera that was
+    knocked meanwhile is followed. Raises InputError, TooFewObservations, NotObservable or DidNotConverge.
     """
-    data = gather(recording, sightings, arm, turntable, refine)
-    if len(data.holes.cad):
-        guessed = start_near_tag_plane(recording, data.holes.cad)
-        start = replace(guessed, refined=np.zeros(data.corrections.count))
-    else:
-        start = guess(data)
-    optimum = fit_joint(data, layout_of(data), start)
-    return screen(data, optimum) if robust else optimum
+
+    def gathered(moves_s: Moves) -> JointData:
+        return gather(recording, sightings, arm, turntable, refine, moves_s)
+
+    def solve(moves_s: Moves) -> Trial:
+        data = gathered(moves_s)
+        optimum = fit_joint(data, layout_of(data), _start(data))
+        return Trial(moves_s, optimum, screen(data, optimum) if robust else optimum)
+
+    if not robust or recording.facts.camera_stability is Stability.MOVABLE:
+        return solve(()).screened
+    try:
+        trial = solve(())
+    except DidNotConverge:
+        if not (moves_s := _jumps(gathered)):
+            raise
+        trial = solve(moves_s)
+    return follow(trial, solve)
 
 
-def start_near_tag_plane(recording: Recording, points_in_object: Array) -> JointState:
+def _jumps(gathered: Callable[[Moves], JointData]) -> Moves:
+    """When the camera moved so far that nothing fits without it: by every picture for itself."""
+    every = gathered(tuple(pictures_of(gathered(()))[1:]))
+    try:
+        return jumps(every, guess(every).taught_from_camera)
+    except CalibrationError:
+        return ()
+
+
+def _start(data: JointData) -> JointState:
+    if not len(data.holes.cad):
+        return guess(data)
+    guessed = start_near_tag_plane(data.recording, data.holes.cad, data.places.first_s)
+    return replace(guessed, refined=np.zeros(data.corrections.count))
+
+
+def start_near_tag_plane(
+    recording: Recording, points_in_object: Array, moves_s: Moves = ()
+) -> JointState:
     """First values with points of the object (m, 3) near tag B's plane, where nothing else tells.
 
     Without that a height that one wrist leaves open may lie behind the camera. Raises
     TooFewObservations where not even a guess is possible.
     """
-    data = gather(recording)
+    data = gather(recording, moves_s=moves_s)
     fit = fit_as_if(data, guess(data))
     open_too = fit.covariance + fit.undetermined @ fit.undetermined.T
     return near_tag_plane(fit.state, fit.layout, open_too, points_in_object)
@@ -84,8 +114,8 @@ def residuals_of(fit: JointFit) -> dict[str, float]:
     residuals["touches_rms_mm"] = rms(
         np.linalg.norm(tips - state.base_from_object @ data.cad, axis=1)
     )
-    R, t = seen_tag_a(state, data)
     tags = data.looks.tags
+    R, t = seen_tag_a(state, data)
     turns = log_rotation(R @ np.swapaxes(tags.rotations, 1, 2)).reshape(-1, 3)
     if len(data.holes.cad):
         whitened = fit.whitened[data.rows_of(EvidenceKind.HOLES)].reshape(-1, 2)

@@ -1,24 +1,26 @@
 """What to tell an operator about a session while it is being recorded."""
 
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from vgrd.calibration.checks import examine, missing_motions
-from vgrd.calibration.joint import JointFit, calibrate_joint
+from vgrd.calibration.joint import JointFit, as_seen_in_the_end, calibrate_joint, camera_moves
 from vgrd.calibration.planning.next_sample import Advice, next_best, without_pose
 from vgrd.calibration.planning.pose_trust import reason_against
 from vgrd.calibration.planning.predicted_error import Job, PredictedError, Undetermined
 from vgrd.calibration.planning.reach import Reach, camera_sees_tag_a, usual_wrist
 from vgrd.calibration.turntable import without_useless_spins
-from vgrd.errors import DidNotConverge, VgrdError
+from vgrd.errors import CalibrationError, DidNotConverge, VgrdError
 from vgrd.geometry import Array
 from vgrd.judging.findings import finding
 from vgrd.judging.thresholds import WRONG_SIGMA
 from vgrd.model import Finding, Policy, Recording
 
 _ANGLES_RAD = (0.0, 2.0)  # two turns of the object stand for all: near and far
+_OBJECT_MOVED = "object_moved"  # of `examine`
 _SPINS_UNUSABLE = "spins_unusable"  # of `without_useless_spins`: spins are only few yet
 _TOO_LITTLE = (
     "the samples so far allow no estimate: look with tag A in view and the wrist turned about two axes, "
@@ -74,7 +76,7 @@ def advise_session(
     findings: tuple[Finding, ...] = ()
     try:
         usable, doubts = without_useless_spins(recording)
-        findings = (*doubts, *examine(recording, policy))
+        findings = (*doubts, *_examined(recording, usable, policy))
         judgement = _Judgement(policy, findings, _missing(recording, policy))
         if judgement.wrong():
             return judgement.remedy(judgement.wrong()[0])
@@ -113,6 +115,17 @@ class _Judgement:
         return SessionAdvice(self.policy, self.findings, trouble=trouble)
 
 
+def _examined(recording: Recording, usable: Recording, policy: Policy) -> Sequence[Finding]:
+    """As `examine`; an object that seems to have moved is no finding where it was the camera."""
+    findings = examine(recording, policy)
+    if any(remark.code == _OBJECT_MOVED for remark in findings):
+        with suppress(CalibrationError):
+            fit = calibrate_joint(usable)
+            if camera_moves(fit):
+                return examine(as_seen_in_the_end(fit, recording), policy)
+    return findings
+
+
 def _missing(recording: Recording, policy: Policy) -> frozenset[str]:
     """Codes of findings that tell what to record still, not what is wrong."""
     return frozenset({_SPINS_UNUSABLE, *(gap.code for gap in missing_motions(recording, policy))})
@@ -142,7 +155,7 @@ def _advice(
     if best.base_from_wrist is not None:
         no_pose = judgement.doubted(outliers) or reason_against(result, best.candidate, reach)
     best = without_pose(result, best) if no_pose else best
-    findings = (*judgement.findings, *outliers)
+    findings = (*judgement.findings, *camera_moves(result), *outliers)
     return SessionAdvice(policy, findings, predicted, trouble, best, no_pose, undetermined)
 
 
