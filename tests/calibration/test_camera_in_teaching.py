@@ -10,7 +10,11 @@ from fakes.world.noise import FINE
 from fakes.world.simulation import Simulation
 from vgrd.calibration.calibration import expected_coordinate
 from vgrd.calibration.checks import examine, missing_motion
+from vgrd.calibration.joint.estimate import calibrate_joint
 from vgrd.calibration.planning.advice import advise_session
+from vgrd.calibration.planning.next_sample import rank_samples
+from vgrd.calibration.planning.predicted_error import Job
+from vgrd.calibration.planning.reach import Looking, Spinning, Touching
 from vgrd.calibration.solve import calibrate_system
 from vgrd.errors import InputError
 from vgrd.geometry import Pose
@@ -107,6 +111,29 @@ def test_the_coach_works_with_a_camera_that_people_move():
     assert not advice.findings
     assert not advice.trouble
     assert advice.best is not None
+
+
+def test_the_coach_foresees_what_a_sample_brings_where_the_camera_may_stand_anywhere():
+    cell, recording = taught(7)
+    fit = calibrate_joint(recording, robust=False)
+    job = Job(Policy.FIXED, angles_rad=(0.0, 2.0))
+    look = Looking(Pose(cell.wrist(np.radians(20)), np.array([400.0, 50, 200])))
+    touch = Touching("P2", cell.wrist(np.radians(20)))
+    looked, spun, touched = (
+        rank_samples(fit, [candidate], job)[0] for candidate in (look, Spinning(1.0), touch)
+    )
+    assert looked.after_mm == pytest.approx(looked.before_mm, rel=1e-9)
+    more_touches = (*recording.touches, cell.touch("P2", touch.base_from_wrist))
+    more_spins = (*recording.spins, cell.observe(cell.standing, 1.0))
+    for foreseen, more in (
+        (touched, replace(recording, touches=more_touches)),
+        (spun, replace(recording, spins=more_spins)),
+    ):
+        after = rank_samples(calibrate_joint(more, robust=False), [look], job)[0].before_mm
+        assert foreseen.after_mm < foreseen.before_mm
+        assert foreseen.before_mm - foreseen.after_mm == pytest.approx(
+            foreseen.before_mm - after, rel=0.5, abs=2e-3
+        )
 
 
 def test_what_the_hand_eye_lacks_is_told_of_the_touches():

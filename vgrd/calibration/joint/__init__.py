@@ -31,7 +31,12 @@ from vgrd.calibration.joint.problem import (
     Turntable,
     target_of,
 )
-from vgrd.calibration.joint.rows import arm_jacobian, linearize, object_motions
+from vgrd.calibration.joint.rows import (
+    arm_jacobian,
+    displacement_jacobian,
+    linearize,
+    object_motions,
+)
 from vgrd.calibration.joint.solution import JointSolution, Prediction
 from vgrd.calibration.joint.state import JointState, StepLayout
 
@@ -58,6 +63,7 @@ __all__ = [
     "calibrate_joint",
     "calibrate_jointly",
     "camera_moves",
+    "displacement_jacobian",
     "expected_by_joint",
     "information_inverse",
     "linearize",

@@ -12,11 +12,13 @@ from vgrd.calibration.joint import (
     EvidenceKind,
     JointData,
     JointFit,
+    JointState,
     Looks,
     StepLayout,
     Tags,
     adjoints,
     arm_jacobian,
+    displacement_jacobian,
     linearize,
     object_motions,
     target_of,
@@ -25,7 +27,7 @@ from vgrd.calibration.planning.reach import Candidate, Spinning, Touching, flang
 from vgrd.calibration.touches import TouchSet, touch_set
 from vgrd.geometry import Array, Pose
 from vgrd.geometry.covariance import sqrt_information
-from vgrd.model import TagObservation, TagSpec, frozen_array
+from vgrd.model import Stability, TagObservation, TagSpec, frozen_array
 
 _NONE = np.zeros(0, dtype=np.intp)
 _TAG, _TOUCH = 6, 3  # rows: a pose has six, a point three
@@ -39,6 +41,8 @@ class ForeseenRows:
     def __init__(self, result: JointFit, tag_a_in_view: Callable[[Pose], bool]) -> None:
         self._result = result
         self._in_view = tag_a_in_view
+        stability = result.recording.facts.camera_stability
+        self._is_movable = stability is Stability.MOVABLE
         self._body_a = _body_covariance(result.data.looks.tags)
         self._body_b = _body_covariance(result.data.reference)
 
@@ -65,7 +69,9 @@ class ForeseenRows:
         data, looking = self._with_looks(poses)
         data = self._with_touches(data, candidates, poses, touching)
         still = replace(result.layout, spins=0, places=0)
-        J = self._embedded(linearize(result.state, data, still)[1], still)
+        J = linearize(result.state, data, still)[1]
+        moved = displacement_jacobian(result.state, data, J, still)
+        J = np.hstack([self._embedded(J, still), moved])
         rows = np.zeros((c, _WIDTH, J.shape[1]))
         for link, indices, width, first in (
             (EvidenceKind.HAND_EYE, looking, 6, 0),
@@ -74,7 +80,9 @@ class ForeseenRows:
         ):
             part = J[data.rows_of(link)].reshape(len(indices), width, J.shape[1])
             rows[indices, first : first + width] = part
-        return self._with_arm(rows, data, looking, touching)
+        rows = self._with_arm(rows, data, looking, touching)
+        by_unknowns, by_displacement = rows[:, :, :-_TAG], rows[:, :, -_TAG:]
+        return _beside(by_unknowns, by_displacement) if self._is_movable else by_unknowns
 
     def _with_arm(
         self, rows: Array, data: JointData, looking: list[int], touching: list[int]
@@ -126,8 +134,8 @@ class ForeseenRows:
         camera_from_base = state.base_from_camera.inverse()
         tags = [camera_from_base @ pose @ state.wrist_from_tag_a for pose in poses]
         indices = [i for i, tag in enumerate(tags) if self._in_view(tag)]
-        places = np.array([pose.translation for pose in poses])
-        R = np.array([pose.rotation for pose in poses])
+        places = np.array([pose.translation for pose in poses]).reshape(-1, 3)
+        R = np.array([pose.rotation for pose in poses]).reshape(-1, 3, 3)
         looks = Looks(
             self._tags([tags[i] for i in indices], TAG_A),
             R[indices],
@@ -146,10 +154,30 @@ class ForeseenRows:
         state = replace(result.state, table_motion=table_motion)
         tag = self._tags([moved_tag_b(result, angle_rad)], TAG_B)
         data = replace(_blank(result.data), spins=tag)
-        J = linearize(state, data, alone)[1][data.rows_of(EvidenceKind.SPINS)]
         columns = alone.spin_columns()[0]
-        Q = np.linalg.qr(J[:, columns])[0]
-        return self._embedded(J - Q @ (Q.T @ J), alone)
+        if self._is_movable:
+            return self._spin_by_both_tags(state, data, alone)
+        J = linearize(state, data, alone)[1][data.rows_of(EvidenceKind.SPINS)]
+        return self._embedded(_beside(J, J[:, columns]), alone)
+
+    def _spin_by_both_tags(self, state: JointState, data: JointData, alone: StepLayout) -> Array:
+        """The same where the camera may stand anywhere: tag A tells, seen as in the last spin."""
+        result = self._result
+        stands = [spin.base_from_wrist for spin in result.recording.spins if spin.tag_a]
+        looking = self._with_looks(stands[-1:])[0]
+        if not len(looking.looks.tags):
+            return np.zeros((0, result.layout.size))
+        data = replace(data, looks=looking.looks, flange_at=looking.flange_at)
+        J = linearize(state, data, alone)[1]
+        moved = displacement_jacobian(state, data, J, alone)
+        J = np.hstack([J[: len(moved)], moved])
+        if not data.arm.is_exact:
+            noise = arm_jacobian(state, data) * np.sqrt(data.arm.variances())
+            k = len(noise)
+            L = np.linalg.cholesky(np.eye(k) + noise @ noise.T)
+            J[:k] = np.linalg.solve(L, J[:k])
+        own = np.hstack([J[:, alone.spin_columns()[0]], J[:, alone.size :]])
+        return self._embedded(_beside(J[:, : alone.size], own), alone)
 
     def _embedded(self, J: Array, layout: StepLayout) -> Array:
         """Rows of another layout in the columns of all unknowns; spins of their own left out."""
@@ -171,6 +199,12 @@ class ForeseenRows:
         if corrections.count:
             J_refined = corrections.refine(R, t, tag, values).J_refined
         return Tags(R, t, sqrt_information(A @ body @ A.transpose(0, 2, 1)), J_refined)
+
+
+def _beside(rows: Array, own: Array) -> Array:
+    """Rows (..., r, n) beside what a sample's own unknowns take up, derivatives (..., r, k)."""
+    Q = np.linalg.qr(own)[0]
+    return np.asarray(rows - Q @ (np.swapaxes(Q, -1, -2) @ rows))
 
 
 def picture_of(result: JointFit, angle_rad: float) -> TagObservation:
