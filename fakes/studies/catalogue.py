@@ -16,6 +16,7 @@ from fakes.studies.robustness import (
     false_alarms,
     moved_camera,
     moved_links,
+    moved_teaching,
 )
 from fakes.studies.study import Study
 from vgrd.errors import InputError
@@ -40,6 +41,7 @@ STUDIES: Mapping[str, Study] = MappingProxyType(
             false_alarms,
             moved_camera,
             moved_links,
+            moved_teaching,
         )
     }
 )

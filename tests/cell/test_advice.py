@@ -20,7 +20,7 @@ from vgrd.config.cell_file import TouchSection
 from vgrd.devices import FlangeReading
 from vgrd.errors import CalibrationError, ControlError, InputError
 from vgrd.geometry import Pose
-from vgrd.model import Observation, Policy, Recording
+from vgrd.model import Observation, Policy, Recording, Stability
 from vgrd.solving import advisor as advising
 from vgrd.solving.advisor import Advisor, answer_line
 from vgrd.store.sessions import SampleKind
@@ -182,6 +182,24 @@ def test_every_reply_carries_advice_and_the_whole_of_it_can_be_asked_for(bench, 
     assert len(told["predicted_u95_mm"]) == 6
     assert again["policy"] == "fixed"
     assert bench.advisor._process is None
+
+
+def test_a_movable_camera_is_taught_by_plan_joint_and_wants_no_looks(tmp_path, rehearsed):
+    facts = replace(rehearsed.facts, camera_stability=Stability.MOVABLE)
+    bench = Bench(tmp_path, replace(rehearsed, facts=facts))
+    bench.teaching.advisor = None
+
+    async def taught() -> dict[str, object]:
+        with pytest.raises(InputError, match="teach with plan joint"):
+            await bench.teaching.start("special", "one")
+        await bench.teaching.start("joint", "one")
+        (reply,) = await bench.teach(
+            replace(rehearsed, looks=(), spins=rehearsed.spins[:1], touches=())
+        )
+        await bench.teaching.stop()
+        return reply
+
+    assert asyncio.run(taught())["missing"] == {"spin": 3, "touch": 8}
 
 
 def test_samples_do_not_wait_for_an_adviser_that_hangs(bench, rehearsed, monkeypatch):

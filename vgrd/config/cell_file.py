@@ -85,7 +85,8 @@ class CameraSection(Table):
     )
     stability: Literal["fixed", "movable"] = Field(
         default="fixed",
-        description="fixed: it stays where it was while teaching; movable: people move it, tag A tells",
+        description="fixed: it stays where it was while teaching; movable: people move it, while teaching too "
+        "(plan joint), and tag A tells where it is",
     )
     stability_mm: Positive = Field(  # a guess: brackets of steel sag and warm up by less
         default=0.5, description="fixed: how far it may have moved since, 1 sigma per axis"

@@ -105,8 +105,8 @@ def suspicion(fit: JointFit) -> float | None:
     if not len(stamps_s):
         return None
     squares, freedoms = squares_of(fit, stamps_s)
-    limits = [_limit(len(stamps_s), int(freedom)) for freedom in freedoms]
-    excess = squares - np.array(limits)
+    limits = {freedom: _limit(len(stamps_s), freedom) for freedom in set(freedoms.tolist())}
+    excess = squares - np.array([limits[freedom] for freedom in freedoms.tolist()])
     best = int(np.argmax(excess))
     return float(stamps_s[best]) if excess[best] > 0 else None
 
@@ -214,33 +214,36 @@ def _candidates(data: JointData) -> Array:
 
 def squares_of(fit: JointFit, stamps_s: Array) -> tuple[Array, Array]:
     """By how much the squares fall if the camera was moved at each stamp (c,), and degrees of freedom."""
-    data, c = fit.data, len(stamps_s)
-    J = fit.jacobian.copy()
-    k = len(fit.arm_factor)
-    J[:k] = fit.arm_factor @ J[:k]
-    moved = displacement_jacobian(fit.state, data, J, fit.layout)
-    rows = len(moved)
-    stamp = data.row_stamps()
-    place = np.searchsorted(data.places.first_s, stamp, side="right")
-    own = np.searchsorted(data.places.first_s, stamps_s, side="right")
-    counts = (stamp[:, None] < stamps_s) & (place[:, None] == own)
-    N = (counts[:, :, None] * moved[:, None, :]).reshape(rows, 6 * c)
-    N = whiten_arm(fit.arm_factor, N)
-    J = fit.jacobian[:rows]
-    shared = (J.T @ N).reshape(-1, c, 6)
-    N = N.reshape(rows, c, 6)
-    known = fit.covariance / fit.variance_scale
-    all_of_it = np.einsum("rci,rcj->cij", N, N, optimize=True)
-    taken_up = np.einsum("nci,nm,mcj->cij", shared, known, shared, optimize=True)
-    gradient = np.einsum("rci,r->ci", N, fit.whitened[:rows], optimize=True)
-    scale = np.sqrt(np.einsum("cii->ci", all_of_it))
+    N = _displacements(fit, stamps_s)
+    rows, c = len(N), len(stamps_s)
+    shared = fit.jacobian[:rows].T @ N
+    taken_up = fit.covariance / fit.variance_scale @ shared
+    by_split = N.reshape(rows, c, 6).transpose(1, 2, 0)
+    shared, taken_up = (part.reshape(-1, c, 6).transpose(1, 2, 0) for part in (shared, taken_up))
+    whole = by_split @ by_split.transpose(0, 2, 1)
+    scale = np.sqrt(np.diagonal(whole, axis1=1, axis2=2))
     scale = np.where(scale > 0, scale, 1.0)
-    left = (all_of_it - taken_up) / (scale[:, :, None] * scale[:, None, :])
+    left = (whole - shared @ taken_up.transpose(0, 2, 1)) / (scale[:, :, None] * scale[:, None])
     values, vectors = np.linalg.eigh(left)
-    parts = np.einsum("cij,ci->cj", vectors, gradient / scale)
+    gradient = (fit.whitened[:rows] @ N).reshape(c, 6) / scale
+    parts = np.einsum("cij,ci->cj", vectors, gradient)
     told = values > _UNTOLD
     squares = np.sum(parts**2 / np.where(told, values, np.inf), axis=1)
     return squares, told.sum(axis=1)
+
+
+def _displacements(fit: JointFit, stamps_s: Array) -> Array:
+    """Derivative (k, 6 c), in sigmas, by a displacement of the camera in its place before each stamp."""
+    data, k = fit.data, len(fit.arm_factor)
+    J = fit.jacobian
+    if k:
+        J = np.vstack([fit.arm_factor @ J[:k], J[k:]])
+    moved = displacement_jacobian(fit.state, data, J, fit.layout)
+    stamp, first_s = data.row_stamps(), data.places.first_s
+    place, own = (np.searchsorted(first_s, s, side="right") for s in (stamp, stamps_s))
+    is_moved = (stamp[:, None] < stamps_s) & (place[:, None] == own)
+    N = is_moved[:, :, None] * moved[:, None, :]
+    return whiten_arm(fit.arm_factor, N.reshape(len(moved), -1))
 
 
 def _limit(candidates: int, freedom: int) -> float:

@@ -16,7 +16,7 @@ from vgrd.cell.recording.recorder import Recorder
 from vgrd.cell.serving.faults import tcp_difference
 from vgrd.devices import FlangeReading
 from vgrd.errors import ControlError, DeviceUnavailable, InputError, NotSteady, TagNotSeen, TooOld
-from vgrd.model import CellFacts, Observation, Plan, TagObservation, Touch
+from vgrd.model import CellFacts, Observation, Plan, Stability, TagObservation, Touch
 from vgrd.solving.advisor import Advisor
 from vgrd.store.sessions import SampleKind, SessionWriter
 
@@ -217,6 +217,8 @@ class Teaching:
         writer = self._session()
         have = Counter({kind.value: count for kind, count in writer.counts.items()})
         wanted = {kind.value: n for kind, n in WANTED[writer.header.plan].items()}
+        if writer.header.facts.camera_stability is Stability.MOVABLE:
+            wanted.pop(SampleKind.LOOK.value, None)  # there a picture of tag A alone tells nothing
         missing = {kind: n - have[kind] for kind, n in wanted.items() if have[kind] < n}
         return {"have": dict(have), "missing": missing}
 
