@@ -98,3 +98,12 @@ def test_the_camera_of_schema_2_stood_still_while_it_was_taught():
         assert decode(CellFacts, moved, "facts").camera_stability is Stability.FIXED
     kept = encode(replace(Samples(3).facts(), camera_stability=Stability.MOVABLE))
     assert migrations.session_header(3, {"facts": kept})["facts"] == kept
+
+
+def test_early_special_calibrations_do_not_tell_where_tag_a_was(tmp_path):
+    store, name = loaded("special", tmp_path)
+    body = encode(store.load(name))
+    assert body["solution"].pop("reference_tag_a") is None
+    path = tmp_path / "calibrations" / "cal-000777.json"
+    write_document(path, {**body, "id": "cal-000777"}, 2)
+    assert store.load("cal-000777").solution.reference_tag_a is None

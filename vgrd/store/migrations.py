@@ -78,8 +78,18 @@ def calibration(schema: int, body: Json) -> Json:
     """Content of a calibration's file: the solution of schema 1 lay open in it."""
     if schema > 2:
         return body
-    if schema > 1:
-        return {"adopted": [], **body, "facts": _fixed(body["facts"])}
+    opened = body if schema > 1 else _opened(body)
+    fixed = {"adopted": [], **opened, "facts": _fixed(opened["facts"])}
+    return _changed(fixed, "solution", _solution)
+
+
+def _solution(body: Json) -> Json:
+    """Early ones of the special plan do not tell where tag A was in the reference picture."""
+    return {"reference_tag_a": None, **body} if body.get("method") == "special" else body
+
+
+def _opened(body: Json) -> Json:
+    """Content of schema 1 as that of schema 2."""
     shared = {
         key: body[key] for key in ("id", "session", "created_unix_s", "residuals", "verdict")
     }
@@ -91,8 +101,7 @@ def calibration(schema: int, body: Json) -> Json:
         point["target"] = {"hole_diameter_mm": None, **point["target"]}
     joint = body.get("joint")
     solution = _stepwise(body) if joint is None else _joint(joint)
-    facts = facts_of(body["facts"])
-    return {**shared, "facts": facts, "taught": taught, "solution": solution, "adopted": []}
+    return {**shared, "facts": facts_of(body["facts"]), "taught": taught, "solution": solution}
 
 
 def _joint(joint: Json) -> Json:

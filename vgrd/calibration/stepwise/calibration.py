@@ -18,7 +18,7 @@ from vgrd.calibration.stepwise.hole_center import HoleCenter, combine, find_hole
 from vgrd.calibration.stepwise.solution import SpecialSolution, UniversalSolution
 from vgrd.calibration.stepwise.touch_fit import FittedTouches, fit_touches
 from vgrd.calibration.stepwise.verdict import StepwiseEvidence, judge
-from vgrd.calibration.touches import find_reference
+from vgrd.calibration.touches import find_reference, find_reference_tag_a
 from vgrd.calibration.turntable import RotationCenter, find_rotation_center
 from vgrd.errors import DidNotConverge, NotObservable, TooFewObservations
 from vgrd.geometry import Array
@@ -64,7 +64,13 @@ def calibrate_in_steps(
     points, covariances = taught.points(has_pivot=pivot is not None)
     solution: UniversalSolution | SpecialSolution
     if taught.tcp is None:
-        solution = SpecialSolution(chain, hand_eye.mount_from_target, pivot, covariances)
+        solution = SpecialSolution(
+            chain,
+            hand_eye.mount_from_target,
+            pivot,
+            covariances,
+            find_reference_tag_a(recording),
+        )
     else:
         tag_a = hand_eye.mount_from_target
         solution = UniversalSolution(chain, tag_a, pivot, covariances, taught.tcp)

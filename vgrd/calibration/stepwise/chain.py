@@ -1,12 +1,12 @@
-"""How the object moved, seen by a camera that stands still: Eq. 5 and 19 with their uncertainty."""
+"""How the object moved, seen from where the camera stood while teaching: Eq. 5 and 19 with their uncertainty."""
 
 from dataclasses import dataclass
 
 import numpy as np
 
+from vgrd.calibration.stepwise.camera import SeenTag
 from vgrd.geometry import Array, Pose, hat
 from vgrd.judging.thresholds import CENTER_MM
-from vgrd.model import TagObservation
 
 _EYE = np.eye(3)
 
@@ -46,7 +46,7 @@ class CameraChain:
     camera_from_tag_b: Pose
     reference_covariance: Array
 
-    def move_about(self, pivot: Pivot, point: Array, now: TagObservation) -> MovedPoint:
+    def move_about(self, pivot: Pivot, point: Array, now: SeenTag) -> MovedPoint:
         """Eq. 19: turn about the pivot, plus how far the pivot moved; only the rotation of the hand-eye counts."""
         R_bc = self.base_from_camera.rotation
         ref, C = self.camera_from_tag_b, now.camera_from_tag
@@ -58,31 +58,34 @@ class CameraChain:
         u, v = R_bc @ arm, R_bc @ (R_Q @ arm)
         J_now = R_bc @ np.hstack([_EYE, -hat(pivot_now + R_Q @ arm)])
         J_ref = -R_bc @ np.hstack([_EYE, -hat(pivot_ref) - R_Q @ hat(arm)])
-        J_hand_eye = turn @ hat(u) - hat(v) - hat(shift)
+        J_hand_eye = J_now @ now.J_hand_eye
+        J_hand_eye[:, 3:] += turn @ hat(u) - hat(v) - hat(shift)
         J_pivot = R_bc @ (C.rotation - ref.rotation)
         covariance = (
             _quadratic(J_now, now.covariance)
             + _quadratic(J_ref, self.reference_covariance)
-            + _quadratic(J_hand_eye, self.hand_eye_covariance[3:, 3:])
+            + _quadratic(J_hand_eye, self.hand_eye_covariance)
             + _quadratic(J_pivot, pivot.covariance)
         )
         return MovedPoint(pivot.in_base + v + shift, turn, covariance)
 
-    def pivot_shift(self, pivot: Pivot, now: TagObservation) -> tuple[Array, Array]:
+    def pivot_shift(self, pivot: Pivot, now: SeenTag) -> tuple[Array, Array]:
         """How far (3,) the pivot moved in the camera, which it should not, and the covariance (3, 3).
 
         A pivot may come from CAD, whose centre is not quite that of the turntable.
         """
         ref, C = self.camera_from_tag_b, now.camera_from_tag
         pivot_ref, pivot_now = ref @ pivot.in_tag_b, C @ pivot.in_tag_b
+        J_now = np.hstack([_EYE, -hat(pivot_now)])
         covariance = (
-            _quadratic(np.hstack([_EYE, -hat(pivot_now)]), now.covariance)
+            _quadratic(J_now, now.covariance)
+            + _quadratic(J_now @ now.J_hand_eye, self.hand_eye_covariance)
             + _quadratic(np.hstack([_EYE, -hat(pivot_ref)]), self.reference_covariance)
             + _quadratic(C.rotation - ref.rotation, pivot.covariance + CENTER_MM**2 * _EYE)
         )
         return pivot_now - pivot_ref, covariance
 
-    def move(self, point: Array, now: TagObservation) -> MovedPoint:
+    def move(self, point: Array, now: SeenTag) -> MovedPoint:
         """Motion of the object by the full hand-eye: B M B^-1."""
         B = self.base_from_camera
         M = now.camera_from_tag @ self.camera_from_tag_b.inverse()
@@ -93,6 +96,7 @@ class CameraChain:
         J_now = B.rotation @ np.hstack([_EYE, -hat(in_camera_now)])
         J_ref = -B.rotation @ M.rotation @ np.hstack([_EYE, -hat(in_camera_ref)])
         J_hand_eye = np.hstack([_EYE - turn, turn @ hat(point) - hat(position)])
+        J_hand_eye += J_now @ now.J_hand_eye
         covariance = (
             _quadratic(J_now, now.covariance)
             + _quadratic(J_ref, self.reference_covariance)
@@ -100,13 +104,14 @@ class CameraChain:
         )
         return MovedPoint(position, turn, covariance)
 
-    def rotation_covariance(self, now: TagObservation, turn: Array) -> Array:
+    def rotation_covariance(self, now: SeenTag, turn: Array) -> Array:
         """Covariance (3, 3) rad^2 of the object's rotation `turn` (3, 3) in the base."""
         R_bc = self.base_from_camera.rotation
+        J_hand_eye = np.hstack([0 * turn, _EYE - turn]) + R_bc @ now.J_hand_eye[3:]
         return (
             _quadratic(R_bc, now.covariance[3:, 3:])
             + _quadratic(turn @ R_bc, self.reference_covariance[3:, 3:])
-            + _quadratic(_EYE - turn, self.hand_eye_covariance[3:, 3:])
+            + _quadratic(J_hand_eye, self.hand_eye_covariance)
         )
 
 

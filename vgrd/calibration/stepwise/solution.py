@@ -2,7 +2,8 @@
 
 The object has turned by R_Q (in the camera) since the reference picture. With a recorded pivot the
 flange follows Eq. 19 and only the rotation of the hand-eye counts; without one the full motion
-B M B^-1 is applied, B = base_from_camera.
+B M B^-1 is applied, B = base_from_camera. A camera that moved is followed by tag A: in the special plan
+by where tag A was in the reference picture (Eq. 16-19), so that no place of the hand-eye counts either.
 """
 
 from abc import abstractmethod
@@ -12,9 +13,10 @@ from typing import ClassVar, Self
 
 import numpy as np
 
-from vgrd.calibration.stepwise.camera import seen_by_taught_camera
+from vgrd.calibration.stepwise.camera import CameraLinks, SeenTag, seen_by_taught_camera
 from vgrd.calibration.stepwise.chain import CameraChain, MovedPoint, Pivot
 from vgrd.calibration.stepwise.series import StepwiseSeries
+from vgrd.calibration.touches import ReferenceTagA
 from vgrd.errors import InputError
 from vgrd.geometry import Array, Pose, log_rotation
 from vgrd.geometry.chi2 import chi2_quantile
@@ -22,6 +24,7 @@ from vgrd.geometry.covariance import radius95
 from vgrd.judging.thresholds import FITS_MODEL, SAME_ORIENTATION_RAD
 from vgrd.model import (
     UNMOVED,
+    ArmModel,
     CameraPlace,
     CellFacts,
     ExpectedCoordinate,
@@ -103,8 +106,7 @@ class StepwiseSolution:
         the remedy, TagNotSeen where nothing tells where the camera stands.
         """
         seen = self._seen(facts, tag_b, camera)
-        moved, tag_b = _displacement(seen, tag_b), seen
-        flange = self._flange(facts, taught, tag_b, policy, R_work)
+        flange = self._flange(facts, taught, seen, policy, R_work)
         turn = flange.motion.rotation
         touches = self.touch_covariances.get(taught.target.name, taught.covariance)
         if flange.J_touches.shape[1] == 3:
@@ -115,15 +117,15 @@ class StepwiseSolution:
             + facts.robot_sigma_mm**2 * _EYE
         )
         follows = policy is Policy.FOLLOW
-        rotation_covariance = self.chain.rotation_covariance(tag_b, turn)
+        rotation_covariance = self.chain.rotation_covariance(seen, turn)
         return ExpectedCoordinate(
             target=taught.target,
             base_from_wrist=Pose(_wrist(policy, turn, R_work), flange.position),
             position_covariance=frozen_array(covariance, 3, 3),
             u95_mm=radius95(covariance),
             u95_rad=radius95(rotation_covariance) if follows else 0.0,
-            fits=self._misfit(facts, tag_b) <= _PIVOT_STANDS,
-            taught_from_camera=moved,
+            fits=self._misfit(facts, seen) <= _PIVOT_STANDS,
+            taught_from_camera=_displacement(seen, tag_b),
         )
 
     def examine(self, facts: CellFacts, tag_b: TagObservation, camera: CameraPlace) -> LinkReport:
@@ -152,18 +154,25 @@ class StepwiseSolution:
         del stability
         return StepwiseSeries(lambda tag_b, camera: self.examine(facts, tag_b, camera))
 
-    def _seen(
-        self, facts: CellFacts, tag_b: TagObservation, camera: CameraPlace
-    ) -> TagObservation:
-        return seen_by_taught_camera(
-            tag_b, camera, self.base_from_camera, self.wrist_from_tag_a, facts.robot_sigma_mm
+    def _seen(self, facts: CellFacts, tag_b: TagObservation, camera: CameraPlace) -> SeenTag:
+        links = CameraLinks(
+            self.base_from_camera,
+            self.chain.hand_eye_covariance,
+            self.wrist_from_tag_a,
+            self._reference_tag_a(),
+            ArmModel.of(facts.robot_sigma_mm),
         )
+        return seen_by_taught_camera(tag_b, camera, links)
 
-    def _misfit(self, facts: CellFacts, tag_b: TagObservation) -> float:
-        """How far a turntable's rotation centre is from where it was; tag_b: as the taught camera sees it."""
+    def _reference_tag_a(self) -> ReferenceTagA | None:
+        """None: the camera is found by the hand-eye alone."""
+        return None
+
+    def _misfit(self, facts: CellFacts, now: SeenTag) -> float:
+        """How far a turntable's rotation centre is from where it was."""
         if self.pivot is None or facts.object.motion is not Motion.TURNTABLE:
             return 0.0
-        shift, covariance = self.chain.pivot_shift(self.pivot, tag_b)
+        shift, covariance = self.chain.pivot_shift(self.pivot, now)
         return float(shift @ np.linalg.solve(covariance, shift))
 
     @abstractmethod
@@ -171,7 +180,7 @@ class StepwiseSolution:
         self,
         facts: CellFacts,
         taught: TaughtPoint,
-        now: TagObservation,
+        now: SeenTag,
         policy: Policy,
         R_work: Array,
     ) -> _Flange: ...
@@ -193,7 +202,7 @@ class UniversalSolution(StepwiseSolution):
         self,
         facts: CellFacts,
         taught: TaughtPoint,
-        now: TagObservation,
+        now: SeenTag,
         policy: Policy,
         R_work: Array,
     ) -> _Flange:
@@ -220,21 +229,27 @@ class UniversalSolution(StepwiseSolution):
 class SpecialSolution(StepwiseSolution):
     """Touches with one wrist orientation: no TCP, the flange itself is carried along.
 
-    touch_covariances: (6, 6) of (flange_in_base, pivot_in_base), empty without pivot.
+    touch_covariances: (6, 6) of (flange_in_base, pivot_in_base), empty without pivot. reference_tag_a:
+    None where tag A was not seen while teaching, and in early files.
     """
 
     METHOD: ClassVar[str] = "special"
+
+    reference_tag_a: ReferenceTagA | None = None
 
     @property
     def tcp(self) -> TcpEstimate | None:
         """Not known."""
         return None
 
+    def _reference_tag_a(self) -> ReferenceTagA | None:
+        return self.reference_tag_a
+
     def _flange(
         self,
         facts: CellFacts,
         taught: TaughtPoint,
-        now: TagObservation,
+        now: SeenTag,
         policy: Policy,
         R_work: Array,
     ) -> _Flange:
@@ -256,7 +271,7 @@ class SpecialSolution(StepwiseSolution):
         )
 
 
-def _displacement(seen: TagObservation, tag_b: TagObservation) -> Pose:
+def _displacement(seen: SeenTag, tag_b: TagObservation) -> Pose:
     """taught_from_camera, from tag B as the taught camera sees it and as it was seen."""
     return seen.camera_from_tag @ tag_b.camera_from_tag.inverse()
 

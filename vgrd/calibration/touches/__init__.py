@@ -11,18 +11,26 @@ from vgrd.calibration.touches.equations import (
     touch_set,
 )
 from vgrd.calibration.touches.recorded import arm_touches, touched_orientation
-from vgrd.calibration.touches.reference import Reference, find_reference, moved_touches
+from vgrd.calibration.touches.reference import (
+    Reference,
+    ReferenceTagA,
+    find_reference,
+    find_reference_tag_a,
+    moved_touches,
+)
 from vgrd.calibration.touches.scatter import Repeatability, Sigma, repeatability
 
 __all__ = [
     "CadFit",
     "Reference",
+    "ReferenceTagA",
     "Repeatability",
     "Sigma",
     "TouchSet",
     "arm_touches",
     "equivalent_sigmas",
     "find_reference",
+    "find_reference_tag_a",
     "fit_cad",
     "kabsch",
     "moved_touches",

@@ -1,4 +1,4 @@
-"""The reference picture (0): where tag B stood while the targets were touched."""
+"""The reference picture (0): where the tags stood while the targets were touched."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -6,10 +6,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from vgrd.errors import TooFewObservations
-from vgrd.geometry import Array, Pose
+from vgrd.geometry import Array, Pose, exp_rotation, hat, log_rotation
 from vgrd.geometry.coincidence import Difference
 from vgrd.geometry.covariance import mean_pose
-from vgrd.model import TagObservation, Touch, frozen_array
+from vgrd.judging.thresholds import SAME_ORIENTATION_RAD
+from vgrd.model import Observation, Recording, TagObservation, Touch, frozen_array
 
 _MOVED = Difference(squared=40.0, mm=0.05, rad=1e-3)  # 1 in 2 million; less does not matter
 
@@ -25,6 +26,15 @@ class Reference:
     covariance: Array
     outliers: tuple[int, ...]
     scatter_mm: float
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ReferenceTagA:
+    """Tag A in the reference picture: camera_from_tag_a with its covariance (6, 6), and where the flange stood."""
+
+    camera_from_tag_a: Pose
+    covariance: Array
+    base_from_wrist: Pose
 
 
 def find_reference(touches: Sequence[Touch]) -> Reference:
@@ -48,6 +58,44 @@ def find_reference(touches: Sequence[Touch]) -> Reference:
         outliers,
         float(np.sqrt(np.mean(np.square(scatter)))),
     )
+
+
+def find_reference_tag_a(recording: Recording) -> ReferenceTagA | None:
+    """Mean of tag A over the touches with one wrist that saw both tags, else over the spins.
+
+    The camera stands still and the wrist keeps its orientation: then tag A goes through the picture as
+    the flange does through the base, and the mean of its places belongs to the mean of the flange's.
+    """
+    outliers = moved_touches(recording.touches)
+    touches = [touch.observation for i, touch in enumerate(recording.touches) if i not in outliers]
+    return _mean_tag_a(touches) or _mean_tag_a(recording.spins)
+
+
+def _mean_tag_a(pictures: Sequence[Observation | None]) -> ReferenceTagA | None:
+    """Of those with both tags whose wrist stands as in the first of them."""
+    both = [
+        (picture.base_from_wrist, picture.tag_a)
+        for picture in pictures
+        if picture is not None and picture.tag_a is not None and picture.tag_b is not None
+    ]
+    alike = [(W, tag) for W, tag in both if W.distance(both[0][0])[1] <= SAME_ORIENTATION_RAD]
+    if not alike:
+        return None
+    tag_a = _mean([tag.camera_from_tag for _, tag in alike])
+    covariance = np.zeros((6, 6))
+    for _, tag in alike:
+        J = np.eye(6)
+        J[:3, 3:] = -hat(tag.camera_from_tag.translation - tag_a.translation)
+        covariance += J @ tag.covariance @ J.T / len(alike) ** 2
+    return ReferenceTagA(tag_a, frozen_array(covariance, 6, 6), _mean([W for W, _ in alike]))
+
+
+def _mean(poses: Sequence[Pose]) -> Pose:
+    """Mean of the places, and of the orientations, which are nearly one."""
+    first = poses[0].rotation
+    turns = [log_rotation(pose.rotation @ first.T) for pose in poses]
+    R = exp_rotation(np.mean(turns, axis=0)) @ first
+    return Pose(R, np.mean([pose.translation for pose in poses], axis=0))
 
 
 def moved_touches(touches: Sequence[Touch]) -> tuple[int, ...]:
