@@ -1,5 +1,6 @@
 """Held-out touches count along what they measured, as precisely as they say, and no NaN passes."""
 
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -96,3 +97,70 @@ def test_an_exact_calibration_and_an_exact_touch_allow_no_miss(calibration):
     )
     touch = replace(touched(), lateral_sigma_mm=1e-9, axial_sigma_mm=1e-9)
     assert codes(sure, moved(touch, (0, 0, 5.0))) == ["verification_failed"]
+
+
+FIXED = frozen_array([0.5] * 3 + [5e-4] * 3, 6)
+ANYWHERE = frozen_array([np.inf] * 6, 6)
+BENT = np.array([1.5, -0.8, 0.4])
+
+
+def with_tool(sim, target, angle, bent=BENT):
+    """An honest touch by a tool whose tip sits elsewhere than it was taught."""
+    sim.tcp_in_wrist = Simulation.tcp_in_wrist + bent
+    return sim.touch(target, WORK_ROTATION, angle)
+
+
+@pytest.fixture(scope="module", params=[Plan.SPECIAL, Plan.JOINT])
+def taught(request):
+    sim = Simulation(3)
+    tilts = [] if request.param is Plan.SPECIAL else [sim.wrist(np.radians(25)) for _ in range(4)]
+    return calibrate_system(sim.record(wrists=[WORK_ROTATION] * 6 + tilts, plan=request.param))
+
+
+@pytest.mark.parametrize("stability", [FIXED, ANYWHERE], ids=["fixed", "movable"])
+def test_a_camera_that_moved_before_the_touches_is_followed_and_no_touch_misses(taught, stability):
+    sim = Simulation(5)
+    sim.base_from_camera = sim.base_from_camera @ Pose.from_rotvec((0.003, 0, 0.004), (3, -4, 1))
+    touches = [sim.touch("P2", WORK_ROTATION, angle) for angle in (-2.0, 0.5, 1.7)]
+    findings, residuals = verify(taught, touches, stability)
+    assert findings == []
+    assert residuals["verification_max_mm"] < 1.5
+    assert codes(taught, *touches) == ["verification_failed"] * 3
+
+
+@pytest.mark.parametrize("stability", [FIXED, ANYWHERE], ids=["fixed", "movable"])
+def test_a_bent_tool_is_named_with_the_shift_of_its_tip(taught, stability):
+    sim = Simulation(6, touch_sigma_mm=0.05)
+    touches = [with_tool(sim, f"P{k + 1}", angle) for k, angle in enumerate((-2.0, 0.5, 1.7))]
+    findings, _ = verify(taught, touches, stability)
+    assert [one.code for one in findings if one.fatal] == ["verification_failed"] * 3
+    (told,) = [one for one in findings if one.code == "tool_suspected"]
+    assert told.message.startswith("tool: verification 1 (P1), verification 2 (P2)")
+    shift = re.search(r"by \((.*)\) mm in the flange's frame", told.message)
+    np.testing.assert_allclose([float(x) for x in shift[1].split(", ")], BENT, atol=0.4)
+
+
+def test_one_bad_touch_among_good_ones_is_no_shift_of_the_tip(taught):
+    sim = Simulation(7)
+    touches = [sim.touch("P2", WORK_ROTATION, angle) for angle in (-2.0, 0.5, 1.7)]
+    touches[1] = moved(touches[1], (2.0, 1.0, 0.0))
+    (told,) = [one for one in verify(taught, touches, FIXED)[0] if one.code == "tool_suspected"]
+    assert "verification 2 (P2) missed" in told.message
+    assert "flange's frame" not in told.message
+
+
+def test_without_tag_a_nothing_is_said_of_the_tool(taught):
+    touch = with_tool(Simulation(8), "P2", 1.0, bent=3 * BENT)
+    hidden = replace(touch, observation=replace(touch.observation, tag_a=None))
+    for picture, stability in ((hidden, FIXED), (touch, None)):
+        findings, _ = verify(taught, [picture], stability)
+        assert [one.code for one in findings] == ["verification_failed"]
+    findings, _ = verify(taught, [hidden], ANYWHERE)
+    assert [one.code for one in findings] == ["verification_unusable"]
+
+
+def test_honest_touches_pass_with_every_stability(taught):
+    sims = [Simulation(100 + k) for k in range(60)]
+    touches = [sim.touch("P2", WORK_ROTATION, sim.rng.uniform(-3, 3)) for sim in sims]
+    for stability in (FIXED, ANYWHERE):
+        assert verify(taught, touches, stability)[0] == []

@@ -10,6 +10,7 @@ from vgrd.calibration.outcome import Outcome
 from vgrd.calibration.stepwise import calibrate_in_steps
 from vgrd.calibration.verification import verify
 from vgrd.errors import DidNotConverge, InputError
+from vgrd.geometry import Array
 from vgrd.model import Mount, Plan, Policy, Recording, Verdict
 
 
@@ -18,13 +19,15 @@ def calibrate_system(
     tolerance_mm: float | None = None,
     policy: Policy = Policy.FIXED,
     sightings: Sequence[HolePixel] = (),
+    stability: Array | None = None,
 ) -> Calibration:
     """Solve everything that the recording tells; id is "" and the time 0, for the caller to set.
 
     Plan joint: everything in one estimate, holes that the camera saw (`sightings`) included, see
     `calibrate_jointly`. The other plans are the paper's methods, step by step: universal where the
     wrists varied, else special from CAD-fitted flange positions; the holes then tell the rotation
-    centre, see `find_hole_center`. Doubts are findings of the verdict.
+    centre, see `find_hole_center`. Doubts are findings of the verdict. stability: (6,) of the camera,
+    for the held-out touches, see `verify`.
     Raises TooFewObservations, NotObservable (what is missing, in words), InputError or
     DidNotConverge.
     """
@@ -58,7 +61,7 @@ def calibrate_system(
         residuals=outcome.residuals,
         verdict=Verdict(),
     )
-    verified, misses = verify(calibration, recording.verifications)
+    verified, misses = verify(calibration, recording.verifications, stability)
     return replace(
         calibration,
         residuals={**outcome.residuals, **misses},

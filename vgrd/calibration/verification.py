@@ -1,6 +1,7 @@
 """Held-out touches, the object turned, against what would have been served."""
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -9,63 +10,151 @@ from vgrd.errors import Contradiction, InputError, NotObservable, TagNotSeen
 from vgrd.geometry import Array
 from vgrd.geometry.chi2 import chi2_quantile
 from vgrd.judging.findings import finding
-from vgrd.model import ExpectedCoordinate, Finding, Policy, Touch, place_in
+from vgrd.model import (
+    CameraPlace,
+    ExpectedCoordinate,
+    Finding,
+    FlangeTag,
+    Observation,
+    Policy,
+    Touch,
+    place_in,
+)
 
 _MARGIN = 1.5  # on what 95 % of the misses stay within: a good one fails 1 in 300 (one direction) to 1,900
 _EXACT_MM = 1e-6  # nothing is known better than that: keeps an exact direction invertible
 _95 = 0.95  # all radii are told at this confidence (u95)
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class _Miss:
+    """What a touch says: how far it is off along what it measured, mm, and how far chance allows.
+
+    directions: (k, 3) in the base; off: (k,), covariance: (k, k). base_from_wrist: (3, 3) of the touch.
+    fits: the links up to the flange were seen, and they are where they were taught.
+    """
+
+    name: str
+    directions: Array
+    off: Array
+    covariance: Array
+    base_from_wrist: Array
+    fits: bool
+
+    @property
+    def mm(self) -> float:
+        """Length of it."""
+        return float(np.linalg.norm(self.off))
+
+    @property
+    def share(self) -> float:
+        """Of what is allowed; beyond 1 chance does not explain it."""
+        return _share_of_allowed(self.off, self.covariance)
+
+
 def verify(
-    calibration: Calibration, verifications: Sequence[Touch]
+    calibration: Calibration, verifications: Sequence[Touch], stability: Array | None = None
 ) -> tuple[list[Finding], dict[str, float]]:
     """Findings, and the largest miss (`verification_max_mm`) along what the touches measured.
 
     A touch counts as precisely as it says, across and along the tool; a direction that it did not
-    measure (an infinite sigma) does not count.
+    measure (an infinite sigma) does not count. stability: (6,) of the camera, as in `CameraPlace`: tag A
+    in the picture of a touch then tells where the camera stands; None: it stands where it was taught.
     """
     findings, misses = [], []
     for i, touch in enumerate(verifications):
-        doubt, miss_mm = _judged(calibration, touch, f"verification {i + 1}")
-        findings += [doubt] if doubt is not None else []
-        misses += [miss_mm] if miss_mm is not None else []
-    return findings, {"verification_max_mm": max(misses)} if misses else {}
+        judged = _judged(calibration, touch, f"verification {i + 1}", stability)
+        if isinstance(judged, Finding):
+            findings.append(judged)
+            continue
+        misses.append(judged)
+        if not judged.share <= 1:
+            words = (
+                f"{judged.name} misses by {judged.mm:.2f} mm, "
+                f"{judged.share:.1f} times as much as chance allows"
+            )
+            findings.append(finding("verification_failed", words, fatal=True))
+    findings += _tool(misses)
+    return findings, {"verification_max_mm": max(miss.mm for miss in misses)} if misses else {}
 
 
 def _judged(
-    calibration: Calibration, touch: Touch, name: str
-) -> tuple[Finding | None, float | None]:
-    """What speaks against the calibration, and the miss in mm where it can be told."""
+    calibration: Calibration, touch: Touch, name: str, stability: Array | None
+) -> Finding | _Miss:
+    """How far a touch is off, or why that cannot be told."""
     picture = touch.observation
     if picture is None or picture.tag_b is None:
-        return finding("verification_unseen", f"{name}: tag B was not in view"), None
+        return finding("verification_unseen", f"{name}: tag B was not in view")
     directions, sigmas_mm = _measured(calibration, touch)
     if not len(directions):
         words = (
             f"{name} ({touch.target}): both sigmas of the touch are infinite, it measured nothing"
         )
-        return finding("verification_unusable", words), None
+        return finding("verification_unusable", words)
+    place, R = _place(picture, calibration, stability), touch.base_from_wrist.rotation
     try:
         expected = expected_coordinate(
-            calibration,
-            touch.target,
-            picture.tag_b,
-            Policy.FIXED,
-            touch.base_from_wrist.rotation,
-            place_in(picture, calibration.facts.camera_stability),
+            calibration, touch.target, picture.tag_b, Policy.FIXED, R, place
         )
     except (InputError, NotObservable, TagNotSeen) as fault:
-        return finding("verification_unusable", f"{name}: {fault}"), None
+        return finding("verification_unusable", f"{name}: {fault}")
     except Contradiction as fault:
-        return finding("verification_failed", f"{name}: {fault}", fatal=True), None
-    miss_vector = directions @ _off(calibration, touch, expected)
-    miss = float(np.linalg.norm(miss_vector))
-    covariance = directions @ expected.position_covariance @ directions.T
-    share = _share_of_allowed(miss_vector, covariance + np.diag(sigmas_mm**2))
-    if share <= 1:
-        return None, miss
-    words = f"{name} ({touch.target}) misses by {miss:.2f} mm, {share:.1f} times as much as chance allows"
-    return finding("verification_failed", words, fatal=True), miss
+        return finding("verification_failed", f"{name}: {fault}", fatal=True)
+    return _Miss(
+        f"{name} ({touch.target})",
+        directions,
+        directions @ _off(calibration, touch, expected),
+        directions @ expected.position_covariance @ directions.T + np.diag(sigmas_mm**2),
+        R,
+        expected.fits and place.flange_tag is not None,
+    )
+
+
+def _place(
+    picture: Observation, calibration: Calibration, stability: Array | None
+) -> CameraPlace:
+    """Where the camera stood in the picture of a touch; stability None: as the session says."""
+    if stability is None:
+        return place_in(picture, calibration.facts.camera_stability)
+    seen = None if picture.tag_a is None else FlangeTag(picture.tag_a, picture.base_from_wrist)
+    return CameraPlace(stability, seen)
+
+
+def _tool(misses: Sequence[_Miss]) -> list[Finding]:
+    """The tool, where touches miss although camera, tags and object are where they were."""
+    seen = [miss for miss in misses if miss.fits]
+    failed = [miss for miss in seen if not miss.share <= 1]
+    if not failed:
+        return []
+    words = (
+        f"tool: {', '.join(miss.name for miss in failed)} missed, although both tags are where they were "
+        "taught"
+    )
+    shift = _shift_of_tip(seen)
+    if shift is not None:
+        place = ", ".join(f"{number:.2f}" for number in shift)
+        words += f"; a tip that moved by ({place}) mm in the flange's frame explains every touch"
+    return [finding("tool_suspected", words)]
+
+
+def _shift_of_tip(misses: Sequence[_Miss]) -> Array | None:
+    """The one shift (3,) of the tip, mm in the flange, that explains several touches; None without."""
+    if len(misses) < 2:
+        return None
+    rows = [-miss.directions @ miss.base_from_wrist for miss in misses]
+    weights = [
+        np.linalg.inv(np.linalg.cholesky(miss.covariance + _EXACT_MM**2 * np.eye(len(miss.off))))
+        for miss in misses
+    ]
+    J = np.vstack([W @ row for W, row in zip(weights, rows, strict=True)])
+    r = np.concatenate([W @ miss.off for W, miss in zip(weights, misses, strict=True)])
+    shift = np.linalg.lstsq(J, r)[0]
+    left = [miss.off - row @ shift for miss, row in zip(misses, rows, strict=True)]
+    explained = all(
+        _share_of_allowed(off, miss.covariance) <= 1
+        for off, miss in zip(left, misses, strict=True)
+    )
+    return shift if explained else None
 
 
 def _off(calibration: Calibration, touch: Touch, expected: ExpectedCoordinate) -> Array:

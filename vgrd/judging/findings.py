@@ -220,6 +220,12 @@ OF_A_SESSION: Mapping[str, Kind] = MappingProxyType(
             "touch the targets again, or check that nothing moved",
             "1.5 times what 95 % of the misses stay within",
         ),
+        "tool_suspected": Kind(
+            "held-out touches miss although both tags are where they were taught: the tool, or the touching",
+            "see whether the tool is the one that was taught, straight and tight, and touch again; if it is, "
+            "see whether tag B turned about the object's axis",
+            "tag A and tag B in the pictures of these touches",
+        ),
         "verification_unseen": Kind("tag B was not in view in a verification", "", "its picture"),
         "verification_unusable": Kind(
             "a verification tells nothing", "", "its sigmas, or the coordinate that is refused"

@@ -62,7 +62,9 @@ def solve_session(
         stored = load_session(folder)
         holes, warnings = _holes_in(folder, stored.recording, report)
         drawn = {} if pictures is None else _drawn(folder, holes, pictures)
-        calibration = calibrate_system(stored.recording, tolerance_mm, policy, holes.sightings)
+        calibration = calibrate_system(
+            stored.recording, tolerance_mm, policy, holes.sightings, stability
+        )
         verdict = Verdict((*calibration.verdict.findings, *unservable(calibration, policy)))
         calibration = replace(calibration, created_unix_s=clock.wall(), verdict=verdict)
         name = None
