@@ -5,6 +5,7 @@ from functools import partial
 
 import numpy as np
 
+from fakes.studies.cameras import EXACT, place_in
 from vgrd.calibration.calibration import Calibration, expected_coordinate
 from vgrd.calibration.hand_eye import (
     HandEyeProblem,
@@ -52,13 +53,15 @@ def expected_by_method(
     return answers
 
 
-def compare_methods(recording: Recording) -> Mapping[str, Method]:
+def compare_methods(recording: Recording, stability: Array = EXACT) -> Mapping[str, Method]:
     """Every method that the recording allows, prepared: (target, picture) -> flange (3,), mm.
 
-    All that does not depend on the request is computed here, once.
+    All that does not depend on the request is computed here, once. stability: (6,) of the camera, as in
+    `CameraPlace`, for what is served; the paper's methods take it to stand anywhere where tag A is seen.
     """
     methods: dict[str, Method] = {}
-    for prepare in (_prepare_conventional, _prepare_special, _prepare_served):
+    served = partial(prepare_served, stability=stability)
+    for prepare in (_prepare_conventional, _prepare_special, served):
         try:
             methods |= prepare(recording)
         except (CalibrationError, InputError):
@@ -130,13 +133,14 @@ def _special(
     return answer - offset
 
 
-def _prepare_served(recording: Recording) -> Mapping[str, Method]:
+def prepare_served(recording: Recording, stability: Array) -> Mapping[str, Method]:
     """What the daemon would serve."""
-    return {SERVED: partial(_served, calibrate_system(recording))}
+    return {SERVED: partial(_served, calibrate_system(recording), stability)}
 
 
-def _served(calibration: Calibration, target: str, now: Observation) -> Array:
-    expected = expected_coordinate(calibration, target, _tag_b(now), Policy.FIXED)
+def _served(calibration: Calibration, stability: Array, target: str, now: Observation) -> Array:
+    place = place_in(now, stability)
+    expected = expected_coordinate(calibration, target, _tag_b(now), Policy.FIXED, camera=place)
     return expected.base_from_wrist.translation
 
 

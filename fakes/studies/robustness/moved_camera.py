@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.random import SeedSequence
 
+from fakes.studies.cameras import FIXED, MOVABLE
 from fakes.studies.sessions import Session, known_arm
 from fakes.studies.study import Figure, Parameters, Study, Trials
 from fakes.world.arm_errors import ArmErrors
@@ -29,7 +30,6 @@ from vgrd.model import (
     Plan,
     Policy,
     Recording,
-    frozen_array,
 )
 
 if TYPE_CHECKING:
@@ -38,8 +38,6 @@ if TYPE_CHECKING:
 _SESSION = Session(Plan.JOINT, looks=8, spins=10, touches=10, tilted=4)
 _ARM = ArmErrors(sigma_mm=0.03, field_mm=0.15)
 _MOVES_MM = (0.3, 1.0, 5.0)  # and as many mrad: a screw that gives, a knock, an elbow
-_FIXED = frozen_array([0.5] * 3 + [5e-4] * 3, 6)  # the cell file's defaults, mm and rad
-_MOVABLE = frozen_array([np.inf] * 6, 6)
 _AGO = 0.5  # minutes since tag A was seen last: both sigmas as `CameraMemory` has them then
 _BAR = (93.0, 97.0)  # of a region that says 95 %: two points either way
 
@@ -53,11 +51,11 @@ def _trial(seed: SeedSequence, parameters: Parameters) -> dict[str, float]:
     out = _answer("unmoved", cell, solution, recording.facts, still, UNMOVED)
     _move(cell, parameters["moved_mm"])
     request, earlier = cell.request(), cell.request()
-    faded = _flange_tag(earlier, since=np.sqrt(2) * _AGO * _FIXED)
+    faded = _flange_tag(earlier, since=np.sqrt(2) * _AGO * FIXED)
     for kind, place in (
-        ("fixed", CameraPlace(_FIXED, _flange_tag(request))),
-        ("movable", CameraPlace(_MOVABLE, _flange_tag(request))),
-        ("hidden", CameraPlace(np.sqrt(1 + _AGO) * _FIXED, faded)),
+        ("fixed", CameraPlace(FIXED, _flange_tag(request))),
+        ("movable", CameraPlace(MOVABLE, _flange_tag(request))),
+        ("hidden", CameraPlace(np.sqrt(1 + _AGO) * FIXED, faded)),
     ):
         out |= _answer(kind, cell, solution, recording.facts, request, place)
     return out
