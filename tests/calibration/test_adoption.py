@@ -88,7 +88,7 @@ def test_it_lapses_unless_a_touch_bears_it_out():
     new = adopted()
     assert term_unix_s(new) == NOW + TERM_S
     touch = sim.touch("P3", WORK_ROTATION, angle_rad=1.2)
-    sound = bear_out(new, touch)
+    sound = bear_out(new, touch, STABILITY)
     assert math.isinf(term_unix_s(sound))
     assert sound.adopted[0].link is Link.TAG_B
     wrong = replace(
@@ -97,7 +97,7 @@ def test_it_lapses_unless_a_touch_bears_it_out():
             touch.base_from_wrist.rotation, touch.base_from_wrist.translation + 4.0
         ),
     )
-    assert "misses by" in bear_out(new, wrong)
+    assert "misses by" in bear_out(new, wrong, STABILITY)
 
 
 def test_no_more_than_the_stated_total_since_teaching_is_taken_over():

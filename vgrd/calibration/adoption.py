@@ -14,6 +14,7 @@ import numpy as np
 from vgrd.calibration.calibration import Calibration
 from vgrd.calibration.verification import verify
 from vgrd.errors import InputError
+from vgrd.geometry import Array
 from vgrd.model import AdoptedSlip, Link, SlipEstimate, Touch
 
 TERM_S = 8 * 3600.0  # chosen: a shift
@@ -62,9 +63,12 @@ def adopt(
     )
 
 
-def bear_out(calibration: Calibration, touch: Touch) -> Calibration | str:
-    """The calibration without a term, by a verification touch; in words why the touch speaks against it."""
-    findings, _ = verify(calibration, [touch])
+def bear_out(calibration: Calibration, touch: Touch, stability: Array) -> Calibration | str:
+    """The calibration without a term, by a verification touch; in words why the touch speaks against it.
+
+    stability: (6,) of the camera, as in `CameraPlace`.
+    """
+    findings, _ = verify(calibration, [touch], stability)
     if findings:
         return "; ".join(finding.message for finding in findings)
     adopted = tuple(replace(one, term_unix_s=math.inf) for one in calibration.adopted)

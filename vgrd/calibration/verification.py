@@ -110,9 +110,7 @@ def _judged(
     )
 
 
-def _place(
-    picture: Observation, calibration: Calibration, stability: Array | None
-) -> CameraPlace:
+def _place(picture: Observation, calibration: Calibration, stability: Array | None) -> CameraPlace:
     """Where the camera stood in the picture of a touch; stability None: as the session says."""
     if stability is None:
         return place_in(picture, calibration.facts.camera_stability)

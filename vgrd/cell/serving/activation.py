@@ -80,7 +80,7 @@ class Activation:
         calibration = self.serving.calibration
         if calibration is None or math.isinf(term_unix_s(calibration)):
             return {}
-        borne_out = bear_out(calibration, touch)
+        borne_out = bear_out(calibration, touch, self.serving.cameras.stability)
         if isinstance(borne_out, str):
             return {"adopted_slip": f"not borne out: {borne_out}"}
         replaced = await self._replace(borne_out, "verification")
