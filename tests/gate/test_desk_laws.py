@@ -41,8 +41,6 @@ class Handshake(RuleBasedStateMachine):
         super().__init__()
         self.folder = tempfile.TemporaryDirectory()
         self.clock = ManualClock()
-        self.patch = pytest.MonkeyPatch()
-        self.patch.setattr("vgrd.ipc.ring.monotonic", self.clock.monotonic)
         self.got: list[Request] = []
         self.seq = 0
         self.answer = Answer()
@@ -67,7 +65,6 @@ class Handshake(RuleBasedStateMachine):
         return self.reachable
 
     def teardown(self) -> None:
-        self.patch.undo()
         self.folder.cleanup()
 
     @initialize()

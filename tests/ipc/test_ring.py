@@ -8,9 +8,9 @@ from pathlib import Path
 
 import pytest
 
+from fakes.testing import ManualClock
 from vgrd.clock import SystemClock
 from vgrd.errors import IpcError, RingUnavailable
-from vgrd.ipc import ring
 from vgrd.ipc.ring import RingReader, RingWriter
 from vgrd.ipc.ring_file import RingFile
 from vgrd.orphans import dying_with_us
@@ -139,26 +139,12 @@ def test_a_restarted_writer_is_noticed_and_the_index_counts_on(path):
         assert [m.payload for m in reader.since(1)] == [b"new"]
 
 
-class Sundial:
-    """Stands in for `time.monotonic`: the tests say how late it is."""
-
-    def __init__(self, monkeypatch):
-        self.now_s = 100.0
-        monkeypatch.setattr(ring, "monotonic", lambda: self.now_s)
-
-
-@pytest.fixture
-def sundial(monkeypatch):
-    return Sundial(monkeypatch)
-
-
 @pytest.mark.parametrize("look", ["newest", "since", "index", "wait"])
-def test_a_ring_whose_file_was_deleted_before_its_writer_came_back_is_followed(
-    path, sundial, look
-):
+def test_a_ring_whose_file_was_deleted_before_its_writer_came_back_is_followed(path, look):
+    sundial = ManualClock()
     with RingWriter.create(path, 4, 8, KIND) as writer:
         writer.publish(b"old", stamp_s=0.0)
-    with RingReader.open(path, KIND) as reader:
+    with RingReader.open(path, KIND, sundial) as reader:
         assert reader.newest().payload == b"old"
         path.unlink()
         for _ in range(3):
@@ -177,12 +163,13 @@ def test_a_ring_whose_file_was_deleted_before_its_writer_came_back_is_followed(
             assert seen[look]()
 
 
-def test_a_reader_looks_for_its_file_only_when_nothing_new_comes_and_not_often(
-    path, sundial, monkeypatch
-):
-    looks = []
+def test_a_reader_looks_for_its_file_only_when_nothing_new_comes_and_not_often(path, monkeypatch):
+    looks, sundial = [], ManualClock()
     monkeypatch.setattr(RingFile, "is_at_its_path", lambda self: looks.append(self) or True)
-    with RingWriter.create(path, 4, 8, KIND) as writer, RingReader.open(path, KIND) as reader:
+    with (
+        RingWriter.create(path, 4, 8, KIND) as writer,
+        RingReader.open(path, KIND, sundial) as reader,
+    ):
         for _ in range(1000):
             writer.publish(b"x", stamp_s=0.0)
             assert reader.index == writer.index
@@ -194,8 +181,12 @@ def test_a_reader_looks_for_its_file_only_when_nothing_new_comes_and_not_often(
         assert 19 <= len(looks) <= 21
 
 
-def test_a_file_that_is_no_ring_at_the_path_leaves_the_reader_its_old_one(path, sundial):
-    with RingWriter.create(path, 4, 8, KIND) as writer, RingReader.open(path, KIND) as reader:
+def test_a_file_that_is_no_ring_at_the_path_leaves_the_reader_its_old_one(path):
+    sundial = ManualClock()
+    with (
+        RingWriter.create(path, 4, 8, KIND) as writer,
+        RingReader.open(path, KIND, sundial) as reader,
+    ):
         writer.publish(b"old", stamp_s=0.0)
         path.unlink()
         for rubbish in (b"", os.urandom(9000)):

@@ -13,6 +13,7 @@ import structlog
 from vgrd import logs
 from vgrd.cell.control.operations import Operations
 from vgrd.cell.control.server import ControlServer
+from vgrd.cell.detector import Detector
 from vgrd.cell.measuring import Measuring
 from vgrd.cell.recording.housekeeping import Housekeeping
 from vgrd.cell.recording.recorder import Recorder
@@ -22,14 +23,14 @@ from vgrd.cell.serving.answering import Limits
 from vgrd.cell.serving.latches import LatchBook
 from vgrd.cell.serving.service import Serving
 from vgrd.cell.serving.vouching import Hold
-from vgrd.clock import SystemClock
+from vgrd.clock import Clock, SystemClock
 from vgrd.config.resolved import Resolved, load_resolved
 from vgrd.config.setup import CONTROL_SOCKET, camera_stability, cell_facts
 from vgrd.errors import StoreError, VgrdError
 from vgrd.ipc.health import HealthReporter
 from vgrd.ipc.messages import decode_line, encode_line
 from vgrd.ipc.ring import RingWriter
-from vgrd.model import Policy
+from vgrd.model import CellFacts, Policy
 from vgrd.registers import PACKED_BYTES, REGISTER_KIND, REGISTER_RING, parse_message
 from vgrd.solving.advisor import Advisor
 from vgrd.store.calibrations import CalibrationStore
@@ -46,21 +47,26 @@ class GateGone(Exception):
 
 
 class Cell:
-    """Everything the process is made of, put together once."""
+    """Everything the process is made of, put together once.
 
-    def __init__(self, resolved: Resolved) -> None:
+    detector: finds the tags in pictures; None: in their pixels.
+    """
+
+    def __init__(self, resolved: Resolved, clock: Clock, detector: Detector | None = None) -> None:
         config = resolved.config
-        clock = SystemClock()
         runtime, state = Path(config.cell.runtime_dir), Path(config.cell.state_dir)
         self.state = state
         facts = cell_facts(config)
-        tags = [tag for tag in (facts.tag_a, facts.tag_b) if tag is not None]
-        detector = TagDetector(facts.camera_matrix, facts.distortion, tags, facts.image_size_px)
         serving = config.serving
         self.health = HealthReporter(runtime, "cell", clock)
         camera = config.camera
         self.measuring = Measuring(
-            runtime, detector, facts, clock, camera.rate_hz, camera.watch_rate_hz
+            runtime,
+            detector or _tag_detector(facts),
+            facts,
+            clock,
+            camera.rate_hz,
+            camera.watch_rate_hz,
         )
         self.recorder = Recorder(state, clock)
         recording = config.recording
@@ -159,11 +165,16 @@ class Cell:
             self.serving.abort()
 
 
+def _tag_detector(facts: CellFacts) -> TagDetector:
+    tags = [tag for tag in (facts.tag_a, facts.tag_b) if tag is not None]
+    return TagDetector(facts.camera_matrix, facts.distortion, tags, facts.image_size_px)
+
+
 def main() -> int:
     """Entry point; VGRD_GATE_FD is the inherited link to the gate."""
     logs.configure("cell")
     try:
-        cell = Cell(load_resolved(Path(sys.argv[1])))
+        cell = Cell(load_resolved(Path(sys.argv[1])), SystemClock())
     except VgrdError as err:
         log.warning("cell_not_started", reason=str(err))
         return err.exit_code

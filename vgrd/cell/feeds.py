@@ -18,9 +18,10 @@ HISTORY_S = 3.0  # two readings of the slowest robot before a picture, and its e
 class RingFeed:
     """New messages of one ring, however often its writer is restarted."""
 
-    def __init__(self, path: Path, kind: str) -> None:
+    def __init__(self, path: Path, kind: str, clock: Clock) -> None:
         self.path = path
         self.kind = kind
+        self.clock = clock
         self.reader: RingReader | None = None
         self.last = 0
 
@@ -47,7 +48,7 @@ class RingFeed:
     def _open(self) -> RingReader | None:
         if self.reader is None:
             try:
-                self.reader = RingReader.open(self.path, self.kind)
+                self.reader = RingReader.open(self.path, self.kind, self.clock)
             except RingUnavailable:
                 return None
         return self.reader
@@ -58,7 +59,7 @@ class RobotFeed:
 
     def __init__(self, runtime_dir: Path, clock: Clock) -> None:
         self.clock = clock
-        self.feed = RingFeed(runtime_dir / wire.FLANGE_RING, wire.FLANGE_KIND)
+        self.feed = RingFeed(runtime_dir / wire.FLANGE_RING, wire.FLANGE_KIND, clock)
         self.readings: deque[FlangeReading] = deque()
         self.bad = 0
 
@@ -87,7 +88,7 @@ class CameraFeed:
 
     def __init__(self, runtime_dir: Path, clock: Clock) -> None:
         self.clock = clock
-        self.feed = RingFeed(runtime_dir / wire.IMAGE_RING, wire.IMAGE_KIND)
+        self.feed = RingFeed(runtime_dir / wire.IMAGE_RING, wire.IMAGE_KIND, clock)
         self.triggers = RingWriter.create(
             runtime_dir / wire.TRIGGER_RING,
             slots=TRIGGER_SLOTS,
@@ -122,14 +123,16 @@ class CameraFeed:
 class HealthFeed:
     """What another process said last about its health."""
 
-    def __init__(self, runtime_dir: Path, process: str) -> None:
-        self.feed = RingFeed(health_path(runtime_dir, process), HEALTH_KIND)
+    def __init__(self, runtime_dir: Path, process: str, clock: Clock) -> None:
+        self.clock = clock
+        self.feed = RingFeed(health_path(runtime_dir, process), HEALTH_KIND, clock)
         self.last: Health | None = None
         self.stamp_s = 0.0
 
-    def age_s(self, clock: Clock) -> float:
+    @property
+    def age_s(self) -> float:
         """Seconds since that message."""
-        return clock.monotonic() - self.stamp_s
+        return self.clock.monotonic() - self.stamp_s
 
     def poll(self) -> Health | None:
         """The newest health message so far, None before the first."""
@@ -142,8 +145,8 @@ class HealthFeed:
 class GateFeed:
     """The gate's table of processes and its counters."""
 
-    def __init__(self, runtime_dir: Path) -> None:
-        self.feed = RingFeed(runtime_dir / GATE_RING, GATE_KIND)
+    def __init__(self, runtime_dir: Path, clock: Clock) -> None:
+        self.feed = RingFeed(runtime_dir / GATE_RING, GATE_KIND, clock)
         self.last: GateReport | None = None
 
     def poll(self) -> GateReport | None:

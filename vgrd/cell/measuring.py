@@ -95,7 +95,7 @@ class Measuring:
     ) -> None:
         self.robot = RobotFeed(runtime_dir, clock)
         self.camera = CameraFeed(runtime_dir, clock)
-        self.health = {name: HealthFeed(runtime_dir, name) for name in ("robot", "camera")}
+        self.health = {name: HealthFeed(runtime_dir, name, clock) for name in ("robot", "camera")}
         self.detector = detector
         self.facts = facts
         self.clock = clock
@@ -208,7 +208,7 @@ class Measuring:
             return f"the {name} process has not started yet"
         if health.state != "ok":
             return f"{health.state}: {health.detail}"
-        if self.health[name].age_s(self.clock) > stale_s:
+        if self.health[name].age_s > stale_s:
             return f"the {name} process does not answer"
         return ""
 

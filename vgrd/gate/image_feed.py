@@ -44,7 +44,7 @@ class ImageFeed:
         if now < self._retry_s:
             return False
         self._retry_s = now + _REOPEN_S
-        self._reader = RingReader.open(self._path, REGISTER_KIND)
+        self._reader = RingReader.open(self._path, REGISTER_KIND, self._clock)
         return True
 
     def _take(self, reader: RingReader) -> bool:

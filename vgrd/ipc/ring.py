@@ -29,10 +29,9 @@ import secrets
 import zlib
 from dataclasses import dataclass
 from pathlib import Path
-from time import monotonic
 from typing import Self
 
-from vgrd.clock import Clock
+from vgrd.clock import Clock, SystemClock
 from vgrd.errors import IpcError, RingUnavailable
 from vgrd.ipc.ring_file import (
     CRC_OFFSET,
@@ -54,6 +53,7 @@ _ATTEMPTS = 100  # chosen: a reader meets a slot half written once in a while, n
 _POLL_S = 0.001  # chosen: far below the shortest period of a writer (2 ms)
 _KIND_BYTES = 16  # of the kind in the header, see `ring_file.FILE`
 _LOOK_S = 0.05  # far below every deadline; a look costs 2 us
+_CLOCK = SystemClock()
 
 
 @dataclass(frozen=True, slots=True)
@@ -160,15 +160,16 @@ def _open_or_none(path: Path) -> RingFile | None:
 class RingReader:
     """A reader of a ring; follows the writer across its restarts."""
 
-    def __init__(self, mapping: RingFile) -> None:
+    def __init__(self, mapping: RingFile, clock: Clock = _CLOCK) -> None:
         self._map = mapping
+        self._clock = clock
         self._last = -1  # index at the last look
         self._look_s = 0.0
 
     @classmethod
-    def open(cls, path: Path | str, kind: str) -> Self:
+    def open(cls, path: Path | str, kind: str, clock: Clock = _CLOCK) -> Self:
         """Open the ring at `path`. Raises RingUnavailable if it is absent or of another kind."""
-        return cls(open_kind(Path(path), kind))
+        return cls(open_kind(Path(path), kind), clock)
 
     @property
     def index(self) -> int:
@@ -231,7 +232,7 @@ class RingReader:
             self._follow()
         elif last != self._last:
             self._last = last
-        elif (now := monotonic()) >= self._look_s:
+        elif (now := self._clock.monotonic()) >= self._look_s:
             self._look_s = now + _LOOK_S
             if not self._map.is_at_its_path():
                 self._follow()

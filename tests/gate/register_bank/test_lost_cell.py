@@ -76,8 +76,7 @@ def test_a_damaged_ring_is_a_lost_cell_until_there_is_a_good_one(bench):
     assert bench.see()["STATUS"] == Status.OK
 
 
-def test_a_cell_that_comes_back_after_its_ring_was_deleted_is_seen(bench, monkeypatch):
-    monkeypatch.setattr("vgrd.ipc.ring.monotonic", bench.clock.monotonic)
+def test_a_cell_that_comes_back_after_its_ring_was_deleted_is_seen(bench):
     bench.trigger(7)
     bench.publish(bench.answer(7, seq=1))
     assert bench.status() == (7, Status.OK)

@@ -58,7 +58,7 @@ class Operations:
         self.state_dir = state_dir
         self.clock = clock
         self.resolved = resolved
-        self.gate = GateFeed(runtime_dir)
+        self.gate = GateFeed(runtime_dir, clock)
         self.disk: Callable[[], Mapping[str, Any]] = dict
 
     def table(self) -> Mapping[str, Operation]:
