@@ -1,0 +1,18 @@
+"""One request, one picture, one answer, read in simulated time: what the machine of the invariant is made of."""
+
+import pytest
+
+from tests.invariant.rig import Rig, silence
+from tests.invariant.robots import Asked
+from tests.invariant.teaching import VARIANTS
+from vgrd.registers import Command
+
+
+@pytest.mark.parametrize("variant", VARIANTS, ids=str)
+def test_a_request_is_answered_right_and_read_by_every_kind_of_reader(tmp_path, variant):
+    with silence(), Rig(tmp_path, variant, seed=1) as rig:
+        rig.ask(0, Asked(0, Command.EC_FRESH, 3))
+        rig.wait(2.0)
+        counts = rig.judge.counts
+    assert counts["valid"] == counts["right"] > 500
+    assert counts["sets of registers"] > 1
