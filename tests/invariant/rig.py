@@ -1,33 +1,38 @@
-"""The machine: a daemon in simulated time, robots that poll it all the time, and all that can happen to it.
+"""The machine: a daemon in simulated time, robots that poll it all the time, and what people do to it.
 
-Every public method below `What people do` is a rule. `RULES` in `rules.py` says which faults it stands for.
+The rules (`asking`, `accidents`, `breakdowns`) are made of these methods.
 """
 
-import asyncio
 import contextlib
 import logging
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Coroutine, Iterator
 from contextvars import copy_context
 from dataclasses import replace
 from pathlib import Path
 from typing import Self
 
+import numpy as np
 import structlog
 
-from tests.invariant.daemon import Daemon
-from tests.invariant.desk import Desk
-from tests.invariant.judge import Judge, Lie
-from tests.invariant.robots import BLOCK, Asked, Link, pieces
-from tests.invariant.simulated_time import PROCESS
-from tests.invariant.teaching import Variant
+from tests.invariant.reading.desk import Desk
+from tests.invariant.reading.judge import MARGIN_S, SLOWEST_S, Judge, Lie
+from tests.invariant.reading.polling import PROGRAM, Robots
+from tests.invariant.reading.promises import LOST_S
+from tests.invariant.reading.robots import Asked
+from tests.invariant.simulation.daemon import START_S, Daemon
+from tests.invariant.simulation.devices import READING_S
+from tests.invariant.simulation.simulated_time import PROCESS
+from tests.invariant.simulation.teaching import Variant
+from vgrd.cell.serving.faults import TCP_CHANGED_MM
 from vgrd.errors import ControlError, VgrdError
-from vgrd.gate.gate import Gate
-from vgrd.registers import RESPONSE, SWAPPED_FROM
+from vgrd.gate.supervisor import FIRST_DELAY_S
+from vgrd.geometry import Pose
+from vgrd.model import Motion
+from vgrd.registers import Command
 
 SETTLED_S = 6.0  # until all processes run and pictures come
 SILENT = logging.CRITICAL  # nothing logs so loudly
-_AGE = RESPONSE.registers("AGE")[0]
-_STATE_AT = slice(2 * (102 - 100), 2 * (103 - 100))
+CONFIRMED_S = 1.0  # a person needs longer, the devices are back by then, or not
 
 
 @contextlib.contextmanager
@@ -42,149 +47,170 @@ def silence() -> Iterator[None]:
 
 
 class Rig:
-    """read_s: from one read of a poller to its next; slow_s: idem, register by register, at most."""
+    """read_s: from one read of a robot to its next."""
 
     def __init__(
         self,
         folder: Path,
         variant: Variant,
         seed: int,
-        *,
         read_s: float = 0.004,
-        slow_s: float = 0.01,
     ) -> None:
-        self.read_s, self.slow_s = read_s, slow_s
         self.daemon = Daemon(folder, variant, seed)
         self.plant, self.clock, self.rng = self.daemon.plant, self.daemon.clock, self.daemon.rng
-        self.desk = Desk()
-        self.links = [Link(self.daemon.loop) for _ in range(3)]
-        stored = {
-            self.daemon.register_id(name): calibration
-            for name, calibration in self.daemon.calibrations.items()
-        }
-        self.judge = Judge(self.plant, self.daemon.camera.film, self.desk, variant, stored)
-        self.lies: list[str] = []
+        film, desk = self.daemon.camera.film, Desk()
+        self.judge = Judge(self.plant, film, desk, variant, self.daemon.calibrations)
+        self.promises = self.judge.promises
+        self.robots = Robots(self.daemon, self.judge, desk, read_s)
         self._trigs = [1, 2]
-        self.daemon.on_gate.append(self._connect)
         self.daemon.start()
-        self._client(self._poll_block())
-        self._client(self._poll_copy())
-        self._client(self._poll_pieces())
-        self.daemon.run_for(SETTLED_S)
+        self.robots.start()
+        self.wait(SETTLED_S)
+
+    @property
+    def motion(self) -> Motion:
+        return self.daemon.variant.motion
 
     def wait(self, seconds: float) -> None:
         """Let time pass; raises Lie when a robot read one."""
         self.daemon.run_for(seconds)
-        if self.lies:
-            raise Lie(self.lies[0])
-
-    def close(self) -> None:
-        self.daemon.close()
+        if self.robots.lies:
+            raise Lie(self.robots.lies[0])
 
     def __enter__(self) -> Self:
         return self
 
     def __exit__(self, *_: object) -> None:
-        self.close()
+        self.daemon.close()
 
-    # Robots that poll.
-
-    def _connect(self, gate: Gate) -> None:
-        self.desk.forget()
-        for link in self.links:
-            link.connect(gate)
-
-    def _client(self, program: object) -> None:
-        context = copy_context()
-        context.run(PROCESS.set, "robot program")
-        self.daemon.loop.create_task(program, context=context)  # type: ignore[arg-type]
-
-    async def _poll_block(self) -> None:
-        while True:
-            await asyncio.sleep(self.rng.uniform(0.5, 1.5) * self.read_s)
-            block = self.links[0].read(RESPONSE.start, BLOCK)
-            if block is not None:
-                self._judge(block)
-
-    async def _poll_copy(self) -> None:
-        while True:
-            await asyncio.sleep(self.rng.uniform(0.5, 1.5) * self.read_s)
-            copy = self.links[1].read(SWAPPED_FROM, BLOCK)
-            if copy is not None:
-                self._judge(RESPONSE.swapped(copy), copy)
-
-    async def _poll_pieces(self) -> None:
-        """A reader of single registers, sometimes so slow that much happens meanwhile."""
-        while True:
-            pause_s = self.rng.uniform(0, 1) ** 4 * self.slow_s + 1e-4
-            steps, age_s, block = pieces(self.links[2]), self.clock.now_s, None
-            while True:
-                try:
-                    age_s = self.clock.now_s if next(steps) == _AGE else age_s
-                except StopIteration as end:
-                    block = end.value
-                    break
-                self.judge.counts["reads of one register"] += 1
-                await asyncio.sleep(self.rng.uniform(0, 2) * pause_s)
-            if block is not None:
-                self._judge(block, age_read_s=age_s)
-                self.judge.counts["sets of registers"] += 1
-            await asyncio.sleep(self.rng.uniform(0, 0.1))
-
-    def _judge(
-        self, block: bytes, as_read: bytes | None = None, age_read_s: float | None = None
-    ) -> None:
-        self.desk.state = int.from_bytes(block[_STATE_AT], "big")
-        try:
-            self.judge.read(block, self.clock.now_s, as_read, age_read_s)
-        except Lie as lie:
-            self.lies.append(str(lie))
-
-    # What people do.
+    # Programs.
 
     def ask(self, client: int, asked: Asked, *, trig: int | None = None) -> None:
         """A program writes a request with a TRIG of its own, or with any."""
         self._trigs[client] = (self._trigs[client] + 2) % 0xFFFE
         request = replace(asked, trig=trig if trig is not None else self._trigs[client] + 1)
-        self._write(client, 0, request.words())
+        self.write(client, 0, request.words())
+
+    def ask_any(self, seed: int) -> None:
+        """Some request."""
+        rng = np.random.default_rng(seed)
+        command = (Command.EC_NEWEST, Command.EC_FRESH)[int(rng.integers(2))]
+        self.ask(int(rng.integers(2)), Asked(0, command, int(rng.integers(1, 7))))
 
     def write(self, client: int, address: int, words: list[int]) -> None:
-        """A careless program writes some registers."""
-        self._write(client, address, words)
+        self._in_loop(lambda: self.robots.write(client, address, words))
 
-    def coil(self, client: int, address: int, on: bool) -> None:
-        now = self.clock.now_s
-        if self._in_loop(lambda: self.links[client].write_coil(address, on)):
-            self.desk.wrote_coil(address, on, now)
+    def coil(self, client: int, address: int, *, on: bool) -> None:
+        self._in_loop(lambda: self.robots.write_coil(client, address, on=on))
 
     def garbage(self, client: int, data: bytes) -> None:
         """Bytes that are no Modbus."""
-        self._in_loop(lambda: self.links[client].send(data))
+        self._in_loop(lambda: self.robots.links[client].send(data))
 
-    def turn(self, angle_rad: float) -> None:
-        self.plant.turn(angle_rad, self.clock.now_s)
+    def crowd(self, count: int) -> None:
+        self._in_loop(lambda: self.robots.crowd(count))
+
+    # Operators.
 
     def activate(self, name: str) -> None:
-        """An operator puts another calibration in use, and does not wait."""
-        cell = self.daemon.cell
-        if cell is not None:
-            self._forget_error(cell.activation.activate(name, "operator"))
+        """Another calibration is put in use, and nobody waits for it."""
+        if self.daemon.cell is not None:
+            self._forget_error(self.daemon.cell.activation.activate(name, "operator"))
 
     def confirm(self) -> None:
+        """`vgrd confirm`; what is not confirmed stays."""
         cell = self.daemon.cell
-        if cell is not None:
+        if cell is not None and not self.daemon.loop.is_stopped("cell"):
             with contextlib.suppress(ControlError):
                 self._in_loop(cell.serving.confirm)
+                self.promises.kept("tcp")
 
-    def _write(self, client: int, address: int, words: list[int]) -> None:
+    def change_tcp(self, size_mm: float) -> None:
+        """On the pendant."""
+        shift = Pose(np.eye(3), np.array([size_mm, 0, 0]))
+        self.plant.arm.wrist_from_tcp = self.plant.arm.wrist_from_tcp @ shift
+        if size_mm > TCP_CHANGED_MM:
+            within_s = self.daemon.robot.reading_s + LOST_S
+            self.promises.made("tcp", "the TCP was changed", self.clock.now_s, within_s)
+
+    def repair(self) -> None:
+        """All is as it was taught; who was waited for is there."""
+        robot, camera = self.daemon.robot, self.daemon.camera
+        self.plant.repair(self.clock.now_s)
+        self.plug_in()
+        robot.fault = camera.fault = ""
+        robot.frozen, robot.is_running, robot.reading_s = None, True, READING_S
+        for name in ("gate", "cell", "camera", "robot"):
+            self.go_on(name)
+        self.daemon.loop.executor_s["cell"] = self.daemon.swift
+        self.wait(CONFIRMED_S)
+        self.confirm()
+        cell = self.daemon.cell
+        if cell is not None and cell.serving.faults.latched is None:
+            self.promises.kept("tcp")
+        self.judge.slowest_s = max(SLOWEST_S, 0.7 * self.judge.slowest_s)
+
+    def reload(self, max_age_s: float, scale: str) -> None:
+        """The gate takes over another table, and the cell starts anew with what is in it."""
+        if self.daemon.gate is not None and not self.daemon.loop.is_stopped("gate"):
+            self.kill("cell")
+            self.daemon.reload(max_age_s, scale)
+            self.wait(CONFIRMED_S)
+            self.judge.max_age_s = max_age_s
+
+    # Cables, processes, time.
+
+    def unplug(self, name: str) -> None:
+        now, robot = self.clock.now_s, self.daemon.robot
+        if name == "camera":
+            self.daemon.camera.is_plugged = False
+            within_s = 2 * self.judge.slowest_s + MARGIN_S
+        else:
+            robot.is_plugged = False
+            within_s = max(LOST_S, 3 * min(robot.reading_s, 0.35) + 0.16)
+        self.promises.made(f"{name} cable", f"the {name} is unplugged", now, within_s)
+
+    def plug_in(self) -> None:
+        self.daemon.camera.is_plugged = self.daemon.robot.is_plugged = True
+        self.promises.kept("camera cable")
+        self.promises.kept("robot cable")
+
+    def kill(self, name: str) -> None:
         now = self.clock.now_s
-        if self._in_loop(lambda: self.links[client].write(address, words)):
-            self.desk.wrote(address, words, now)
+        self.go_on(name)
+        self.daemon.kill(name)
+        back_s = now + FIRST_DELAY_S + START_S[name]
+        self.promises.made(f"{name} killed", f"{name} was killed", now, LOST_S, back_s)
 
-    def _forget_error(self, work: object) -> None:
+    def stop(self, name: str) -> None:
+        self.daemon.stop(name)
+        if name != "gate":
+            words = f"{name} stands"
+            self.promises.made(f"{name} stopped", words, self.clock.now_s, LOST_S)
+
+    def go_on(self, name: str) -> None:
+        self.daemon.go_on(name)
+        self.promises.kept(f"{name} stopped")
+
+    def slow_down(self, seconds: float) -> None:
+        """Threads of the cell take so long."""
+        self.judge.slowest_s = max(self.judge.slowest_s, SLOWEST_S + min(seconds, 1.0))
+        self.daemon.loop.executor_s["cell"] = lambda: self.rng.uniform(0.5, 1.0) * seconds
+
+    def suspend(self, seconds: float, turned_rad: float) -> None:
+        """Nothing runs; the first read after it shows no answer of before."""
+        self.clock.now_s += seconds
+        if turned_rad:
+            at = self.plant.placements[-1]
+            angle = at.angle(self.clock.now_s) + turned_rad
+            self.plant.jerk(angle, self.clock.now_s, at.offset)
+        if self._in_loop(lambda: self.robots.read(0)) and seconds > LOST_S:
+            raise Lie(f"valid after {seconds} s in which nothing ran")
+
+    def _forget_error(self, work: Coroutine[object, object, object]) -> None:
         async def perform() -> None:
             with contextlib.suppress(VgrdError):
-                await work  # type: ignore[misc]
+                await work
 
         context = copy_context()
         context.run(PROCESS.set, "cell")
@@ -197,7 +223,7 @@ class Rig:
             return act()
 
         context = copy_context()
-        context.run(PROCESS.set, "robot program")
+        context.run(PROCESS.set, PROGRAM)
         return self.daemon.loop.run_until_complete(
             self.daemon.loop.create_task(perform(), context=context)
         )

@@ -2,9 +2,9 @@
 
 import pytest
 
+from tests.invariant.reading.robots import Asked
 from tests.invariant.rig import Rig, silence
-from tests.invariant.robots import Asked
-from tests.invariant.teaching import VARIANTS
+from tests.invariant.simulation.teaching import VARIANTS
 from vgrd.registers import Command
 
 

@@ -106,23 +106,33 @@ class SimulatedLoop(asyncio.SelectorEventLoop):
     def _run_once(self) -> None:
         """One turn, as asyncio's; what belongs to a process that stands is put aside."""
         self._collect_timers()
+        self._put_aside()
         if not self._ready:
             self._process_events(self._selector.select(0))
+            self._put_aside()
         if not self._ready and self._scheduled:
             self.clock.now_s = max(self.clock.now_s, self._scheduled[0].when())
             self._collect_timers()
+            self._put_aside()
         ready: deque[asyncio.Handle] = self._ready
         for _ in range(len(ready)):
             handle = ready.popleft()
-            if handle.cancelled():
-                continue
-            aside = (
-                self._standing.get(handle._context.get(PROCESS, "")) if self._standing else None
-            )
-            if aside is None:
+            if not handle.cancelled():
                 handle._run()
-            else:
+
+    def _put_aside(self) -> None:
+        """A socket that a process does not read goes on being readable: its handle comes again."""
+        if not self._standing:
+            return
+        others: list[asyncio.Handle] = []
+        for handle in self._ready:
+            aside = self._standing.get(handle._context.get(PROCESS, ""))
+            if aside is None:
+                others.append(handle)
+            elif handle not in aside:
                 aside.append(handle)
+        self._ready.clear()
+        self._ready.extend(others)
 
     def _collect_timers(self) -> None:
         timers, now = self._scheduled, self.clock.now_s

@@ -7,17 +7,18 @@ import asyncio
 import socket
 from collections.abc import Callable, Coroutine
 from contextvars import copy_context
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
-from tests.invariant.devices import CameraDevice, RobotDevice
-from tests.invariant.plant import Plant
-from tests.invariant.simulated_time import PROCESS, SimulatedClock, SimulatedLoop
-from tests.invariant.teaching import PORT, Variant, calibrations, resolved
+from tests.invariant.simulation.devices import CameraDevice, RobotDevice
+from tests.invariant.simulation.plant import Plant
+from tests.invariant.simulation.simulated_time import PROCESS, SimulatedClock, SimulatedLoop
+from tests.invariant.simulation.teaching import PORT, Variant, calibrations, resolved, useless
 from vgrd.cell.__main__ import Cell
 from vgrd.gate.gate import Gate
-from vgrd.gate.settings import GateSettings
+from vgrd.gate.settings import WANTED_TABLE, GateSettings, save_table
 from vgrd.gate.supervisor import FIRST_DELAY_S, GROWTH, LAST_DELAY_S
 from vgrd.store.calibrations import CalibrationStore
 
@@ -33,7 +34,7 @@ class Daemon:
         self.rng = np.random.default_rng(seed)
         self.clock = SimulatedClock()
         self.loop = SimulatedLoop(self.clock)
-        self.loop.executor_s["cell"] = lambda: self.rng.uniform(0.005, 0.04)
+        self.loop.executor_s["cell"] = self.swift
         self.plant = Plant()
         self.robot = RobotDevice(self.plant, self.clock)
         self.camera = CameraDevice(self.plant, self.robot, self.clock, self.rng)
@@ -41,11 +42,11 @@ class Daemon:
         self.runtime.mkdir(mode=0o700)
         self.state.mkdir(mode=0o700)
         self.resolved = resolved(variant, folder)
-        self._store = store = CalibrationStore(self.state, self.clock)
-        self.calibrations = {
-            store.save(calibration): calibration for calibration in calibrations(variant.motion)
-        }
-        store.activate(next(iter(self.calibrations)), by="teaching")
+        store = CalibrationStore(self.state, self.clock)
+        kept = (*calibrations(variant.motion), *useless(variant.motion))
+        self.names = tuple(store.save(calibration) for calibration in kept)
+        store.activate(self.names[0], by="teaching")
+        self.calibrations = {store.read(name).register_id: store.load(name) for name in self.names}
         self.gate: Gate | None = None
         self.cell: Cell | None = None
         self.faults: list[BaseException] = []
@@ -54,6 +55,27 @@ class Daemon:
         self._keepers: dict[str, asyncio.Task[None]] = {}
         self._pid = 1000
         self.loop.set_exception_handler(self._note)
+
+    def swift(self) -> float:
+        """How long a thread of the cell takes while the machine has time to spare."""
+        return float(self.rng.uniform(0.005, 0.04))
+
+    def reload(self, max_age_s: float, scale: str) -> None:
+        """Leave another table for the gate; the cell finds another cell file at its next start."""
+        config = self.resolved.config
+        serving = config.serving.model_copy(update={"max_age_s": max_age_s, "int16_scale": scale})
+        config = config.model_copy(update={"serving": serving})
+        self.resolved = replace(self.resolved, config=config)
+        table = {
+            "cell": "fake",
+            "loaded_unix_s": self.clock.wall(),
+            "deadline_s": serving.deadline_s,
+            "timeout_s": serving.timeout_s,
+            "int16_scale": scale,
+            "modbus": {"host": serving.host, "port": PORT, "allow": list(serving.allow)},
+            "processes": [],
+        }
+        save_table(self.runtime, table, WANTED_TABLE)
 
     def start(self) -> None:
         """Start the gate, which starts the others."""
@@ -73,10 +95,6 @@ class Daemon:
             if name == "cell" and self.cell is not None:
                 self.cell.serving.ring.close()
             life.cancel()
-
-    def register_id(self, name: str) -> int:
-        """CALID of a stored calibration."""
-        return self._store.read(name).register_id
 
     def stop(self, name: str) -> None:
         """SIGSTOP."""

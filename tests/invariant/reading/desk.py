@@ -3,7 +3,7 @@
 import struct
 from dataclasses import replace
 
-from tests.invariant.robots import Asked
+from tests.invariant.reading.robots import Asked
 from vgrd.registers import REQUEST, Command
 
 _CLEARS = 0

@@ -11,9 +11,9 @@ from functools import cache
 
 import numpy as np
 
-from tests.invariant.pictures import Exposure
-from tests.invariant.plant import Plant
-from tests.invariant.teaching import Variant
+from tests.invariant.simulation.pictures import Exposure
+from tests.invariant.simulation.plant import Plant
+from tests.invariant.simulation.teaching import Variant
 from vgrd.geometry import Array, Pose, hat
 from vgrd.model import Motion
 

@@ -13,7 +13,7 @@ from fakes.world.arm import PEAK_OVER_MEAN, minimum_jerk
 from fakes.world.layout import Layout
 from fakes.world.poses import WORK_ROTATION, retracted_pose
 from fakes.world.world import World
-from vgrd.geometry import Array, Pose
+from vgrd.geometry import Array, Pose, exp_rotation
 
 SEED = 1
 REMEMBERED_S = 30.0
@@ -82,6 +82,7 @@ class Plant:
         self.lens, self.is_dark = 1.0, False
         self.covered.clear()
         self.arm.wrist_from_tcp = self.pendant_tcp
+        self.arm.move_flange(retracted_pose(), now_s)
         at = self.placements[-1]
         self._place(Placement(now_s, at.offset, STILL, at.angle(now_s), at.angle(now_s), 0.0))
 
@@ -89,6 +90,13 @@ class Plant:
         """Move the arm near to where a target is now."""
         tip = self.point(target, now_s) - WORK_ROTATION @ self.layout.tcp_in_wrist
         self.arm.move_flange(Pose(WORK_ROTATION, tip + np.array([0, 0, NEAR_MM])), now_s)
+
+    def wander(self, seed: int, now_s: float) -> None:
+        """Move the arm somewhere around where it waits."""
+        rng = np.random.default_rng(seed)
+        aside = retracted_pose()
+        turn = exp_rotation(rng.uniform(-0.2, 0.2, 3)) @ aside.rotation
+        self.arm.move_flange(Pose(turn, aside.translation + rng.uniform(-40, 40, 3)), now_s)
 
     def _place(self, placement: Placement) -> None:
         self.placements.append(placement)

@@ -9,9 +9,9 @@ from pathlib import Path
 
 import numpy as np
 
-from tests.invariant.pictures import SHAPE, Film
-from tests.invariant.plant import Plant
-from tests.invariant.simulated_time import SimulatedClock
+from tests.invariant.simulation.pictures import SHAPE, Film
+from tests.invariant.simulation.plant import Plant
+from tests.invariant.simulation.simulated_time import SimulatedClock
 from vgrd.devices import CameraImage, FlangeReading, Region, wire
 from vgrd.devices.checks import FlangeCheck, FrameCheck
 from vgrd.devices.host import (
@@ -21,14 +21,14 @@ from vgrd.devices.host import (
     BadReadings,
     _Triggers,
 )
-from vgrd.errors import BadReading, DeviceUnavailable, InputError
+from vgrd.errors import BadReading, DeviceRefused, DeviceUnavailable, InputError
 from vgrd.geometry import Pose
 from vgrd.ipc.health import BEAT_S, HealthReporter
 from vgrd.ipc.messages import Health
 from vgrd.ipc.ring import RingWriter
 
 POLL_S = 0.008  # of triggers; the real one looks each 1 ms
-READING_S = 0.04  # a robot of 25 Hz
+READING_S = 0.04  # a robot of 25 Hz, unless a rule says otherwise
 
 
 class _Reporter(HealthReporter):
@@ -60,6 +60,7 @@ class RobotDevice:
         self.is_plugged = True
         self.is_running = True
         self.fault = ""
+        self.reading_s = READING_S
         self.frozen: Pose | None = None
         self.stale_s: float | None = None
 
@@ -86,7 +87,7 @@ class RobotDevice:
         return FlangeReading(pose, tcp, now, now, running=self.is_running)
 
     async def live(self, runtime_dir: Path, pid: int) -> None:
-        """One life of its process. Raises DeviceUnavailable."""
+        """One life of its process, until the device is of no use."""
         async with asyncio.TaskGroup() as tasks:
             health = _Reporter(runtime_dir, "robot", self.clock, pid)
             beating = tasks.create_task(health.beat_on())
@@ -94,6 +95,9 @@ class RobotDevice:
                 await self._host(runtime_dir, health)
             except DeviceUnavailable as err:
                 health.report("unavailable", str(err))
+                beating.cancel()
+            except DeviceRefused as err:
+                health.report("refused", str(err))
                 beating.cancel()
 
     async def _host(self, runtime_dir: Path, health: _Reporter) -> None:
@@ -107,7 +111,7 @@ class RobotDevice:
         )
         check, bad = FlangeCheck(self.clock), BadReadings()
         while True:
-            await asyncio.sleep(READING_S)
+            await asyncio.sleep(self.reading_s)
             if not self.is_plugged:
                 await asyncio.sleep(READ_TIMEOUT_S)
                 raise DeviceUnavailable("nothing comes")
@@ -142,7 +146,7 @@ class CameraDevice:
         self._last: CameraImage | None = None
 
     async def live(self, runtime_dir: Path, pid: int) -> None:
-        """One life of its process. Raises DeviceUnavailable."""
+        """One life of its process, until the device is of no use."""
         async with asyncio.TaskGroup() as tasks:
             health = _Reporter(runtime_dir, "camera", self.clock, pid)
             beating = tasks.create_task(health.beat_on())

@@ -8,7 +8,7 @@ from collections.abc import Generator
 from dataclasses import dataclass
 from typing import Final
 
-from tests.invariant.simulated_time import SimulatedLoop
+from tests.invariant.simulation.simulated_time import SimulatedLoop
 from vgrd.gate.gate import Gate
 from vgrd.registers import REQUEST, RESPONSE
 

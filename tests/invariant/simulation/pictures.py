@@ -6,8 +6,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from tests.invariant.plant import Plant
-from tests.invariant.teaching import VISION
+from tests.invariant.simulation.plant import Plant
+from tests.invariant.simulation.teaching import VISION
 from vgrd.devices import Pixels, Region
 from vgrd.geometry import Array, Pose
 from vgrd.model import TagObservation

@@ -11,13 +11,14 @@ from fakes.cell.cell import cell_text
 from fakes.cell.rehearsal import Rehearsal
 from fakes.world.layout import Layout
 from fakes.world.noise import COARSE
-from tests.invariant.plant import SEED, Plant
+from tests.invariant.simulation.plant import SEED, Plant
 from vgrd.calibration.calibration import Calibration
 from vgrd.calibration.solve import calibrate_system
 from vgrd.config.cell_file import load_config
 from vgrd.config.resolved import Resolved
 from vgrd.config.setup import cell_facts
-from vgrd.model import CellFacts, Motion, Observation, Recording
+from vgrd.judging.findings import finding
+from vgrd.model import CellFacts, Motion, Observation, Recording, Verdict
 
 VISION = COARSE.finer(2)  # with less noise answers stand longer, and there is more to be wrong
 PORT = 1502
@@ -100,6 +101,14 @@ def _taught() -> tuple[Recording, ...]:
 def calibrations(motion: Motion) -> tuple[Calibration, ...]:
     """Two calibrations of one cell, of which either is right."""
     return tuple(calibrate_system(_moving(recording, motion)) for recording in _taught())
+
+
+def useless(motion: Motion) -> tuple[Calibration, ...]:
+    """One that was rejected, and one of another cell."""
+    good = calibrations(motion)[0]
+    fault = finding("noisy", "made up", fatal=True)
+    facts = replace(good.facts, robot_id="another")
+    return replace(good, verdict=Verdict((fault,))), replace(good, facts=facts)
 
 
 def _moving(recording: Recording, motion: Motion) -> Recording:
