@@ -4,7 +4,7 @@ BIN := .venv/bin
 export OMP_NUM_THREADS ?= 1
 export OPENBLAS_NUM_THREADS ?= 1
 
-.PHONY: demo cell test test-robust lint bench run format clean
+.PHONY: demo cell test test-robust soak lint bench run format clean
 
 .venv: pyproject.toml constraints.txt
 	$(PYTHON) -m venv .venv
@@ -30,6 +30,10 @@ test: .venv
 # The mathematics as other processors would round it.
 test-robust: .venv
 	$(BIN)/python -m tests.robust -n 2
+
+# A simulated day of the cell under faults, ten million reads: see docs/invariant.md.
+soak: .venv
+	$(BIN)/python -m tests.invariant $(ARGS)
 
 lint: .venv
 	$(BIN)/ruff check .

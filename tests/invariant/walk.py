@@ -56,9 +56,14 @@ def walked(
     reads: int,
     *,
     read_s: float = 0.004,
+    at_least_s: float = 0.0,
     on_step: Callable[[Rig], None] = lambda _: None,
+    on_end: Callable[[Rig], None] = lambda _: None,
 ) -> Walk:
-    """Let things happen until so many reads were made. Raises Lie, with what happened before in its notes."""
+    """Let things happen until so many reads were made, and so much of the cell's time has passed.
+
+    Raises Lie, with what happened before in its notes.
+    """
     rng = np.random.default_rng((seed, VARIANTS.index(variant)))
     walk, trace = Walk(variant, seed), list[str]()
     with (
@@ -68,11 +73,12 @@ def walked(
     ):
         walk.counts, start_s = rig.judge.counts, rig.clock.now_s
         try:
-            while walk.counts["reads"] < reads:
+            while walk.counts["reads"] < reads or rig.clock.now_s < start_s + at_least_s:
                 _step(rig, rng, trace)
                 on_step(rig)
+            on_end(rig)
         except BaseException as err:
-            lines = [f"{variant}, seed {seed}", *trace[-REMEMBERED:]]
+            lines = [f"{variant}, seed {seed}", *trace]
             err.add_note("\n".join(lines))
             raise
         walk.worst, walk.simulated_s = rig.judge.worst, rig.clock.now_s - start_s
@@ -85,5 +91,6 @@ def _step(rig: Rig, rng: np.random.Generator, trace: list[str]) -> None:
     name = names[int(rng.choice(len(names), p=weights / weights.sum()))]
     arguments = {key: draw.draw(rng) for key, draw in RULES[name].draws.items()}
     trace.append(f"{rig.clock.now_s:.3f} {name} {arguments}")
+    del trace[:-REMEMBERED]
     RULES[name].act(rig, **arguments)
     rig.wait(float(rng.uniform(0, 1) ** 2 * WAIT_S))

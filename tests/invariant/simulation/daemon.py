@@ -15,12 +15,11 @@ import numpy as np
 from tests.invariant.simulation.devices import CameraDevice, RobotDevice
 from tests.invariant.simulation.plant import Plant
 from tests.invariant.simulation.simulated_time import PROCESS, SimulatedClock, SimulatedLoop
-from tests.invariant.simulation.teaching import PORT, Variant, calibrations, resolved, useless
+from tests.invariant.simulation.teaching import PORT, Variant, library, resolved
 from vgrd.cell.__main__ import Cell
 from vgrd.gate.gate import Gate
 from vgrd.gate.settings import WANTED_TABLE, GateSettings, save_table
 from vgrd.gate.supervisor import FIRST_DELAY_S, GROWTH, LAST_DELAY_S
-from vgrd.store.calibrations import CalibrationStore
 
 START_S = {"cell": 1.6, "camera": 0.5, "robot": 0.3, "gate": 1.0}
 KILLED = -9
@@ -30,7 +29,7 @@ class Daemon:
     """Gate, cell and two device processes, in `folder`; `kill` and `stop` take their names."""
 
     def __init__(self, folder: Path, variant: Variant, seed: int) -> None:
-        self.variant = variant
+        self.folder, self.variant = folder, variant
         self.rng = np.random.default_rng(seed)
         self.clock = SimulatedClock()
         self.loop = SimulatedLoop(self.clock)
@@ -40,13 +39,10 @@ class Daemon:
         self.camera = CameraDevice(self.plant, self.robot, self.clock, self.rng)
         self.runtime, self.state = folder / "run", folder / "state"
         self.runtime.mkdir(mode=0o700)
-        self.state.mkdir(mode=0o700)
         self.resolved = resolved(variant, folder)
-        store = CalibrationStore(self.state, self.clock)
-        kept = (*calibrations(variant.motion), *useless(variant.motion))
-        self.names = tuple(store.save(calibration) for calibration in kept)
-        store.activate(self.names[0], by="teaching")
-        self.calibrations = {store.read(name).register_id: store.load(name) for name in self.names}
+        store = library(variant.motion)
+        store.copy(self.state)
+        self.names, self.calibrations = store.names, store.by_register_id
         self.gate: Gate | None = None
         self.cell: Cell | None = None
         self.faults: list[BaseException] = []

@@ -3,6 +3,7 @@
 from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
+from shutil import copytree
 from tempfile import TemporaryDirectory
 
 import numpy as np
@@ -19,6 +20,7 @@ from vgrd.config.resolved import Resolved
 from vgrd.config.setup import cell_facts
 from vgrd.judging.findings import finding
 from vgrd.model import CellFacts, Motion, Observation, Recording, Verdict
+from vgrd.store.calibrations import CalibrationStore
 
 VISION = COARSE.finer(2)  # with less noise answers stand longer, and there is more to be wrong
 PORT = 1502
@@ -103,12 +105,33 @@ def calibrations(motion: Motion) -> tuple[Calibration, ...]:
     return tuple(calibrate_system(_moving(recording, motion)) for recording in _taught())
 
 
-def useless(motion: Motion) -> tuple[Calibration, ...]:
+def _useless(motion: Motion) -> tuple[Calibration, ...]:
     """One that was rejected, and one of another cell."""
     good = calibrations(motion)[0]
     fault = finding("noisy", "made up", fatal=True)
     facts = replace(good.facts, robot_id="another")
     return replace(good, verdict=Verdict((fault,))), replace(good, facts=facts)
+
+
+class Library:
+    """A store with two good calibrations, of which the first is in use, and two useless ones."""
+
+    def __init__(self, motion: Motion) -> None:
+        self._folder = TemporaryDirectory()
+        store = CalibrationStore(Path(self._folder.name))
+        self.names = tuple(store.save(one) for one in (*calibrations(motion), *_useless(motion)))
+        store.activate(self.names[0], by="teaching")
+        self.by_register_id = {store.read(n).register_id: store.load(n) for n in self.names}
+
+    def copy(self, state: Path) -> None:
+        """Fill the state folder of a cell."""
+        copytree(self._folder.name, state)
+
+
+@cache
+def library(motion: Motion) -> Library:
+    """The one of all machines whose object moves so."""
+    return Library(motion)
 
 
 def _moving(recording: Recording, motion: Motion) -> Recording:
