@@ -66,6 +66,11 @@ class Told:
     picture: Exposure
     earlier: Exposure | None
 
+    @property
+    def pictures(self) -> list[Exposure]:
+        """Those that it rests on."""
+        return [self.picture] if self.earlier is None else [self.picture, self.earlier]
+
 
 class Judge:
     """Judges reads; `counts` by kind, `worst` is the largest miss in u95 of those that nothing excuses."""
@@ -201,8 +206,9 @@ class Judge:
         if why_moved and error_mm <= allowed_mm:
             return why_moved
         wrong_mm, misfit = self._wrong(told, now_s)
-        if misfit < TOLD_SIGMAS and error_mm <= allowed_mm + wrong_mm:
-            return f"not told by one picture: {', '.join(told.picture.wrongs)}"
+        wrongs = {word for picture in told.pictures for word in picture.wrongs}
+        if wrongs and misfit < TOLD_SIGMAS and error_mm <= allowed_mm + wrong_mm:
+            return f"not told by one picture: {', '.join(sorted(wrongs))}"
         raise Lie(
             f"{error_mm:.3f} mm off at a u95 of {told.u95_mm:.3f} ({self.variant}); moved by "
             f"{moved_mm:.3f} mm since the picture, {now_s - told.picture.stamp_s:.3f} s ago; wrong in "

@@ -22,14 +22,14 @@ def plugged_in(rig: Rig) -> None:
 
 
 @rule(
-    "F2 F5 F6 F7 F8 R5",
+    "F2 F5 F6 F7 F8",
     fault=Among(("repeat", "freeze", "noise", "shape", "ahead", "drop", "hang")),
 )
 def camera_fault(rig: Rig, fault: str) -> None:
     rig.daemon.camera.fault = fault
 
 
-@rule("F14 F16 F17 F18 R1", fault=Among(("nan", "jump", "far", "ahead", "old")))
+@rule("F14 F16 F17 F18", fault=Among(("nan", "jump", "far", "ahead", "old")))
 def robot_fault(rig: Rig, fault: str) -> None:
     rig.daemon.robot.fault = fault
 

@@ -107,13 +107,18 @@ class Film:
                 told = plant.arm.true_at(reported) @ plant.layout.wrist_from_tag_a
                 taught = plant.base_from_camera.inverse() @ told
             errors[name] = (camera_from_tag @ taught.inverse()).log()
+        wrongs = [*plant.wrongs]
+        if outlier is not None:
+            wrongs.append(f"outlier of tag {outlier[0]}")
+        if max(reported.distance(plant.arm.reported_flange(stamp_s))) > 0:
+            wrongs.append("robot tells an old pose")
         return Exposure(
             stamp_s,
             tags,
             errors,
             plant.camera_shift,
             plant.base_from_object(stamp_s),
-            (*plant.wrongs, *([f"outlier of tag {outlier[0]}"] if outlier else [])),
+            tuple(wrongs),
         )
 
     def _corners(self, camera_from_tag: Pose, size_mm: float) -> Array | None:
