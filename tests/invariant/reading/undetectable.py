@@ -56,18 +56,22 @@ def effect_mm(picture: Exposure, earlier: Exposure | None, point_in_camera: Arra
 
 @cache
 def is_told(link: str, direction: tuple[float, ...], motion: Motion, stability: str) -> bool:
-    """Whether one picture tells a large slip of a link ("tag A", "tag B", "camera", "object") in a direction (6,).
+    """Whether one picture of both tags tells a slip (6,) of a link: "tag A", "tag B", "camera" or "object".
 
-    The direction is in the camera's frame, at the place of tag B in the layout, table at 0.
+    direction: of the slip as a motion in the frame of the table, mm and rad.
     """
     plant = Plant()
-    slip = np.array(direction)
+    camera_from_table = plant.layout.base_from_camera.inverse() @ plant.layout.base_from_table
+    slip = camera_from_table.adjoint() @ np.array(direction)
     errors = {"a": np.zeros(6), "b": np.zeros(6)}
+    shift = Pose.identity()
     if link == "tag A":
         errors["a"] = slip
-    elif link in ("tag B", "object"):
+    elif link == "camera":
+        shift = Pose.exp(slip)
+    else:
         errors["b"] = slip
-    picture = Exposure(0.0, {}, errors, Pose.identity(), plant.base_from_object(0.0), ())
+    picture = Exposure(0.0, {}, errors, shift, plant.base_from_object(0.0), (link,))
     return expected_misfit(picture, None, Variant(motion, stability), plant) > TOLD_SIGMAS
 
 
@@ -85,10 +89,11 @@ def _readings(
         yield [] if tag_a is None else [tag_a]
         return
     prior = (picture.camera_shift.log() / STABILITY, np.diag(1 / STABILITY))
-    yield [prior]
+    if "a" not in picture.errors:
+        yield [prior]
     if tag_a is not None:
         yield [prior, tag_a]
-        yield [tag_a]
+        yield [tag_a]  # a camera that was knocked farther than its stability is followed
 
 
 def _with_tag_a(picture: Exposure, earlier: Exposure | None) -> Exposure | None:

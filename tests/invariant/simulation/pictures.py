@@ -16,6 +16,7 @@ SHAPE = (8, 512)  # the first row is compared with that of the picture before
 ROW = 4  # of the number
 KEPT = 400  # exposures, the newest: more than are in rings and in flight
 NUMBER_BYTES = 16  # of four words: magic, number, and how large a region is
+SAME = 1e-6  # mm and rad: the last digits of two poses that are one
 MAGIC = 0x5EED
 
 
@@ -110,7 +111,7 @@ class Film:
         wrongs = [*plant.wrongs]
         if outlier is not None:
             wrongs.append(f"outlier of tag {outlier[0]}")
-        if max(reported.distance(plant.arm.reported_flange(stamp_s))) > 0:
+        if max(reported.distance(plant.arm.reported_flange(stamp_s))) > SAME:
             wrongs.append("robot tells an old pose")
         return Exposure(
             stamp_s,
