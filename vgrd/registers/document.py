@@ -52,7 +52,8 @@ evaluation, the coordinate leaves the registers
 STATE shows HELD while an answer stands without its tag. `vgrd status` tells P + L + 0.1 s of the
 cell that runs, as `moved_told_within_s`. P is 0.1 s by default; L was 0.03 to 0.05 s on the fake
 12-megapixel cell, 0.2 s without regions. An answer is given only when two pictures agree: the one
-asked for and an earlier one, or a second one.
+asked for and an earlier one, or a second one. Pictures that both were taken long before the request
+are not enough, also for CMD 1.
 
 Without a valid coordinate its registers hold sentinels: 0x8000, 0x80000000, NaN. An answer expires
 in the registers: past its greatest age it turns into sentinels and STATUS 205. SEQ is even while

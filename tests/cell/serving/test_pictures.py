@@ -133,3 +133,15 @@ def test_the_newest_picture_serves_while_it_shows_the_object(bench: Bench, taugh
     bench.clock.sleep(3.3)
     assert bench.ask(CMD=Command.EC_NEWEST).answer.status is Status.OK
     assert bench.serving.answer.captured_s > 1003.0  # of a new picture: the old one is too old
+
+
+def test_a_picture_from_before_a_move_is_not_served_as_the_newest(
+    bench: Bench, taught: Taught
+) -> None:
+    """Found by the machine of tests/invariant: 18 mm off, until the watch's first picture came."""
+    for k in range(3):
+        bench.measuring.show(at(taught.sight, 1000.2 + 0.5 * k))
+        bench.clock.sleep(0.5)
+    bench.measuring.coming = [turned(taught, 0.3, bench.clock.monotonic())]
+    assert bench.ask(CMD=Command.EC_NEWEST).answer.status is Status.OBJECT_MOVED
+    assert bench.measuring.wishes == 1

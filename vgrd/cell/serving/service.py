@@ -167,14 +167,15 @@ class Serving:
         if refusal is not None:
             return refusal, None
         timeout_s = request.timeout_s or self.limits.timeout_s
-        end_s = self.clock.monotonic() + PICTURE_SHARE * timeout_s
+        asked_s = self.clock.monotonic()
+        end_s = asked_s + PICTURE_SHARE * timeout_s
         sight = await self._sight_for(request, end_s)
         if sight is None:
             return reply(request, self._no_picture_status()), None
         if self.faults.is_drift_suspected:
             return self._refusal(request, (Status.CALIBRATION_DRIFT, "")), None
         answer, basis = self._judge(request, calibration, sight)
-        doubt = None if basis is None else await self._doubt(basis, end_s)
+        doubt = None if basis is None else await self._doubt(basis, asked_s, end_s)
         if doubt is None and basis is not None:
             doubt = self.standing.contradiction(basis)
         if self.calibration is not calibration:  # another one was activated meanwhile
@@ -228,10 +229,17 @@ class Serving:
         except DeviceUnavailable:
             return None
 
-    async def _doubt(self, basis: Basis, end_s: float) -> Status | None:
-        """Why one picture is not enough; None when a second one shows the object at the same place."""
+    async def _doubt(self, basis: Basis, asked_s: float, end_s: float) -> Status | None:
+        """Why one picture is not enough; None when a second one shows the object at the same place.
+
+        That may be an earlier one, unless both are from long before the request: the object may have
+        moved since.
+        """
+        is_new = basis.stamp_s >= asked_s or self.vouch.speaks(
+            basis.stamp_s, self.clock.monotonic()
+        )
         earlier = self.standing.earlier_tag_b(basis.stamp_s)
-        if earlier is not None and agree(basis.points, earlier, basis.tag_b):
+        if is_new and earlier is not None and agree(basis.points, earlier, basis.tag_b):
             return None
         second = await self._picture(end_s, whole=False)
         if second is None:

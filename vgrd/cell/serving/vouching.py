@@ -121,6 +121,10 @@ class Vouch:
         """How old the newest whole picture can be while they come as they should, every period."""
         return _span_s(whole_period_s, self._latency_s(whole=True))
 
+    def speaks(self, stamp_s: float, now_s: float) -> bool:
+        """Whether a whole picture of then still speaks when the first one of a watch that begins now comes."""
+        return now_s - stamp_s <= self._latency_s(whole=True)
+
     def _latency_s(self, *, whole: bool) -> float:
         latencies_s = self._latencies_s[whole] or (self.period_s,)
         return min(max(latencies_s), SLOWEST_S)
