@@ -15,7 +15,7 @@ import numpy as np
 import structlog
 
 from tests.invariant.reading.desk import Desk
-from tests.invariant.reading.judge import MARGIN_S, SLOWEST_S, Judge, Lie
+from tests.invariant.reading.judge import Judge, Lie
 from tests.invariant.reading.polling import PROGRAM, Robots
 from tests.invariant.reading.promises import LOST_S
 from tests.invariant.reading.robots import Asked
@@ -139,6 +139,7 @@ class Rig:
         self.plant.repair(self.clock.now_s)
         self.plug_in()
         robot.fault = camera.fault = ""
+        camera.sends_regions = True
         robot.frozen, robot.is_running, robot.reading_s = None, True, READING_S
         for name in ("gate", "cell", "camera", "robot"):
             self.go_on(name)
@@ -148,7 +149,7 @@ class Rig:
         cell = self.daemon.cell
         if cell is not None and cell.serving.faults.latched is None:
             self.promises.kept("tcp")
-        self.judge.slowest_s = max(SLOWEST_S, 0.7 * self.judge.slowest_s)
+        self.judge.faster()
 
     def reload(self, max_age_s: float, scale: str) -> None:
         """The gate takes over another table, and the cell starts anew with what is in it."""
@@ -164,7 +165,7 @@ class Rig:
         now, robot = self.clock.now_s, self.daemon.robot
         if name == "camera":
             self.daemon.camera.is_plugged = False
-            within_s = 2 * self.judge.slowest_s + MARGIN_S
+            within_s = self.judge.told_within_s
         else:
             robot.is_plugged = False
             within_s = max(LOST_S, 3 * min(robot.reading_s, 0.35) + 0.16)
@@ -194,7 +195,7 @@ class Rig:
 
     def slow_down(self, seconds: float) -> None:
         """Threads of the cell take so long."""
-        self.judge.slowest_s = max(self.judge.slowest_s, SLOWEST_S + min(seconds, 1.0))
+        self.judge.slower(min(seconds, 1.0))
         self.daemon.loop.executor_s["cell"] = lambda: self.rng.uniform(0.5, 1.0) * seconds
 
     def suspend(self, seconds: float, turned_rad: float) -> None:

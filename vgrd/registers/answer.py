@@ -24,7 +24,7 @@ class Answer:
     nonce, echo, point, object: of the request, by `reply`. captured_s, valid_until_s: cell clock
     (monotonic). moved_um: how far the link that moved is off, 0 where none is. rotation: in
     `rotation_format`, rad for a rotation vector, degrees otherwise. seq counts the answers of this run
-    of the cell.
+    of the cell, from a random start.
     """
 
     status: Status = Status.IDLE

@@ -28,7 +28,7 @@ U95S = 3.0  # how many of them an answer may be off
 MAX_AGE_S, MOVED_MM = 3.0, 0.3  # as the cell file has them, until it is reloaded
 NOISE_MM = 0.4  # five sigmas of a way between two pictures, at the flange
 SLOWEST_S = 0.25  # from exposure to evaluation, of a whole picture here
-MARGIN_S = 0.1  # told within P + L + 0.1 (docs/registers.md); L stands for P, where it is longer
+WATCH_S, MARGIN_S = 0.1, 0.1  # told within P + L + 0.1 (docs/registers.md)
 WROTE_RAD = 2e-3  # how the wrist stood at the touches, against straight down
 CLOCKS_S = 0.0115  # AGE lags by less than 10 ms, and is rounded up to 1 ms
 _FORMATS = {
@@ -87,10 +87,26 @@ class Judge:
         self.calibrations = calibrations
         self.counts: Counter[str] = Counter()
         self.worst = 0.0
-        self.slowest_s, self.max_age_s = SLOWEST_S, MAX_AGE_S
+        self.slowest_s, self.watch_s, self.max_age_s = SLOWEST_S, WATCH_S, MAX_AGE_S
         self.promises = Promises()
         self._last: tuple[bytes, Told] | None = None
         self._point: tuple[object, str, Array] | None = None
+
+    @property
+    def told_within_s(self) -> float:
+        """P + L + 0.1 s; a slow picture delays the next, so P is L where pictures are whole or late."""
+        return self.watch_s + self.slowest_s + MARGIN_S
+
+    def slower(self, seconds: float) -> None:
+        """Pictures are evaluated so late, one after the other, from now on."""
+        self.slowest_s = max(self.slowest_s, SLOWEST_S + seconds)
+        self.watch_s = max(self.watch_s, self.slowest_s)
+
+    def faster(self) -> None:
+        """They come as they should again; what was slow is remembered for some pictures."""
+        is_slow = self.slowest_s > SLOWEST_S
+        self.slowest_s = max(SLOWEST_S, 0.7 * self.slowest_s)
+        self.watch_s = self.slowest_s if is_slow else WATCH_S
 
     def read(
         self,
@@ -268,7 +284,7 @@ class Judge:
 
     def _moved_lately(self, told: Told, now_s: float) -> bool:
         """Whether the object was at its place, as far as is told, within the time of the promise."""
-        since_s = now_s - 2 * self.slowest_s - MARGIN_S
+        since_s = now_s - self.told_within_s
         changes = [p.since_s for p in self.plant.placements if since_s < p.since_s]
         times = [*np.linspace(since_s, now_s, 9), *(s - 1e-9 for s in changes)]
         return any(self._moved_mm(told, float(at)) <= MOVED_MM + NOISE_MM for at in times)

@@ -15,7 +15,7 @@ from vgrd.gate.gate import Gate
 from vgrd.registers import RESPONSE, SWAPPED_FROM
 
 PROGRAM = "robot program"  # whose process the robots are, to the loop
-SLOWNESS = 10.0  # a set of 69 registers then takes up to 6 s
+SLOWNESS = 25.0  # a set of 69 registers then takes up to 7 s, longer than a cell to start anew
 _AGE = RESPONSE.registers("AGE")[0]
 _STATE_AT = slice(2 * (102 - 100), 2 * (103 - 100))
 

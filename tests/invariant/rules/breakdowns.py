@@ -56,6 +56,7 @@ def safety_stop(rig: Rig) -> None:
 def regions(rig: Rig) -> None:
     """Another mode of the camera: regions or whole pictures."""
     rig.daemon.camera.sends_regions = not rig.daemon.camera.sends_regions
+    rig.judge.slower(0.0)
 
 
 @rule("F4 F30 F34 R7 C12", weight=2, name=PROCESSES)

@@ -4,6 +4,7 @@ An answer that has ended never comes back: whatever ends it (a fault, an object 
 that shows nothing any more) takes it out of the registers for good, and the robot asks again.
 """
 
+import secrets
 from collections import deque
 from dataclasses import dataclass, replace
 
@@ -20,6 +21,7 @@ from vgrd.model import TagObservation
 from vgrd.registers import Answer, Status
 
 SIGHTS_KEPT = 4  # of tag B: the one that is answered from, and earlier ones to agree with it
+SEQ_BITS = 15  # of the register, beside the bit that tells whether it is valid
 EARLIER_PERIODS = 2.5  # of unasked pictures: an older one may show another place by chance
 
 log = structlog.get_logger()
@@ -46,7 +48,8 @@ class StandingAnswer:
     """Holds one answer, judges it by every new picture, and withdraws it when it ends."""
 
     def __init__(self, measuring: Measuring, limits: Limits, clock: Clock) -> None:
-        self.answer = Answer()
+        # A reader of single registers may be so slow that another life of the cell answers meanwhile.
+        self.answer = Answer(seq=secrets.randbits(SEQ_BITS))
         self.basis: Basis | None = None
         self.vouch = Vouch(measuring.watch_period_s)
         self._measuring = measuring
