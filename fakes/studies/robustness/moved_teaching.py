@@ -44,6 +44,7 @@ _PLACES = {  # how far it may have moved since teaching: the cell file's default
     Stability.MOVABLE: frozen_array([np.inf] * 6, 6),
 }
 _BAR = (93.0, 97.0)  # of a region that says 95 %: two points either way
+_FOUND = 93.0  # of 27 knocks one comes after the first look, which is then told as a bad one; 3 for chance
 _LEVEL = 0.95  # of the regions that are stated
 
 
@@ -173,7 +174,7 @@ def _figures_of(trials: Trials, where: str, case: dict[str, object]) -> list[Fig
     if case["stability"] == Stability.FIXED.value:
         found, in_time = (100 * trials.mean(column, **case) for column in ("found", "in time"))
         out += [
-            Figure(f"{where}: found", found, "%", at_least=99.0),
+            Figure(f"{where}: found", found, "%", at_least=_FOUND),
             Figure(f"{where}: at the picture", in_time, "%"),
         ]
     return out

@@ -15,6 +15,11 @@ from vgrd.calibration.joint.problem import HolePixel
 from vgrd.calibration.joint.rows import arm_jacobian, linearize
 from vgrd.calibration.joint.samples import gather
 from vgrd.calibration.joint.state import guess, layout_of
+from vgrd.calibration.stepwise.equations import (
+    flange_for,
+    point_in_base_live,
+    special_expected,
+)
 from vgrd.errors import TagNotSeen
 from vgrd.geometry import Pose
 from vgrd.model import (
@@ -96,16 +101,14 @@ def test_exact_pictures_give_exact_values_wherever_the_camera_stood_in_each(move
     state = fit.state
     for name in ("wrist_from_tag_a", "object_from_tag_b"):
         mm, rad = getattr(state, name).distance(getattr(sim, name))
-        assert mm < 1e-6, name
-        assert rad < 1e-9, name
-    np.testing.assert_allclose(state.tcp_in_wrist, sim.tcp_in_wrist, atol=1e-6)
+        assert mm < 1e-9, name
+        assert rad < 1e-12, name
+    np.testing.assert_allclose(state.tcp_in_wrist, sim.tcp_in_wrist, atol=1e-9)
     assert fit.cost < 1e-9
     assert not [sample.name for sample in fit.samples if not sample.used]
-    if not recording.touches[-1].observation:
-        return
     mm, rad = state.base_from_camera.distance(standing)
-    assert mm < 1e-5
-    assert rad < 1e-8
+    assert mm < 1e-9
+    assert rad < 1e-12
 
 
 def states_near(fit, rng, size=1e-2):
@@ -238,3 +241,62 @@ def test_what_is_stated_holds_wherever_the_camera_stood():
             squares[name].append(error @ np.linalg.solve(covariance, error) / len(error))
     for name, values in squares.items():
         assert np.mean(values) == pytest.approx(1, abs=0.25), name
+
+
+@pytest.mark.parametrize("moved_mm", [1.0, 300.0])
+def test_equation_19_and_equation_6_give_the_answer_of_a_session_whose_camera_moved(moved_mm):
+    """The camera stood elsewhere in every picture: the touched one, the one now, and all between."""
+    sim = cell(Exact, 9, moved_mm, touch_sigma_mm=0.0)
+    recording = sim.record(wrists=mixed(sim))
+    solution = solution_of(calibrate_joint(recording, arm=EXACT))
+    object_from_tag_b = solution.base_from_object.inverse() @ (
+        solution.base_from_camera @ solution.camera_from_tag_b
+    )
+    Y, tip = solution.wrist_from_tag_a, solution.tip_in_wrist
+    touched = recording.touches[0].observation
+
+    def equation_6(picture, point_in_object):
+        tag_a, tag_b = picture.tag_a.camera_from_tag, picture.tag_b.camera_from_tag
+        point = object_from_tag_b.inverse() @ point_in_object
+        in_base = point_in_base_live(picture.base_from_wrist, Y, tag_a, tag_b, point)
+        return flange_for(in_base, WORK_ROTATION, tip)
+
+    for _ in range(3):
+        request = sim.request()
+        now, point = request.seen, sim.targets[request.target].point_in_object
+        center = recording.facts.object.center_in_object
+        seen = [
+            picture.tag_a.camera_from_tag.inverse() @ picture.tag_b.camera_from_tag
+            for picture in (touched, now)
+        ]
+        by_19 = special_expected(
+            base_from_wrist_ref=touched.base_from_wrist,
+            base_from_wrist_now=now.base_from_wrist,
+            tag_a_from_tag_b_ref=seen[0],
+            tag_a_from_tag_b_now=seen[1],
+            R_wrist_from_tag_a=Y.rotation,
+            pivot_in_tag_b=object_from_tag_b.inverse() @ center,
+            flange_ref=equation_6(touched, point),
+            pivot_flange_ref=equation_6(touched, center),
+        )
+        answered = answer(sim, solution, recording.facts, request).base_from_wrist.translation
+        np.testing.assert_allclose(by_19, equation_6(now, point), atol=1e-6)
+        np.testing.assert_allclose(answered, by_19, atol=1e-6)
+        np.testing.assert_allclose(
+            answered, sim.flange(request.target, request.angle_rad, WORK_ROTATION), atol=1e-6
+        )
+
+
+def test_a_hole_counts_in_the_place_of_the_touch_that_shows_the_object_alike():
+    sim = cell(Exact, 10, 50.0, touch_sigma_mm=0.0)
+    recording = sim.record(wrists=mixed(sim), names=[f"P{1 + i % 5}" for i in range(10)])
+    seen = sim.holes([None], sigma_px=1e-3)
+    last = len(recording.touches) - 1
+
+    def cost(touch):
+        holes = [HolePixel(hole.target, hole.pixel, 1e-3, touch=touch) for hole in seen]
+        fit = calibrate_joint(recording, holes, arm=EXACT, robust=False)
+        return 2 * fit.cost / (2 * len(holes))
+
+    assert cost(last) == cost(None) < 3
+    assert cost(0) > 100
