@@ -13,11 +13,10 @@ from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, initialize, rule
 
 from tests.invariant.rig import Rig, silence
-from tests.invariant.rules import accidents, asking, breakdowns
-from tests.invariant.rules.table import RULES, Rule
+from tests.invariant.rules.catalogue import RULES
+from tests.invariant.rules.table import Rule
 from tests.invariant.simulation.teaching import VARIANTS, Variant
 
-assert RULES, (accidents, asking, breakdowns)
 MOMENT_S = 0.03  # between two rules at least
 
 

@@ -9,11 +9,9 @@ from tempfile import TemporaryDirectory
 import numpy as np
 
 from tests.invariant.rig import Rig, silence
-from tests.invariant.rules import accidents, asking, breakdowns
-from tests.invariant.rules.table import RULES
+from tests.invariant.rules.catalogue import RULES
 from tests.invariant.simulation.teaching import VARIANTS, Variant
 
-assert RULES, (accidents, asking, breakdowns)
 WAIT_S = 0.9  # the longest pause between two rules
 REMEMBERED = 25  # rules that a failure names, the last ones
 _OF_ALL = ("reads", "reads of one register", "sets of registers", "valid")
