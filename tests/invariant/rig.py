@@ -133,6 +133,13 @@ class Rig:
             within_s = self.daemon.robot.reading_s + LOST_S
             self.promises.made("tcp", "the TCP was changed", self.clock.now_s, within_s)
 
+    def restore_tcp(self) -> None:
+        """Nothing is valid before a person confirms it, if the cell has seen that it was changed."""
+        self.plant.arm.wrist_from_tcp = self.plant.pendant_tcp
+        cell = self.daemon.cell
+        if cell is None or cell.serving.faults.latched is None:
+            self.promises.kept("tcp")
+
     def repair(self) -> None:
         """All is as it was taught; who was waited for is there."""
         robot, camera = self.daemon.robot, self.daemon.camera

@@ -133,6 +133,12 @@ def tcp_changed(rig: Rig, size_mm: float) -> None:
     rig.change_tcp(size_mm)
 
 
+@rule("C15")
+def tcp_restored(rig: Rig) -> None:
+    """And nobody confirms it: what was latched stays, also in another life of the cell."""
+    rig.restore_tcp()
+
+
 @rule(weight=20)
 def repair(rig: Rig) -> None:
     """Somebody puts everything right and confirms it."""
