@@ -154,7 +154,7 @@ class Rig:
         self.wait(CONFIRMED_S)
         self.confirm()
         cell = self.daemon.cell
-        if cell is not None and cell.serving.faults.latched is None:
+        if cell is None or cell.serving.faults.latched is None:
             self.promises.kept("tcp")
         self.judge.faster()
 
