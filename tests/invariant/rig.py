@@ -63,9 +63,15 @@ class Rig:
         self.promises = self.judge.promises
         self.robots = Robots(self.daemon, self.judge, desk, read_s)
         self._trigs = [1, 2]
+        self._start_s, self._asleep_s = self.clock.now_s, 0.0
         self.daemon.start()
         self.robots.start()
         self.wait(SETTLED_S)
+
+    @property
+    def awake_s(self) -> float:
+        """How long the cell has lived, without the time in which nothing ran."""
+        return self.clock.now_s - self._start_s - self._asleep_s
 
     @property
     def motion(self) -> Motion:
@@ -208,6 +214,7 @@ class Rig:
     def suspend(self, seconds: float, turned_rad: float) -> None:
         """Nothing runs; the first read after it shows no answer of before."""
         self.clock.now_s += seconds
+        self._asleep_s += seconds
         if turned_rad:
             at = self.plant.placements[-1]
             angle = at.angle(self.clock.now_s) + turned_rad

@@ -66,20 +66,17 @@ class Watch:
     def __init__(self, walk: Walk, hours: float, tell: Callable[[str], None]) -> None:
         self.walk, self.hours, self.tell = walk, hours, tell
         self.first: Use | None = None
-        self._start_s: float | None = None
         self._told_s = time.monotonic()
 
     def look(self, rig: Rig) -> None:
         """After each step. Raises Growth."""
-        self._start_s = rig.clock.now_s if self._start_s is None else self._start_s
-        lived_s = rig.clock.now_s - self._start_s
-        if self.first is None and lived_s > WARM_S:
+        if self.first is None and rig.awake_s > WARM_S:
             rig.repair()
             self.first = Use.now(rig.daemon.folder)
         if time.monotonic() - self._told_s > TOLD_S:
             self._told_s = time.monotonic()
             reads = self.walk.counts["reads"] + rig.judge.counts["reads"]
-            self.tell(f"{self.walk.variant}: {lived_s / 3600:.2f} h, {reads:,} reads")
+            self.tell(f"{self.walk.variant}: {rig.awake_s / 3600:.2f} h, {reads:,} reads")
 
     def end(self, rig: Rig) -> None:
         """Compare. Raises Growth."""
