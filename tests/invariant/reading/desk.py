@@ -13,15 +13,15 @@ class Desk:
     """`asked` is the request that a valid answer must belong to; `state` the STATE that was read last."""
 
     def __init__(self) -> None:
-        self.asked: Asked | None = None
         self.state = 0
-        self._words = [0] * REQUEST.end
-        self._parameters: tuple[int, ...] = ()
-        self._coils = [False, False]
+        self.forget()
 
     def forget(self) -> None:
         """The gate began anew: nothing is asked, nothing is written."""
-        self.__init__()  # type: ignore[misc]
+        self.asked: Asked | None = None
+        self._words = [0] * REQUEST.end
+        self._parameters: tuple[int, ...] = ()
+        self._coils = [False, False]
 
     def wrote(self, address: int, words: list[int], now_s: float) -> None:
         """Registers were written, and the gate has said so."""
