@@ -150,6 +150,7 @@ class Rig:
         """All is as it was taught; who was waited for is there."""
         robot, camera = self.daemon.robot, self.daemon.camera
         self.plant.repair(self.clock.now_s)
+        self.restore_tcp()
         self.plug_in()
         robot.fault = camera.fault = ""
         camera.sends_regions = True

@@ -15,7 +15,8 @@ from vgrd.gate.gate import Gate
 from vgrd.registers import RESPONSE, SWAPPED_FROM
 
 PROGRAM = "robot program"  # whose process the robots are, to the loop
-SLOWNESS = 25.0  # a set of 69 registers then takes up to 7 s, longer than a cell to start anew
+# A set of 69 registers takes up to 10 s, longer than a cell to start anew.
+QUICK_S, SLOW_S = 0.001, 0.15
 _AGE = RESPONSE.registers("AGE")[0]
 _STATE_AT = slice(2 * (102 - 100), 2 * (103 - 100))
 
@@ -23,7 +24,7 @@ _STATE_AT = slice(2 * (102 - 100), 2 * (103 - 100))
 class Robots:
     """Poll all the time, unless they pause; `lies` are the reads that must not have been.
 
-    read_s: from one read to the next, 1 to `SLOWNESS` times that for the one that reads register by register.
+    read_s: from one read of a block to the next.
     """
 
     def __init__(self, daemon: Daemon, judge: Judge, desk: Desk, read_s: float) -> None:
@@ -96,7 +97,7 @@ class Robots:
     async def _poll_pieces(self) -> None:
         """Sometimes so slow that much happens meanwhile."""
         while True:
-            pause_s = self.read_s * (0.5 + SLOWNESS * self.rng.uniform(0, 1) ** 6)
+            pause_s = QUICK_S + SLOW_S * self.rng.uniform(0, 1) ** 12
             steps, age_s, block = pieces(self.links[2]), self.daemon.clock.now_s, None
             while True:
                 try:
