@@ -49,3 +49,18 @@ def test_faults_of_the_file_are_told_without_a_result(vgrd, tmp_path):
     assert "at least 4" in done.err
     assert "did you mean 'target'" in done.err
     assert not out.exists()
+
+
+def test_touches_by_a_4_axis_arm_are_told_what_stays_open(vgrd, tmp_path):
+    turns = Rotation.from_rotvec(np.linspace(-0.5, 0.5, 6)[:, None] * (0, 0, 1))
+    positions = np.array([500, 0, 200]) - turns.apply(TCP)
+    lines = ['kind = "fixed-point"', "[poses]", 'unit = "mm"', 'rotation = "quaternion-xyzw"']
+    for i, (position, turn) in enumerate(zip(positions, turns.as_quat(), strict=True)):
+        pose = [*position.tolist(), *turn.tolist()]
+        lines += ["[[touch]]", f'name = "p{i + 1}"', f"pose = {pose}"]
+    source = tmp_path / "touches.toml"
+    source.write_text("\n".join(lines))
+    done = vgrd("tcp", source)
+    assert done.code != 0
+    assert "5 of 6 unknowns" in done.err + done.out
+    assert "the wrist turned about one axis only" in done.err + done.out

@@ -9,6 +9,7 @@ from vgrd.geometry.covariance import (
     observability,
     radius95,
     sqrt_information,
+    wide_directions,
 )
 
 
@@ -26,6 +27,14 @@ def test_no_uncertainty_has_no_radius():
 def test_the_covariance_of_a_linear_estimate_is_the_inverse_of_its_information():
     J = np.random.default_rng(1).normal(size=(30, 4)) * [1e-3, 1, 10, 1e4]
     np.testing.assert_allclose(covariance_from(J) @ J.T @ J, np.eye(4), atol=1e-6)
+
+
+def test_the_wide_axes_of_a_covariance_come_as_long_as_their_sigma():
+    axis = np.array([2.0, -1.0, 2.0]) / 3
+    covariance = 0.1 * np.eye(3) + 400.0 * np.outer(axis, axis)
+    wide = wide_directions(covariance, 10.0)
+    np.testing.assert_allclose(wide @ wide.T, 400.1 * np.outer(axis, axis), rtol=1e-9)
+    assert wide_directions(covariance, 21.0).shape == (3, 0)
 
 
 def test_dependent_columns_are_refused_with_their_rank():

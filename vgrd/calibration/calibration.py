@@ -7,7 +7,7 @@ import numpy as np
 
 from vgrd.calibration.contradiction import contradiction_of
 from vgrd.calibration.joint import JointSolution
-from vgrd.calibration.stepwise import SpecialSolution, UniversalSolution
+from vgrd.calibration.stepwise import SpecialSolution, UniversalSolution, is_open
 from vgrd.errors import InputError
 from vgrd.geometry import Array, Pose
 from vgrd.model import (
@@ -63,8 +63,9 @@ class Calibration:
 
     @property
     def tcp(self) -> TcpEstimate | None:
-        """The touch tip, None where it is not determined (constant wrist)."""
-        return self.solution.tcp
+        """The touch tip, None where it is not determined (constant wrist, a wrist with one axis)."""
+        tcp = self.solution.tcp
+        return None if tcp is None or is_open(tcp.covariance) else tcp
 
     @property
     def tcp_in_wrist(self) -> Array | None:

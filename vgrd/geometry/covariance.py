@@ -93,6 +93,13 @@ def radius95(covariance: Array) -> float:
     return float(np.sqrt(g * chi2_quantile(0.95, degrees_of_freedom)))
 
 
+def wide_directions(covariance: Array, sigma: float) -> Array:
+    """Axes (n, k) of a covariance (n, n) along which its sigma is at least that large, scaled by it."""
+    variances, axes = np.linalg.eigh(covariance)
+    wide = variances >= sigma**2
+    return np.asarray(axes[:, wide] * np.sqrt(variances[wide]))
+
+
 def rms(values: ArrayLike) -> float:
     """Root of the mean of the squares, all of any shape alike."""
     return float(np.sqrt(np.mean(np.square(values))))

@@ -157,6 +157,12 @@ OF_A_SESSION: Mapping[str, Kind] = MappingProxyType(
             "touch with tilted wrists to know it",
             "covariance of the estimate",
         ),
+        "tcp_axis_open": Kind(
+            "the fixed point was touched with turns about one axis, as a 4-axis arm must: the TCP along "
+            "that axis is not determined; answers do not need it while the wrist has the tilt of the touches",
+            "nothing while that tilt is kept, else touch with tilted wrists",
+            "rank of the touches of the fixed point",
+        ),
         "constant_wrist": Kind(
             "the plan was universal and all touches have one wrist orientation",
             "touch some targets again with the wrist tilted",

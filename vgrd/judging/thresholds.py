@@ -29,6 +29,7 @@ PIVOT_APART_MM = 3.0  # between two estimates of one rotation centre: the same
 WEAK_MM = 10.0  # 1 sigma of a camera's place in a dataset
 WEAK_DEG = 1.0  # 1 sigma of its orientation
 WEAK_TCP_MM = 5.0  # 95 % radius of a TCP
+OPEN_TCP_MM = 500.0  # sigma of a TCP along the only axis of turning: no tool is longer
 UNKNOWN_MM = 1000.0  # sigma of a place of which nothing is known: larger than any cell's need
 
 # Motion.

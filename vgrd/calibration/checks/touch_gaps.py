@@ -40,7 +40,15 @@ def missing_points(recording: Recording) -> Iterator[MissingMotion]:
         rank, unknowns = fault.rank, fault.unknowns
     else:
         return
-    yield _tilt_again("fixed_point_motion", recording, points, rank, unknowns, essential=True)
+    count, _ = turned_axes([point.base_from_wrist.rotation for point in points])
+    yield _tilt_again(
+        "fixed_point_motion",
+        recording,
+        points,
+        rank,
+        unknowns,
+        essential=count is not Axes.ONE or rank < 5,
+    )
 
 
 def missing_touches(recording: Recording, policy: Policy) -> Iterator[MissingMotion]:

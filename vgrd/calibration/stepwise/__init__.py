@@ -12,7 +12,7 @@ from vgrd.calibration.stepwise.equations import (
     point_in_base_live,
     special_expected,
 )
-from vgrd.calibration.stepwise.solution import SpecialSolution, UniversalSolution
+from vgrd.calibration.stepwise.solution import SpecialSolution, UniversalSolution, is_open
 
 __all__ = [
     "CameraChain",
@@ -21,6 +21,7 @@ __all__ = [
     "UniversalSolution",
     "calibrate_in_steps",
     "flange_for",
+    "is_open",
     "motion_about",
     "moved_flange",
     "point_in_base_live",

@@ -46,7 +46,10 @@ def calibrate_in_steps(
         and (center is not None or holes is not None)
     )
     hand_eye = calibrate_hand_eye(
-        _hand_eye_problem(recording, allow_unobservable=int(needs_rotation_only))
+        _hand_eye_problem(
+            recording,
+            allow_unobservable=int(needs_rotation_only or taught.open_axis is not None),
+        )
     )
     doubts += null_space_findings(recording.facts.mount, hand_eye.null_space)
     reference = find_reference(recording.touches)

@@ -17,11 +17,16 @@ from vgrd.calibration.stepwise.camera import CameraLinks, SeenTag, seen_by_taugh
 from vgrd.calibration.stepwise.chain import CameraChain, MovedPoint, Pivot
 from vgrd.calibration.stepwise.series import StepwiseSeries
 from vgrd.calibration.touches import ReferenceTagA
-from vgrd.errors import InputError
+from vgrd.errors import InputError, NotObservable
 from vgrd.geometry import Array, Pose, log_rotation
 from vgrd.geometry.chi2 import chi2_quantile
-from vgrd.geometry.covariance import radius95
-from vgrd.judging.thresholds import FITS_MODEL, SAME_ORIENTATION_RAD
+from vgrd.geometry.covariance import radius95, wide_directions
+from vgrd.judging.thresholds import (
+    FITS_MODEL,
+    IRRELEVANT_MM,
+    OPEN_TCP_MM,
+    SAME_ORIENTATION_RAD,
+)
 from vgrd.model import (
     UNMOVED,
     ArmModel,
@@ -40,6 +45,8 @@ from vgrd.model import (
 )
 
 _EYE = np.eye(3)
+LEFT_OPEN_MM = OPEN_TCP_MM / 2  # sigma: touches that tell an axis leave a hundredth of it
+_NOISE_RADII = 2.0  # twice the 95 % radius: one picture in a million
 _PIVOT_STANDS = chi2_quantile(FITS_MODEL, 3)  # its shift in the camera has three numbers
 
 
@@ -108,16 +115,17 @@ class StepwiseSolution:
         seen = self._seen(facts, tag_b, camera)
         flange = self._flange(facts, taught, seen, policy, R_work)
         turn = flange.motion.rotation
+        rotation_covariance = self.chain.rotation_covariance(seen, turn)
         touches = self.touch_covariances.get(taught.target.name, taught.covariance)
         if flange.J_touches.shape[1] == 3:
             touches = taught.covariance
+        _check_open(flange.J_touches @ wide_directions(touches, LEFT_OPEN_MM), rotation_covariance)
         covariance = (
             flange.J_touches @ touches @ flange.J_touches.T
             + flange.motion.covariance
             + facts.robot_sigma_mm**2 * _EYE
         )
         follows = policy is Policy.FOLLOW
-        rotation_covariance = self.chain.rotation_covariance(seen, turn)
         return ExpectedCoordinate(
             target=taught.target,
             base_from_wrist=Pose(_wrist(policy, turn, R_work), flange.position),
@@ -278,6 +286,28 @@ def _displacement(seen: SeenTag, tag_b: TagObservation) -> Pose:
 
 def _wrist(policy: Policy, turn: Array, R_work: Array) -> Array:
     return turn @ R_work if policy is Policy.FOLLOW else R_work
+
+
+def is_open(covariance: Array) -> bool:
+    """Whether a TCP's covariance (3, 3) says that the touches left it open along an axis."""
+    return bool(wide_directions(covariance, LEFT_OPEN_MM).size)
+
+
+def _check_open(open_mm: Array, rotation_covariance: Array) -> None:
+    """Raise where the answer depends on what the touches left open, (3, k) mm.
+
+    What the noise of the object's measured rotation lets it depend on that is noise, and counted so.
+    """
+    noise_mm = OPEN_TCP_MM * _NOISE_RADII * radius95(rotation_covariance)
+    if float(np.linalg.norm(open_mm)) <= max(IRRELEVANT_MM, noise_mm):
+        return
+    raise NotObservable(
+        "the expected coordinate depends on the TCP along the one axis about which the wrist turned, "
+        "which the touches leave open: keep the wrist at the tilt of the touches, or touch with the "
+        "wrist tilted by 20 degrees or more about two axes",
+        rank=8,
+        unknowns=9,
+    )
 
 
 def _check_orientation(taught: TaughtPoint, R_work: Array) -> None:

@@ -1,21 +1,29 @@
 """What the touches teach: flange positions of all targets, the TCP where the wrists varied."""
 
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from vgrd.calibration.observability import Axes, check_distinct, turned_axes
-from vgrd.calibration.touches import CadFit, arm_touches, fit_cad, touched_orientation
+from vgrd.calibration.tcp import calibrate_fixed_point
+from vgrd.calibration.touches import (
+    CadFit,
+    TouchSet,
+    arm_touches,
+    fit_cad,
+    touched_orientation,
+)
 from vgrd.calibration.universal import (
     UniversalProblem,
     UniversalResult,
     calibrate_universal,
 )
 from vgrd.errors import InputError, NotObservable, TooFewObservations
-from vgrd.geometry import Array, hat, log_rotation
+from vgrd.geometry import Array, Pose, hat, log_rotation
 from vgrd.judging.thresholds import SAME_ORIENTATION_RAD
 from vgrd.model import (
+    Plan,
     Recording,
     Target,
     TaughtPoint,
@@ -25,23 +33,27 @@ from vgrd.model import (
     frozen_copy,
 )
 
+Flange = tuple[Target, Array, Array, Array]
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FittedTouches:
     """Outcome of the touches.
 
-    tcp: None where the wrist was constant (special method). pivot_in_base: as in `Pivot`.
-    parameters: (k, k) covariance of what was fitted; per target its flange (3,), orientation (3, 3)
-    and (3, k) derivative; residuals_mm (m, 3) and scores (m,) of the touches.
+    tcp: None where the wrist was constant and no fixed point was touched (special method).
+    pivot_in_base: as in `Pivot`. parameters: (k, k) covariance of what was fitted; per target its flange
+    (3,), orientation (3, 3) and (3, k) derivative; residuals_mm (m, 3) and scores (m,) of the touches.
+    open_axis: (3,) in the wrist along which the TCP stays open, None where it does not.
     """
 
     tcp: TcpEstimate | None
     pivot_in_base: Array | None
     parameters: Array
     pivot_jacobian: Array
-    flanges: Mapping[str, tuple[Target, Array, Array, Array]]
+    flanges: Mapping[str, Flange]
     residuals_mm: Array
     scores: Array
+    open_axis: Array | None = None
 
     def points(self, *, has_pivot: bool) -> tuple[dict[str, TaughtPoint], dict[str, Array]]:
         """Taught points, and `touch_covariances` as the solutions have them."""
@@ -67,6 +79,8 @@ class FittedTouches:
 def fit_touches(recording: Recording) -> FittedTouches:
     """Fit the touches: universal method for varied wrists, CAD fit for a constant one.
 
+    Plan conventional takes the TCP from the fixed point where the wrist was constant.
+
     Raises InputError (unknown target), TooFewObservations, NotObservable or DidNotConverge.
     """
     touches = recording.touches
@@ -77,6 +91,8 @@ def fit_touches(recording: Recording) -> FittedTouches:
     check_distinct(names, [touch.base_from_wrist for touch in touches])
     arrays = arm_touches(touches, recording)
     if turned_axes(list(arrays.rotations))[0] is Axes.NONE:
+        if recording.plan is Plan.CONVENTIONAL and recording.points:
+            return _conventional(recording, points, arrays)
         return _special(recording, fit_cad(points, arrays))
     return _universal(recording, calibrate_universal(UniversalProblem(points, arrays)))
 
@@ -110,6 +126,30 @@ def _special(recording: Recording, fit: CadFit) -> FittedTouches:
     )
 
 
+def _conventional(recording: Recording, points: Array, touches: TouchSet) -> FittedTouches:
+    """Section III: the TCP by the fixed point, then the touched points, fitted to CAD.
+
+    Parameters: left tangent of base_from_object, and the TCP, by which the fit shifts.
+    """
+    fixed = calibrate_fixed_point(arm_touches(recording.points, recording), allow_open_axis=True)
+    R, tcp = touches.rotations[0], fixed.tcp_in_wrist
+    fit = fit_cad(points, replace(touches, translations=touches.translations + R @ tcp))
+    by_tcp = np.vstack([R, np.zeros((3, 3)), np.eye(3)])
+    covariance = by_tcp @ fixed.covariance[:3, :3] @ by_tcp.T
+    covariance[:6, :6] += fit.covariance
+    flanges, pivot, J_pivot = _by_tip(recording, fit.base_from_object_flange, fit.jacobian, tcp)
+    return FittedTouches(
+        tcp=TcpEstimate(frozen_array(tcp, 3), frozen_array(fixed.covariance[:3, :3], 3, 3)),
+        pivot_in_base=pivot,
+        parameters=covariance,
+        pivot_jacobian=J_pivot,
+        flanges=flanges,
+        residuals_mm=fit.residuals_mm,
+        scores=fit.scores,
+        open_axis=fixed.open_axis,
+    )
+
+
 def _check_same_orientation(target: Target, R_work: Array) -> None:
     if target.base_from_work is None:
         return
@@ -124,27 +164,46 @@ def _check_same_orientation(target: Target, R_work: Array) -> None:
 
 
 def _universal(recording: Recording, result: UniversalResult) -> FittedTouches:
-    tip = result.tcp_in_wrist + recording.facts.tool.work_from_touch_mm
     base_from_object = result.object_from_base.inverse()
     R = base_from_object.rotation
+    flanges, pivot, J_pivot = _by_tip(
+        recording,
+        base_from_object,
+        lambda p: np.hstack([-R, R @ hat(p)]),
+        result.tcp_in_wrist,
+    )
+    return FittedTouches(
+        tcp=TcpEstimate(
+            frozen_array(result.tcp_in_wrist, 3), frozen_array(result.covariance[6:, 6:], 3, 3)
+        ),
+        pivot_in_base=pivot,
+        parameters=result.covariance,
+        pivot_jacobian=J_pivot,
+        flanges=flanges,
+        residuals_mm=result.residuals_mm,
+        scores=result.scores,
+    )
+
+
+def _by_tip(
+    recording: Recording,
+    base_from_object: Pose,
+    jacobian: Callable[[Array], Array],
+    tcp_in_wrist: Array,
+) -> tuple[dict[str, Flange], Array | None, Array]:
+    """Flanges of all targets, and the pivot (3,) in the base with its derivative (3, 9), by a known TCP.
+
+    jacobian: of a CAD point (3,) in the base by the object's pose, (3, 6); the TCP comes after it.
+    """
+    tip = tcp_in_wrist + recording.facts.tool.work_from_touch_mm
     flanges = {}
     for name, target in recording.facts.object.targets.items():
         R_work = target.base_from_work
         if R_work is None:
             R_work = touched_orientation(recording.touches, name)
         p = target.point_in_object
-        J = np.hstack([-R, R @ hat(p), -R_work])
+        J = np.hstack([jacobian(p), -R_work])
         flanges[name] = (target, base_from_object @ p - R_work @ tip, R_work, J)
     center = recording.facts.object.center_in_object
-    pivot = np.zeros(3) if center is None else center
-    return FittedTouches(
-        tcp=TcpEstimate(
-            frozen_array(result.tcp_in_wrist, 3), frozen_array(result.covariance[6:, 6:], 3, 3)
-        ),
-        pivot_in_base=None if center is None else base_from_object @ center,
-        parameters=result.covariance,
-        pivot_jacobian=np.hstack([-R, R @ hat(pivot), np.zeros((3, 3))]),
-        flanges=flanges,
-        residuals_mm=result.residuals_mm,
-        scores=result.scores,
-    )
+    J_pivot = np.hstack([jacobian(np.zeros(3) if center is None else center), np.zeros((3, 3))])
+    return flanges, None if center is None else base_from_object @ center, J_pivot

@@ -51,6 +51,16 @@ def _method(evidence: StepwiseEvidence) -> list[Finding]:
                 "unknown",
             )
         ]
+    if evidence.taught.open_axis is not None:
+        x, y, z = np.round(evidence.taught.open_axis, 2) + 0.0
+        return [
+            finding(
+                "tcp_axis_open",
+                f"the wrist turned about one axis only: the TCP along ({x:.2f}, {y:.2f}, {z:.2f}) of the "
+                "wrist is not determined, is taken as 0 mm, and answers at the tilt of the touches do "
+                "not need it",
+            )
+        ]
     if plan is Plan.SPECIAL and has_tcp:
         return [
             finding(
