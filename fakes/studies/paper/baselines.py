@@ -69,10 +69,17 @@ def compare_methods(recording: Recording, stability: Array = EXACT) -> Mapping[s
     return methods
 
 
+def paper_methods(recording: Recording) -> Mapping[str, Method]:
+    """The paper's own methods, prepared; raises what one of them refuses."""
+    return {**_prepare_conventional(recording), **_prepare_special(recording)}
+
+
 def _prepare_conventional(recording: Recording) -> Mapping[str, Method]:
     """Section III: fixed-point TCP, hand-eye, one touch of the target, Eq. 6 with the live tag A."""
-    tcp = calibrate_fixed_point(arm_touches(recording.points, recording)).tcp_in_wrist
-    return {CONVENTIONAL: partial(_conventional, recording, _hand_eye(recording), tcp)}
+    touches = arm_touches(recording.points, recording)
+    tcp = calibrate_fixed_point(touches, allow_open_axis=True).tcp_in_wrist
+    hand_eye = _hand_eye(recording)
+    return {CONVENTIONAL: partial(_conventional, recording, hand_eye, tcp)}
 
 
 def _conventional(
@@ -92,7 +99,7 @@ def _conventional(
 def _prepare_special(recording: Recording) -> Mapping[str, Method]:
     """Section V: Eq. 19 as published, from one touch of the target, and from touches fitted to CAD."""
     fit = _cad_fit(recording)
-    rotation = _hand_eye(recording, allow_unobservable=1)  # all that Eq. 19 needs of the hand-eye
+    rotation = _hand_eye(recording)  # all that Eq. 19 needs of the hand-eye
     special = partial(_special, recording, rotation, fit, _pivot_in_tag(recording))
     return {SPECIAL: partial(special, False), SPECIAL_CAD: partial(special, True)}
 
@@ -144,10 +151,10 @@ def _served(calibration: Calibration, stability: Array, target: str, now: Observ
     return expected.base_from_wrist.translation
 
 
-def _hand_eye(recording: Recording, allow_unobservable: int = 0) -> HandEyeResult:
+def _hand_eye(recording: Recording) -> HandEyeResult:
+    """The height along the axis of a 4-axis arm may stay open: it cancels, as that of the TCP does."""
     samples = hand_eye_samples(recording)
-    problem = HandEyeProblem(recording.facts.mount, samples, allow_unobservable=allow_unobservable)
-    return calibrate_hand_eye(problem)
+    return calibrate_hand_eye(HandEyeProblem(recording.facts.mount, samples, allow_unobservable=1))
 
 
 def _cad_fit(recording: Recording) -> CadFit:

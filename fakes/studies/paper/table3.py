@@ -4,6 +4,7 @@ Experiment B on the simulated cell, the paper's touch noise. All methods above t
 one wrist orientation, 8 looks and 10 turntable pictures (the conventional one 10 touches of a fixed point besides);
 the session without a hand-eye step and the one with 3 touches are recorded in the same cell. The camera stands exactly
 where it was taught, or gives as much as a fixed one may, or is moved before every request; both tags are in view.
+`arms` adds the paper's own robot.
 """
 
 from collections.abc import Callable, Mapping
@@ -15,6 +16,8 @@ import numpy as np
 from numpy.random import SeedSequence
 
 from fakes.studies.cameras import STABILITIES, move, place_in
+from fakes.studies.paper.arms import CASES as ARM_CASES
+from fakes.studies.paper.arms import EXACT, arm_figures, arm_trial
 from fakes.studies.paper.baselines import (
     CONVENTIONAL,
     SERVED,
@@ -75,6 +78,8 @@ Answer = Callable[[SimulatedRequest], Pose]
 
 def _trial(seed: SeedSequence, parameters: Parameters) -> dict[str, float]:
     """Mean miss of three requests, mm, by method: in xy, in z, and in all."""
+    if parameters["arm"] != EXACT:
+        return arm_trial(seed, parameters)
     cell = Simulation(seed, vision=_VISION[parameters["vision"]])
     stability = STABILITIES[parameters["camera"]]
     answers = _answers(cell, stability)
@@ -148,7 +153,7 @@ def _sizes(misses: Array) -> dict[str, float]:
 def _figures(trials: Trials) -> list[Figure]:
     figures = []
     for vision, camera in _CASES:
-        case = {"vision": vision, "camera": camera}
+        case = {"vision": vision, "camera": camera, "arm": EXACT}
         where = vision if camera == "exact" else f"{vision}, camera {camera}"
         for name in _METHODS:
             for part in _PARTS:
@@ -159,7 +164,7 @@ def _figures(trials: Trials) -> list[Figure]:
             ratio = trials.mean(f"{name}, xy", **case)
             ratio /= trials.mean(f"{other}, xy", **case)
             figures.append(Figure(f"{where}: {name} / {other}, xy", ratio, "", at_most=bar))
-    return figures
+    return [*figures, *arm_figures(trials)]
 
 
 def _draw(trials: Trials) -> "Drawing":
@@ -170,7 +175,10 @@ def _draw(trials: Trials) -> "Drawing":
     )
     places = np.arange(len(_METHODS))
     for color, vision, shift in zip(COLORS, _VISION, (-0.19, 0.19), strict=False):
-        values = [trials.values(f"{name}, xy", vision=vision, camera="exact") for name in _METHODS]
+        values = [
+            trials.values(f"{name}, xy", vision=vision, camera="exact", arm=EXACT)
+            for name in _METHODS
+        ]
         means = np.array([each.mean() for each in values])
         high = np.array([np.percentile(each, 95) for each in values])
         axes.barh(places + shift, means, 0.36, color=color, label=f"{vision} vision")
@@ -189,7 +197,10 @@ def _draw(trials: Trials) -> "Drawing":
 STUDY = Study(
     name="table3",
     title="Table 3: miss of the expected coordinate by method",
-    cases=tuple({"vision": vision, "camera": camera} for vision, camera in _CASES),
+    cases=(
+        *({"vision": vision, "camera": camera, "arm": EXACT} for vision, camera in _CASES),
+        *({**case, "camera": "exact"} for case in ARM_CASES),
+    ),
     runs=1000,
     trial=_trial,
     figures=_figures,
