@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from difflib import get_close_matches
 from types import MappingProxyType
 
-from fakes.studies.paper import experiment_a, fig4, fig5, table3, table4, tilt
+from fakes.studies.paper import experiment_a, fig4, fig5, fig10, table3, table4, tilt
 from fakes.studies.robustness import (
     blunders,
     certificate,
@@ -27,8 +27,10 @@ STUDIES: Mapping[str, Study] = MappingProxyType(
         for module in (
             fig4,
             fig5,
+            fig10,
             experiment_a,
             table3,
+           
             table4,
             tilt,
             certificate,

@@ -15,12 +15,12 @@ from numpy.random import SeedSequence
 from fakes.studies.paper.baselines import CONVENTIONAL, SPECIAL, SPECIAL_CAD, paper_methods
 from fakes.studies.sessions import TILT_RAD, Session
 from fakes.studies.study import REFUSED, Figure, Parameters, Trials
-from fakes.world.arm_errors import ArmErrors
+from fakes.world.arm_errors import EXACT_ARM, ArmErrors
 from fakes.world.simulation import WORK_ROTATION, Simulation
 from vgrd.calibration.calibration import expected_coordinate
 from vgrd.calibration.solve import calibrate_system
 from vgrd.geometry import Pose
-from vgrd.model import Plan, Policy
+from vgrd.model import Plan, Policy, Recording
 
 EXACT = "exact"
 SIX_AXES, FOUR_AXES = "6-axis", "4-axis"
@@ -31,7 +31,11 @@ _ERRORS = ArmErrors(
     field_mm=0.1,  # per axis, a guess: arms of this size err by 0.1 to 0.3 mm
 )
 _TURN_RAD: Mapping[str, float] = MappingProxyType(
-    {SIX_AXES: TILT_RAD, FOUR_AXES: float(np.sqrt(2) * TILT_RAD)}  # as much information
+    {  # the last: as much information
+        EXACT: TILT_RAD,
+        SIX_AXES: TILT_RAD,
+        FOUR_AXES: float(np.sqrt(2) * TILT_RAD),
+    }
 )
 _SESSION = Session(Plan.CONVENTIONAL, looks=8, spins=10)
 _POINTS = 10  # the paper's table 4
@@ -39,11 +43,22 @@ _REQUESTS = 3  # turns of the table, as in table 3
 _METHODS = (CONVENTIONAL, SPECIAL, SPECIAL_CAD, PLAN)
 
 
+def cell_with(arm: str, seed: SeedSequence) -> Simulation:
+    """Experiment B's cell with the arm of that name."""
+    errors = EXACT_ARM if arm == EXACT else _ERRORS
+    return Simulation(seed, arm=errors, one_axis=arm == FOUR_AXES)
+
+
+def record_session(cell: Simulation, arm: str) -> Recording:
+    """Everything that both of the paper's methods need."""
+    return replace(_SESSION.record(cell), points=cell.points(_POINTS, _TURN_RAD[arm]))
+
+
 def arm_trial(seed: SeedSequence, parameters: Parameters) -> dict[str, float]:
     """Mean miss in xy of three requests, mm, by method; a method that refuses refuses the trial."""
     arm = parameters["arm"]
-    cell = Simulation(seed, arm=_ERRORS, one_axis=arm == FOUR_AXES)
-    recording = replace(_SESSION.record(cell), points=cell.points(_POINTS, _TURN_RAD[arm]))
+    cell = cell_with(arm, seed)
+    recording = record_session(cell, arm)
     methods = paper_methods(recording)
     plan = calibrate_system(replace(recording, spins=()))  # the paper's conventional has none
     misses: dict[str, list[float]] = {name: [] for name in _METHODS}
