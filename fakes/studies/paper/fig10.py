@@ -68,9 +68,10 @@ def _draw(trials: Trials) -> "Drawing":
         for name, color in zip(METHODS, COLORS[1:], strict=False):
             _draw_cloud(all_axes[1], clouds[name] - middle, name, color)
     for axes in all_axes:
-        axes.set_aspect("equal", adjustable="datalim")
-        low, high = axes.get_ylim()
-        axes.set_ylim(low, high + 0.25 * (high - low))  # room for the legend
+        half = max(*np.abs(axes.get_xlim()), *np.abs(axes.get_ylim()))
+        axes.set_aspect("equal")
+        axes.set_xlim(-half, half)
+        axes.set_ylim(-half, 1.4 * half)  # room for the legend
         legend(axes, "upper right")
     return drawing
 
