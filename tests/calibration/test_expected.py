@@ -98,6 +98,19 @@ def test_equation_19_for_a_camera_that_stands_still_needs_no_tag_a(seed):
     )
 
 
+@settings(max_examples=60)
+@given(SEEDS)
+def test_the_motion_about_a_point_moves_every_point_as_the_plain_motion_does(seed):
+    """The appendix, Eq. 28-30."""
+    cell = Cell(seed)
+    motion = cell.tag_b_now @ cell.tag_b_ref.inverse()
+    Q = motion_about(cell.tag_b_now, cell.tag_b_ref, cell.pivot)
+    p_1, p = cell.tag_b_ref @ cell.pivot, cell.point
+    np.testing.assert_allclose(motion @ p, Q @ (p - p_1) + p_1, atol=1e-9)
+    R, t = motion.rotation, motion.translation
+    np.testing.assert_allclose(Q.translation, R @ p_1 + t - p_1, atol=1e-9)
+
+
 def test_a_wrist_turned_between_the_pictures_is_refused():
     cell = Cell(1)
     turned = cell.wrist_now @ Pose.from_rotvec((0, 0, np.radians(0.1)))

@@ -160,6 +160,23 @@ def test_trials_are_pure():
         assert again[0] == again[1]
 
 
+def test_tables_2_and_3_are_listed_as_in_the_paper(tmp_path):
+    table_2 = conduct("experiment-a", runs=2, folder=tmp_path, plot=False)
+    tcp = [value(table_2, f"CAD: {axis}") for axis in "xyz"]
+    for method in ("conventional", "universal"):
+        found = [[value(table_2, f"{method} {k}: {a}") for a in "xyz"] for k in range(1, 9)]
+        errors = [value(table_2, f"{method} {k}: error") for k in range(1, 9)]
+        np.testing.assert_allclose(np.linalg.norm(np.subtract(found, tcp), axis=1), errors)
+    table_3 = conduct("table3-means", runs=1, folder=tmp_path, plot=False)
+    for method in ("conventional", "special"):
+        answers = [[value(table_3, f"{method} {k}: {a}") for a in "xy"] for k in range(1, 6)]
+        distances = np.linalg.norm(np.subtract(answers, np.mean(answers, axis=0)), axis=1)
+        listed = [value(table_3, f"{method} {k}: from the mean") for k in range(1, 6)]
+        np.testing.assert_allclose(distances, listed, atol=1e-9)
+        figure = value(table_3, f"4-axis: {method}, from the mean of five")
+        assert figure == pytest.approx(distances.mean())
+
+
 def test_the_operator_saves_nine_minutes_without_a_hand_eye_step(tmp_path):
     outcome = conduct("table4", folder=tmp_path, plot=False)
     assert value(outcome, "conventional") == pytest.approx(15)
