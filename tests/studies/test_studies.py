@@ -186,7 +186,9 @@ def test_the_operator_saves_nine_minutes_without_a_hand_eye_step(tmp_path):
 
 
 def test_a_misspelt_name_lists_the_studies_and_the_likely_one():
-    with pytest.raises(InputError, match=r"did you mean 'table3'\? There are: fig4, fig5, exp"):
+    with pytest.raises(
+        InputError, match=r"did you mean 'table3'\? There are: fig4, fig5, fig10, exp"
+    ):
         study_called("tabel3")
 
 
