@@ -12,7 +12,7 @@ from tests.cell.serving.bench import Bench, Taught, at
 from vgrd.calibration.adoption import TERM_S
 from vgrd.cell.measuring import Sight
 from vgrd.cell.serving.activation import Activation
-from vgrd.errors import InputError
+from vgrd.errors import ControlError, InputError
 from vgrd.geometry import Pose
 from vgrd.model import Link
 from vgrd.registers import Status
@@ -127,3 +127,36 @@ def test_a_slip_that_is_too_large_is_not_taken_over(slipped: Slipped) -> None:
     with pytest.raises(InputError, match=r"at most 0\.1 mm"):
         slipped.adopt()
     assert slipped.store.list() == ("cal-000001",)
+
+
+def test_a_latched_slip_is_not_forgotten_before_pictures_show_none(
+    bench: Bench, taught: Taught
+) -> None:
+    """As after a restart, and after the same calibration was activated once more."""
+    faults = bench.serving.faults
+    faults.latched = (Status.CALIBRATION_DRIFT, "tag B sits elsewhere")
+    bench.serving.use(taught.calibration, 1)
+    with pytest.raises(ControlError, match="of 20 pictures have shown"):
+        bench.serving.confirm()
+    for _ in range(25):
+        bench.clock.sleep(PICTURE_S)
+        bench.measuring.show(at(taught.sight, bench.clock.monotonic()))
+    bench.serving.confirm()
+    assert faults.latched is None
+
+
+def test_a_clock_that_was_ahead_makes_no_term_longer(slipped: Slipped) -> None:
+    slipped.watch(25)
+    slipped.adopt()
+    clock = slipped.bench.clock
+    stored = slipped.store.current()
+    ahead = replace(
+        stored.calibration,
+        adopted=(replace(stored.calibration.adopted[0], term_unix_s=clock.wall() + 30 * TERM_S),),
+    )
+    slipped.bench.serving.use(ahead, 1)
+    clock.sleep(TERM_S + 1.0)
+    slipped.watch(1)
+    fault = slipped.bench.serving.fault()
+    assert fault is not None
+    assert "not borne out" in fault[1]

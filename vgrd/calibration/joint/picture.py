@@ -17,7 +17,7 @@ from vgrd.calibration.joint.state import StepLayout, table_motion_of
 from vgrd.geometry import Array, Pose, hat
 from vgrd.geometry.chi2 import chi2_quantile
 from vgrd.geometry.covariance import sqrt_information
-from vgrd.judging.thresholds import CAMERA_STANDS, FITS_MODEL
+from vgrd.judging.thresholds import CAMERA_STANDS, CONTRADICTS, FITS_MODEL
 from vgrd.model import CameraPlace, FlangeTag, Motion, TagObservation
 
 
@@ -94,6 +94,11 @@ class PictureFit:
     taught_from_camera: Pose
     misfit: float
     freedom: int
+
+    @property
+    def stands(self) -> bool:
+        """Whether an answer may rest on it; the first pictures are held to `fits`, in their order."""
+        return self.freedom == 0 or self.misfit <= chi2_quantile(CONTRADICTS, self.freedom)
 
     @property
     def fits(self) -> bool:

@@ -191,7 +191,7 @@ class JointSolution:
         tip_in_wrist = np.asarray(self.tip_in_wrist + facts.tool.work_from_touch_mm)
         wish = _Wish(np.asarray(target.point_in_object), tip_in_wrist, policy, R_work)
         picture, flange, arm = self._picture(wish, tag_b, facts.object.motion, camera)
-        if not (fits := picture.fits):
+        if not (fits := picture.stands):
             picture, flange, arm = self._picture(wish, tag_b, None, camera)
         n, w = self.layout.size, len(arm.mean)
         J, J_turn = (

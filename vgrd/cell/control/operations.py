@@ -179,6 +179,9 @@ class Operations:
         if calibration is None or fault is not None:
             raise ControlError(f"not serving: {fault[1] if fault else 'no calibration'}")
         sight = await self.measuring.fresh(PICTURE_TIMEOUT_S)
+        fault = self.serving.fault()  # of this very picture, or of what came while it was taken
+        if fault is not None or self.serving.calibration is not calibration:
+            raise ControlError(f"not serving: {fault[1] if fault else 'another calibration came'}")
         if sight.tag_b is None:
             raise TagNotSeen("tag B on the object is not in the picture")
         expected = expected_coordinate(
@@ -206,7 +209,7 @@ class Operations:
         if (name := optional_text(arguments, "accept")) is not None:
             by = text_argument(arguments, "by", "")
             adopted = await self.activation.adopt(link_called(name), by)
-        self.serving.confirm()
+        self.serving.confirm(is_adopted=bool(adopted))
         await self.latches.settled()
         fault = self.serving.fault()
         return {"confirmed": True, "fault": None if fault is None else fault[1], **adopted}

@@ -92,13 +92,18 @@ class Activation:
         return self.serving.calibration
 
     async def _replace(self, calibration: Calibration, by: str) -> Mapping[str, object]:
-        former = self.serving.calibration
-        name = await asyncio.get_running_loop().run_in_executor(
-            self._shelf, self.store.save, calibration
-        )
-        if self.serving.calibration is not former:
-            raise InputError(f"another calibration was activated meanwhile; {name} is stored")
-        return await self.activate(name, by)
+        """Put it in use in place of the one that serves, unless that was replaced meanwhile."""
+        former = self._calibration().id
+
+        def replace_former() -> StoredCalibration:
+            if self.store.current_id() != former:
+                raise InputError("another calibration was activated meanwhile: ask again")
+            name = self.store.save(calibration)
+            return self.store.activate(name, by, lambda new: check_usable(new, self.facts))
+
+        stored = await self._in_thread(replace_former)
+        self._serve(stored)
+        return {"calibration": stored.id, "register_id": f"{stored.register_id:08x}"}
 
     def _usable_current(self) -> StoredCalibration:
         stored = self.store.current()

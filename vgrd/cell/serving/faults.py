@@ -8,7 +8,7 @@ from collections.abc import Callable
 
 import structlog
 
-from vgrd.calibration.adoption import term_unix_s
+from vgrd.calibration.adoption import TERM_S, term_unix_s
 from vgrd.calibration.calibration import Calibration
 from vgrd.calibration.contradiction import words_of
 from vgrd.cell.measuring import Measuring, Sight
@@ -121,17 +121,29 @@ class Faults:
             stability = self._cameras.stability
             self._series = calibration.solution.series(calibration.facts, stability)
             self._term_unix_s = term_unix_s(calibration)
-            self._term_s = self._clock.monotonic() + self._term_unix_s - self._clock.wall()
+            left_s = self._term_unix_s - self._clock.wall()
+            if math.isfinite(left_s):
+                left_s = min(left_s, TERM_S)  # a clock that was ahead makes no term longer
+            self._term_s = self._clock.monotonic() + left_s
 
-    def confirm(self) -> None:
-        """Forget a latched fault; ControlError while its cause is there or cannot be looked for."""
+    def confirm(self, *, is_adopted: bool = False) -> None:
+        """Forget a latched fault; ControlError while its cause is there or cannot be looked for.
+
+        is_adopted: the slip was taken over, so that pictures need not show that it is gone.
+        """
         if self.latched and self.calibration is not None and self._measuring.reading() is None:
             trouble = self._measuring.robot_trouble()
             raise ControlError(f"nobody can tell whether the cause is gone: robot: {trouble}")
         trouble = self._tcp_trouble()
         if trouble:
             raise ControlError(f"the cause is still there: {trouble}")
-        if self._series is not None and (trouble := self._series.resume()):
+        is_slip = self.latched is not None and self.latched[0] is Status.CALIBRATION_DRIFT
+        if (
+            is_slip
+            and not is_adopted
+            and self._series is not None
+            and (trouble := self._series.resume())
+        ):
             raise ControlError(f"nobody can tell yet that the cause is gone: {trouble}")
         self.latched = None
         self._contradictions.clear()

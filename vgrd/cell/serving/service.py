@@ -97,9 +97,9 @@ class Serving:
         self.faults.absence = (status, reason)
         self.use(None, 0)
 
-    def confirm(self) -> None:
+    def confirm(self, *, is_adopted: bool = False) -> None:
         """Forget a latched fault; ControlError while its cause is there or cannot be looked for."""
-        self.faults.confirm()
+        self.faults.confirm(is_adopted=is_adopted)
 
     def fault(self) -> Fault | None:
         """Why nothing can be served at all now, None when something can."""

@@ -45,11 +45,15 @@ class Unexplained:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Innovation:
-    """What a picture shows (m,) beyond what was expected, its covariance, and H (m, N) by all errors."""
+    """What a picture shows (m,) beyond what was expected, its covariance, and H (m, N) by all errors.
+
+    flange: (3,) where the arm stood, None where tag A was not seen.
+    """
 
     value: Array
     covariance: Array
     H: Array
+    flange: Array | None = None
 
     @property
     def square(self) -> float:
@@ -80,8 +84,10 @@ class Belief:
         self._stop_variances = model.variances() - model.field_mm**2 * model.scales() ** 2
         self._flanges: list[Array] = []
         self._visits: list[int] = []
+        self._is_learned: list[bool] = []
         self._count = 0
         self.begin_rest()
+        self.begin_scene()
         self._forget(self._camera, self._camera_variances)
 
     def copy(self) -> "Belief":
@@ -106,9 +112,13 @@ class Belief:
         self.mean[self._camera] += tangent
 
     def begin_rest(self) -> None:
-        """The arm stopped anew: nothing is known of this stop, nor of the scene."""
+        """The arm stopped anew: nothing is known of this stop, nor of tag A's picture.
+
+        What pictures of tag B share stays while the object stands: it would be summed as if it were chance.
+        """
         self._forget(self._rest, self._stop_variances)
-        self.begin_scene()
+        tag_a = slice(self._scene.start + TAG_ROWS // 2, self._scene.stop)
+        self._forget(tag_a, np.ones(TAG_ROWS // 2))
 
     def begin_scene(self) -> None:
         """The object or the arm stands elsewhere in the picture: its errors are as large as the noise."""
@@ -127,7 +137,8 @@ class Belief:
 
     def knows(self, flange: Array) -> bool:
         """Whether a picture was learned with the flange there, (3,) base, mm."""
-        return self._find(flange) is not None
+        index = self._find(flange)
+        return index is not None and self._is_learned[index]
 
     def compare(self, picture: Unexplained, J_slip: Array | None = None) -> Innovation:
         """What the picture shows beyond what is known; J_slip (m, 6): by a slip, in usual ones."""
@@ -140,11 +151,13 @@ class Belief:
         if picture.flange is not None:
             H = self._with_arm(H, picture.J[:, self._n :], picture.flange)
         covariance = np.eye(m) + H @ self.covariance @ H.T
-        return Innovation(picture.residual + H @ self.mean, covariance, H)
+        return Innovation(picture.residual + H @ self.mean, covariance, H, picture.flange)
 
     def learn(self, innovation: Innovation) -> None:
         """Take over what a picture told; Joseph's form, which leaves no variance negative."""
         H = innovation.H
+        if innovation.flange is not None and (index := self._find(innovation.flange)) is not None:
+            self._is_learned[index] = True
         gain = np.linalg.solve(innovation.covariance, H @ self.covariance).T
         self.mean = self.mean - gain @ innovation.value
         half = self.covariance - gain @ (H @ self.covariance)
@@ -187,6 +200,7 @@ class Belief:
         self._append(np.asarray(by_known), own)
         self._flanges.append(flange)
         self._visits.append(self._count)
+        self._is_learned.append(False)
         return len(self._flanges) - 1
 
     def _append(self, by_known: Array, own: Array) -> None:
@@ -200,7 +214,7 @@ class Belief:
         self.covariance = grown
 
     def _drop(self, index: int) -> None:
-        del self._flanges[index], self._visits[index]
+        del self._flanges[index], self._visits[index], self._is_learned[index]
         columns = np.delete(np.arange(len(self.mean)), self._pose(index))
         self.mean = self.mean[columns]
         self.covariance = self.covariance[np.ix_(columns, columns)]

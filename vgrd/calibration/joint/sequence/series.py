@@ -1,6 +1,6 @@
 """Pictures since activation, one after the other: each against what the earlier ones told, and their sum."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from types import MappingProxyType
 
@@ -27,6 +27,7 @@ from vgrd.model import (
     LinkReport,
     SlipEstimate,
     TagObservation,
+    frozen_array,
 )
 
 _SCENE_MM = 0.1  # chosen: the object was moved, beyond the noise of a good tag
@@ -76,6 +77,7 @@ class JointSeries:
         self._last_s = -np.inf
         self._taught_from_camera = Pose.identity()
         self._begun = False
+        self._is_blind = False  # an object that may move anyhow contradicts nothing
 
     def see(self, tag_b: TagObservation, camera: CameraPlace, instant: Instant) -> LinkReport:
         """What a picture says, after all earlier ones.
@@ -83,7 +85,8 @@ class JointSeries:
         Raises TagNotSeen for a camera that may stand anywhere while nothing tells where.
         """
         sighting = self._sight(tag_b, camera)
-        if sighting.report.freedom == 0:
+        self._is_blind = sighting.report.freedom == 0
+        if self._is_blind:
             return sighting.report
         self._note(sighting, instant)
         picture = _unexplained(sighting, camera, instant, is_free=self._is_free)
@@ -94,8 +97,7 @@ class JointSeries:
         if is_known:
             report = _judge(report, innovation, picture, self._belief)
         self._begun = True
-        if instant.shows_tag_a:
-            self._note_contradiction(report, picture)
+        self._note_contradiction(report, picture)
         if report.fits:
             self._learn(picture, innovation)
         if self._alarm is None:
@@ -105,39 +107,39 @@ class JointSeries:
 
     def resume(self) -> str:
         """Judge anew after a slip that lasted; why not, in words, while it shows or too few pictures came."""
-        if self._alarm is None:
-            return ""
-        told = next((sums for sums in self._sums if sums.tells), None)
+        told = self._apart or next((sums for sums in self._sums if sums.tells), None)
         if told is not None:
             suspects, sizes = told.named()
             return words_of(LinkReport(False, 0.0, suspects=suspects, slips=sizes))
-        count = self._sums[0].live_count if self._sums else 0
-        if count < _WATCHED:
+        count = max((sums.count for sums in self._sums), default=0)
+        if count < _WATCHED and not self._is_blind:
             return (
-                f"{count} of {_WATCHED} pictures with tag A and the arm at rest have shown where "
-                "things are now: let both tags be seen, and confirm in a moment"
+                f"{count} of {_WATCHED} pictures have shown where things are now: let both tags be seen, "
+                "and confirm in a moment"
             )
         self._alarm = None
         return ""
 
     def slip(self, link: Link) -> SlipEstimate:
-        """How the link slipped, by the pictures since it did; InputError where they do not tell."""
-        sums = self._apart or (self._sums[0] if self._alarm and self._sums else None)
-        if sums is None:
+        """How the link slipped, by the newest pictures; InputError where they do not tell."""
+        windows = [self._apart] if self._apart else list(self._sums) if self._alarm else []
+        if not windows:
             raise InputError("the pictures show no slip: nothing is to be taken over")
-        suspects = self._alarm[0] if self._alarm else sums.named()[0]
+        known = [sums for sums in windows if sums.live_count >= _WATCHED]
+        if not known:
+            count = max(sums.live_count for sums in windows)
+            raise InputError(
+                f"{count} of {_WATCHED} pictures with tag A and the arm at rest have come: wait"
+            )
+        suspects = known[-1].named()[0]
         if link not in suspects:
             raise InputError(f"it may be {' or '.join(suspects)} that slipped, not {link}")
-        if sums.live_count < _WATCHED:
-            raise InputError(
-                f"{sums.live_count} of {_WATCHED} pictures with tag A and the arm at rest have come: wait"
-            )
-        of_link = [one for one in sums.sums if one.link is link]
-        if not of_link:
+        estimates = [one.estimate() for sums in known for one in sums.sums if one.link is link]
+        if not estimates:
             raise InputError(
                 f"pictures do not tell how far {link} is off: seat it as it was taught"
             )
-        return of_link[0].estimate()
+        return _agreed(estimates)
 
     def sums(self) -> list[Array]:
         """Of each link and window, numbers (d,) that are independent of variance 1 while nothing slips."""
@@ -148,9 +150,9 @@ class JointSeries:
         if report.fits:
             self._apart = None
             return
-        if self._apart is None:
-            self._apart = SlipSums(self._belief, _TAGS)
-        self._apart.add(picture)
+        if picture.flange is not None:
+            self._apart = self._apart or SlipSums(self._belief, _TAGS)
+            self._apart.add(picture)
 
     def _learn(self, picture: Unexplained, innovation: Innovation) -> None:
         """Take a picture over.
@@ -186,10 +188,13 @@ class JointSeries:
             since_s = instant.rest_since_s
             is_new_rest = since_s is None or since_s != self._rest_since_s
             self._rest_since_s = since_s
-        if is_new_rest or self._place is None or _is_elsewhere(self._place, place):
-            for belief in beliefs:
-                belief.begin_rest() if is_new_rest else belief.begin_scene()
-            self._place = place
+        is_new_scene = self._place is None or _is_elsewhere(self._place, place)
+        for belief in beliefs:
+            if is_new_rest:
+                belief.begin_rest()
+            if is_new_scene:
+                belief.begin_scene()
+        self._place = place if is_new_scene else self._place
 
     def _note_camera(self, belief: Belief, taught_from_camera: Pose, instant: Instant) -> None:
         if instant.shows_tag_a:
@@ -245,6 +250,16 @@ def _judge(
     sums.add(picture)
     suspects, sizes = sums.named()
     return replace(report, fits=False, suspects=suspects, slips=sizes)
+
+
+def _agreed(estimates: Sequence[SlipEstimate]) -> SlipEstimate:
+    """The newest; what the others say differently is not known."""
+    newest = estimates[-1]
+    spread = newest.covariance
+    for other in estimates[:-1]:
+        way = newest.tangent - other.tangent
+        spread = spread + np.outer(way, way)
+    return replace(newest, covariance=frozen_array(spread, 6, 6))
 
 
 def _is_elsewhere(old: Pose, new: Pose) -> bool:
