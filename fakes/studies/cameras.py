@@ -28,5 +28,4 @@ def move(cell: Simulation, stability: Array) -> None:
 
 def place_in(picture: Observation, stability: Array) -> CameraPlace:
     """Where the camera may stand in a picture, tag A in it as far as it is seen."""
-    seen = None if picture.tag_a is None else FlangeTag(picture.tag_a, picture.base_from_wrist)
-    return CameraPlace(stability, seen)
+    return CameraPlace(stability, FlangeTag.of(picture))

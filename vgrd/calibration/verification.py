@@ -114,8 +114,7 @@ def _place(picture: Observation, calibration: Calibration, stability: Array | No
     """Where the camera stood in the picture of a touch; stability None: as the session says."""
     if stability is None:
         return place_in(picture, calibration.facts.camera_stability)
-    seen = None if picture.tag_a is None else FlangeTag(picture.tag_a, picture.base_from_wrist)
-    return CameraPlace(stability, seen)
+    return CameraPlace(stability, FlangeTag.of(picture))
 
 
 def _tool(misses: Sequence[_Miss]) -> list[Finding]:

@@ -25,6 +25,11 @@ class FlangeTag:
     tag: TagObservation
     base_from_wrist: Pose
 
+    @classmethod
+    def of(cls, picture: Observation) -> "FlangeTag | None":
+        """Of a picture; None where it does not show tag A."""
+        return None if picture.tag_a is None else cls(picture.tag_a, picture.base_from_wrist)
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CameraPlace:
@@ -74,8 +79,7 @@ def place_in(picture: Observation, stability: Stability) -> CameraPlace:
     """Where the camera may stand in a picture of the session that taught it."""
     if stability is Stability.FIXED:
         return UNMOVED
-    seen = None if picture.tag_a is None else FlangeTag(picture.tag_a, picture.base_from_wrist)
-    return CameraPlace(frozen_array(np.full(6, np.inf), 6), seen)
+    return CameraPlace(frozen_array(np.full(6, np.inf), 6), FlangeTag.of(picture))
 
 
 class Link(StrEnum):

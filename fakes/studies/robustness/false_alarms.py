@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.random import SeedSequence
 
+from fakes.studies.cameras import FIXED, MOVABLE
 from fakes.studies.sessions import Session, known_arm
 from fakes.studies.study import Figure, Parameters, Study, Trials
 from fakes.studies.visits import PERIOD_S, PICTURES, Visits
@@ -22,7 +23,7 @@ from vgrd.calibration.joint import Turntable, calibrate_joint, solution_of
 from vgrd.charts import COLORS, PAPER, legend, panels
 from vgrd.geometry.chi2 import chi2_probability
 from vgrd.judging.thresholds import CONTRADICTS, SLIPPED
-from vgrd.model import Plan, frozen_array
+from vgrd.model import Plan
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure as Drawing
@@ -31,10 +32,7 @@ _SESSION = Session(Plan.JOINT, looks=8, spins=10, touches=10, tilted=4)
 _ARM = ArmErrors(sigma_mm=0.03, field_mm=0.15)
 _POSES = 12
 _VISITS = 150  # of one trial: 900 pictures, seven and a half minutes
-_STABILITIES = {
-    "fixed": frozen_array([0.5] * 3 + [5e-4] * 3, 6),  # the cell file's defaults, mm and rad
-    "movable": frozen_array([np.inf] * 6, 6),
-}
+_STABILITIES = {"fixed": FIXED, "movable": MOVABLE}
 _SHARES = (1e-1, 1e-2, 1e-3)
 _YEAR_S = 365.25 * 24 * 3600
 _SUMS = 4  # two links, two windows

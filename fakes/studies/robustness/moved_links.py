@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.random import SeedSequence
 
+from fakes.studies.cameras import FIXED, MOVABLE
 from fakes.studies.sessions import Session, known_arm
 from fakes.studies.study import Figure, Parameters, Study, Trials
 from fakes.studies.visits import Visits, slipped
@@ -26,7 +27,6 @@ from vgrd.model import (
     Link,
     LinkReport,
     Plan,
-    frozen_array,
 )
 
 if TYPE_CHECKING:
@@ -34,10 +34,7 @@ if TYPE_CHECKING:
 
 _SESSION = Session(Plan.JOINT, looks=8, spins=10, touches=10, tilted=4)
 _ARM = ArmErrors(sigma_mm=0.03, field_mm=0.15)
-_STABILITIES = {
-    "fixed": frozen_array([0.5] * 3 + [5e-4] * 3, 6),  # the cell file's defaults, mm and rad
-    "movable": frozen_array([np.inf] * 6, 6),
-}
+_STABILITIES = {"fixed": FIXED, "movable": MOVABLE}
 _SIGMAS = (1, 2, 3, 4, 5, 6, 8, 10)  # from what no picture tells to what every one does
 _PROBE = 0.1  # of a slip of 1 mm and 2 mrad: small enough for a parabola
 _SLIP = np.array([1.0] * 3 + [2e-3] * 3)

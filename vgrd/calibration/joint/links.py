@@ -47,7 +47,7 @@ def suspects(
         ]
         evidence[link] = float(np.logaddexp.reduce([evidence for evidence, _ in trials]))
         slip = max(trials, key=lambda trial: trial[0])[1]
-        slips[link] = (float(np.linalg.norm(slip[:3])), float(np.linalg.norm(slip[3:])))
+        slips[link] = size_of(slip)
     named = most_likely(evidence)
     return named, MappingProxyType({link: slips[link] for link in named})
 
@@ -68,6 +68,11 @@ def _across(model: PictureModel) -> Array:
     """Orthonormal (r, f): what neither motion nor camera explains."""
     free = model.free
     return np.asarray(np.linalg.svd(free, full_matrices=True)[0][:, free.shape[1] :])
+
+
+def size_of(slip: Array) -> tuple[float, float]:
+    """How far a slip (6,) is, (mm, rad)."""
+    return float(np.linalg.norm(slip[:3])), float(np.linalg.norm(slip[3:]))
 
 
 def _explain(r: Array, S: Array, J: Array, scale: float, prior: float) -> tuple[float, Array]:

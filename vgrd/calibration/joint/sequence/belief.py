@@ -121,7 +121,7 @@ class Belief:
         self._forget(tag_a, np.ones(TAG_ROWS // 2))
 
     def begin_scene(self) -> None:
-        """The object or the arm stands elsewhere in the picture: its errors are as large as the noise."""
+        """The object stands elsewhere in the picture: what pictures share is as large as their noise."""
         self._forget(self._scene, np.ones(TAG_ROWS))
 
     def age(self, seconds: float) -> None:

@@ -9,7 +9,7 @@ from types import MappingProxyType
 
 import numpy as np
 
-from vgrd.calibration.joint.links import SLIP_SCALES, SLIP_SIGMAS, most_likely
+from vgrd.calibration.joint.links import SLIP_SCALES, SLIP_SIGMAS, most_likely, size_of
 from vgrd.calibration.joint.sequence.belief import Belief, Unexplained
 from vgrd.geometry import Array
 from vgrd.geometry.chi2 import chi2_quantile
@@ -120,11 +120,7 @@ class SlipSums:
         if Link.TAG_B in explained:
             explained[Link.OBJECT] = explained[Link.TAG_B]
         named = most_likely({link: evidence for link, (evidence, _) in explained.items()}, _NAMED)
-        sizes = {
-            link: (float(np.linalg.norm(slip[:3])), float(np.linalg.norm(slip[3:])))
-            for link, (_, slip) in explained.items()
-        }
-        return named, MappingProxyType({link: sizes[link] for link in named})
+        return named, MappingProxyType({link: size_of(explained[link][1]) for link in named})
 
 
 def _explain(told: Array, J: Array, scale: float) -> tuple[float, Array]:
