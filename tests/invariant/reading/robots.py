@@ -60,8 +60,9 @@ class Link:
         self._transaction = 0
 
     def connect(self, gate: Gate | None) -> None:
-        """To this gate, or to none."""
+        """To this gate, or to none: the line to the one before died with it."""
         self.gate = gate
+        self.loop.remove_reader(self.line)
         self.line.is_open = False
 
     def send(self, data: bytes) -> bytes:
