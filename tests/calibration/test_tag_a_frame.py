@@ -226,9 +226,11 @@ def radius_holds(seed, requests=4):
     return np.mean(rows, axis=0)
 
 
-def test_the_radius_holds_for_95_of_100_sessions():
-    shares = np.mean([radius_holds(seed) for seed in range(200)], axis=0)
-    assert np.all((shares >= 0.93) & (shares <= 0.99)), shares
+def test_the_radius_holds_for_95_of_100_sessions_and_for_more_where_tag_a_is_hidden():
+    seen, hidden, anywhere = np.mean([radius_holds(seed) for seed in range(200)], axis=0)
+    assert 0.93 <= seen <= 0.97
+    assert 0.93 <= anywhere <= 0.97
+    assert hidden >= 0.99
 
 
 def test_an_unmoved_camera_is_served_as_before_and_needs_no_tag_a(taught):

@@ -5,8 +5,10 @@ import numpy as np
 from vgrd.errors import InputError
 from vgrd.geometry import Array
 from vgrd.geometry.chi2 import chi2_probability, chi2_quantile
+from vgrd.geometry.covariance import radius_of
 from vgrd.judging.findings import finding
-from vgrd.model import Finding
+from vgrd.judging.thresholds import BELIEVED_CAMERA
+from vgrd.model import CameraPlace, Finding
 
 _DIRECTIONS = 3.0  # of a position, where the covariance is not known
 _95 = 0.95  # all radii are told at this confidence (u95)
@@ -60,6 +62,15 @@ def confidence_of(
         degrees_of_freedom = float(np.trace(covariance)) ** 2 / squares
     g = predicted_u95_mm**2 / chi2_quantile(_95, degrees_of_freedom)
     return chi2_probability(tolerance_mm**2 / g, degrees_of_freedom)
+
+
+def served_radius(covariance: Array, camera: CameraPlace) -> float:
+    """The radius (mm, rad) that an answer states for its covariance: of 95 %, of more on trust.
+
+    A camera whose place no tag A of this picture measures stands on what the cell file says of its
+    stability. Such a sigma is a guess, and nobody sees it fail.
+    """
+    return radius_of(covariance, BELIEVED_CAMERA if camera.is_believed else _95)
 
 
 def _percent(share: float) -> str:

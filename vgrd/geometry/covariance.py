@@ -80,7 +80,12 @@ def sqrt_information(covariance: Array) -> Array:
 
 
 def radius95(covariance: Array) -> float:
-    """Radius that holds 95 % of a centred normal vector; same unit as the square root.
+    """`radius_of` 95 %: the confidence at which errors are told."""
+    return radius_of(covariance, 0.95)
+
+
+def radius_of(covariance: Array, share: float) -> float:
+    """Radius that holds a share of a centred normal vector; same unit as the square root.
 
     The squared length is taken as g chi2(v) with the right mean and variance (Satterthwaite):
     exact when all eigenvalues that count are equal, within 2 % otherwise.
@@ -90,7 +95,7 @@ def radius95(covariance: Array) -> float:
         return 0.0
     squares = float(np.einsum("ij,ji->", covariance, covariance))
     g, degrees_of_freedom = squares / total, total * total / squares
-    return float(np.sqrt(g * chi2_quantile(0.95, degrees_of_freedom)))
+    return float(np.sqrt(g * chi2_quantile(share, degrees_of_freedom)))
 
 
 def wide_directions(covariance: Array, sigma: float) -> Array:

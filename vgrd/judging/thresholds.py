@@ -16,6 +16,7 @@ SPIN_MM = 0.2  # a slip below it is the noise of a tag on a rough day
 FITS_MODEL = 0.9999  # of good pictures: one in 10,000 is taken for one of something that moved
 CONTRADICTS = 1 - 5e-9  # of pictures after the first ones: a third of one in a year at 2 Hz
 SLIPPED = 1 - 2.5e-9  # of each of four sums of pictures: two thirds of one in a year at 2 Hz
+BELIEVED_CAMERA = 0.995  # of misses in the radius where no tag A checks the camera: 99 % and room for a poor guess
 CAMERA_STANDS = 0.99  # one picture in 100 of a camera that stands loses the help of its stability
 CHANCE = 1e-3  # share of good files whose scatter is larger
 

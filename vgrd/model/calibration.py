@@ -60,8 +60,9 @@ class TcpEstimate:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ExpectedCoordinate:
-    """Where the flange must go: the product. u95: 95 % radius, mm and rad.
+    """Where the flange must go: the product.
 
+    u95: 95 % radius, mm and rad; 99.5 % where the camera is fixed and tag A is not in the picture.
     fits: the picture is as the calibration predicts; else it shows that something moved.
     taught_from_camera: how the camera has moved since teaching, as the answer takes it.
     """

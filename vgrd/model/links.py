@@ -36,11 +36,13 @@ class CameraPlace:
     """How far the camera may stand from where it stood while teaching, and what measures it.
 
     stability: (6,) sigmas (mm, rad) of its displacement in its own frame; 0: it stands exactly where it
-    stood, infinite: anywhere. flange_tag: None where tag A is hidden or the arm moves.
+    stood, infinite: anywhere. flange_tag: None where tag A is hidden or the arm moves; is_recalled: it
+    is that of an earlier picture.
     """
 
     stability: Array = field(default_factory=_exact)
     flange_tag: FlangeTag | None = None
+    is_recalled: bool = False
 
     @property
     def is_exact(self) -> bool:
@@ -51,6 +53,11 @@ class CameraPlace:
     def is_free(self) -> bool:
         """Whether it may stand anywhere: a camera that is moved between requests."""
         return bool(np.isinf(self.stability).all())
+
+    @property
+    def is_believed(self) -> bool:
+        """Whether this very picture leaves open where it stands: its stability is taken on trust."""
+        return not self.is_exact and (self.flange_tag is None or self.is_recalled)
 
     def check_known(self) -> None:
         """TagNotSeen where it may stand anywhere although tag A, that would tell, is not used."""

@@ -55,7 +55,7 @@ def _trial(seed: SeedSequence, parameters: Parameters) -> dict[str, float]:
     for kind, place in (
         ("fixed", CameraPlace(FIXED, _flange_tag(request))),
         ("movable", CameraPlace(MOVABLE, _flange_tag(request))),
-        ("hidden", CameraPlace(np.sqrt(1 + _AGO) * FIXED, faded)),
+        ("hidden", CameraPlace(np.sqrt(1 + _AGO) * FIXED, faded, is_recalled=True)),
     ):
         out |= _answer(kind, cell, solution, recording.facts, request, place)
     return out

@@ -166,7 +166,22 @@ def test_a_stability_so_small_that_nothing_can_move_is_that_of_a_camera_that_sta
     np.testing.assert_allclose(
         exact.base_from_wrist.translation, still.base_from_wrist.translation, atol=1e-4
     )
-    assert exact.u95_mm == pytest.approx(still.u95_mm, rel=1e-4)
+    np.testing.assert_allclose(exact.position_covariance, still.position_covariance, rtol=1e-4)
+
+
+def test_a_radius_holds_more_where_no_tag_a_checks_the_camera() -> None:
+    sim, solution, facts = real()
+    request = seen_after(sim)
+    seen = CameraPlace(FIXED, flange_tag(request))
+    told = asked(solution, facts, request, seen)
+    recalled = asked(solution, facts, request, replace(seen, is_recalled=True))
+    np.testing.assert_array_equal(told.position_covariance, recalled.position_covariance)
+    draws = np.random.default_rng(0).multivariate_normal(
+        np.zeros(3), told.position_covariance, 40_000
+    )
+    misses = np.linalg.norm(draws, axis=1)
+    assert np.mean(misses <= told.u95_mm) == pytest.approx(0.95, abs=0.005)
+    assert np.mean(misses <= recalled.u95_mm) == pytest.approx(0.995, abs=0.002)
 
 
 @pytest.mark.parametrize("stability", [FIXED, ANYWHERE], ids=["fixed", "movable"])

@@ -11,6 +11,7 @@ from typing import ClassVar, Self
 
 import numpy as np
 
+from vgrd.calibration.acceptance import served_radius
 from vgrd.calibration.joint.fit import unknown_in_words
 from vgrd.calibration.joint.links import slip_jacobians, slip_traces, suspects
 from vgrd.calibration.joint.picture import (
@@ -27,7 +28,6 @@ from vgrd.calibration.joint.sequence import JointSeries, Sighting
 from vgrd.calibration.joint.state import StepLayout
 from vgrd.errors import NotObservable
 from vgrd.geometry import Array, Pose, hat
-from vgrd.geometry.covariance import radius95
 from vgrd.judging.thresholds import IRRELEVANT_MM
 from vgrd.model import (
     UNMOVED,
@@ -166,8 +166,10 @@ class JointSolution:
             target=target,
             base_from_wrist=prediction.base_from_wrist,
             position_covariance=frozen_array(covariance, 3, 3),
-            u95_mm=radius95(covariance),
-            u95_rad=radius95(prediction.turn_covariance(self.covariance, tag_b.covariance)),
+            u95_mm=served_radius(covariance, camera),
+            u95_rad=served_radius(
+                prediction.turn_covariance(self.covariance, tag_b.covariance), camera
+            ),
             fits=prediction.fits_model,
             taught_from_camera=prediction.taught_from_camera,
         )

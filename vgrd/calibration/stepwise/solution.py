@@ -13,6 +13,7 @@ from typing import ClassVar, Self
 
 import numpy as np
 
+from vgrd.calibration.acceptance import served_radius
 from vgrd.calibration.stepwise.camera import CameraLinks, SeenTag, seen_by_taught_camera
 from vgrd.calibration.stepwise.chain import CameraChain, MovedPoint, Pivot
 from vgrd.calibration.stepwise.series import StepwiseSeries
@@ -130,8 +131,8 @@ class StepwiseSolution:
             target=taught.target,
             base_from_wrist=Pose(_wrist(policy, turn, R_work), flange.position),
             position_covariance=frozen_array(covariance, 3, 3),
-            u95_mm=radius95(covariance),
-            u95_rad=radius95(rotation_covariance) if follows else 0.0,
+            u95_mm=served_radius(covariance, camera),
+            u95_rad=served_radius(rotation_covariance, camera) if follows else 0.0,
             fits=self._misfit(facts, seen) <= _PIVOT_STANDS,
             taught_from_camera=_displacement(seen, tag_b),
         )

@@ -42,7 +42,9 @@ class CameraMemory:
         since = np.diag(2 * (share * self.stability) ** 2)
         faded = replace(seen.tag, covariance=seen.tag.covariance + since)
         return CameraPlace(
-            math.sqrt(1 + share) * self.stability, FlangeTag(faded, seen.base_from_wrist)
+            math.sqrt(1 + share) * self.stability,
+            FlangeTag(faded, seen.base_from_wrist),
+            is_recalled=True,
         )
 
 
