@@ -228,9 +228,7 @@ class Rig:
             with contextlib.suppress(VgrdError):
                 await work
 
-        context = copy_context()
-        context.run(PROCESS.set, "cell")
-        self.daemon.loop.create_task(perform(), context=context)
+        self.daemon.command(perform())
 
     def _in_loop(self, act: Callable[[], object]) -> object:
         """Do something between two moments of the loop."""

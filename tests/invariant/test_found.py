@@ -58,3 +58,13 @@ def test_a_table_that_turned_before_the_newest_picture_was_asked_for_is_not_serv
             rig.ask(0, Asked(0, Command.EC_NEWEST, 2))
             rig.wait(1.0)
         assert rig.judge.counts["right"] > 100
+
+
+def test_a_command_dies_with_the_cell_that_was_asked(tmp_path):
+    with silence(), Rig(tmp_path, Variant(), seed=1) as rig:
+        rig.wait(1.0)
+        for _ in range(5):
+            rig.kill("gate")
+            rig.activate(rig.daemon.names[1])
+            rig.wait(5.0)
+        assert rig.judge.counts["reads"] > 100

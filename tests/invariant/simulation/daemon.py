@@ -49,6 +49,7 @@ class Daemon:
         self.on_gate: list[Callable[[Gate], None]] = []
         self._lives: dict[str, asyncio.Task[None]] = {}
         self._keepers: dict[str, asyncio.Task[None]] = {}
+        self._commands: set[asyncio.Task[None]] = set()
         self._pid = 1000
         self.loop.set_exception_handler(self._note)
 
@@ -83,14 +84,27 @@ class Daemon:
         if self.faults:
             raise self.faults[0]
 
+    def command(self, work: Coroutine[object, object, None]) -> None:
+        """Let the cell do what somebody asked for; it dies with the cell."""
+        context = copy_context()
+        context.run(PROCESS.set, "cell")
+        task = self.loop.create_task(work, context=context)
+        self._commands.add(task)
+        task.add_done_callback(self._commands.discard)
+
     def kill(self, name: str) -> None:
         """SIGKILL; the gate takes all others along, as PDEATHSIG does."""
         self.loop.forget_process(name)
         life = self._lives.get(name)
         if life is not None:
             if name == "cell" and self.cell is not None:
-                self.cell.serving.ring.close()
+                self._end_cell(self.cell)
             life.cancel()
+
+    def _end_cell(self, cell: Cell) -> None:
+        for task in self._commands:
+            task.cancel()
+        cell.serving.ring.close()
 
     def stop(self, name: str) -> None:
         """SIGSTOP."""
