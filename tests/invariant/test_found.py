@@ -63,8 +63,8 @@ def test_a_table_that_turned_before_the_newest_picture_was_asked_for_is_not_serv
 def test_a_command_dies_with_the_cell_that_was_asked(tmp_path):
     with silence(), Rig(tmp_path, Variant(), seed=1) as rig:
         rig.wait(1.0)
-        for _ in range(5):
-            rig.kill("gate")
+        for name in ("gate", "cell", "gate", "cell"):
+            rig.kill(name)
             rig.activate(rig.daemon.names[1])
             rig.wait(5.0)
         assert rig.judge.counts["reads"] > 100

@@ -102,6 +102,8 @@ class Daemon:
             life.cancel()
 
     def _end_cell(self, cell: Cell) -> None:
+        """Nobody can ask it any more, and what was asked ends with it."""
+        self.cell = None
         for task in self._commands:
             task.cancel()
         cell.serving.ring.close()
