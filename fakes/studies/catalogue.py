@@ -4,7 +4,17 @@ from collections.abc import Mapping
 from difflib import get_close_matches
 from types import MappingProxyType
 
-from fakes.studies.paper import experiment_a, fig4, fig5, fig10, table3, table3_means, table4, tilt
+from fakes.studies.paper import (
+    experiment_a,
+    fig4,
+    fig5,
+    fig10,
+    insertions,
+    table3,
+    table3_means,
+    table4,
+    tilt,
+)
 from fakes.studies.robustness import (
     blunders,
     certificate,
@@ -32,6 +42,7 @@ STUDIES: Mapping[str, Study] = MappingProxyType(
             table3,
             table3_means,
             table4,
+            insertions,
             tilt,
             certificate,
             coverage,

@@ -94,10 +94,25 @@ def test_the_camera_of_schema_2_stood_still_while_it_was_taught():
     facts = encode(Samples(3).facts())
     del facts["camera_stability"]
     for migrate in (migrations.session_header, migrations.calibration):
-        moved = migrate(2, {"facts": facts})["facts"]
+        moved = migrate(2, {"facts": facts, "taught": {}})["facts"]
         assert decode(CellFacts, moved, "facts").camera_stability is Stability.FIXED
     kept = encode(replace(Samples(3).facts(), camera_stability=Stability.MOVABLE))
     assert migrations.session_header(3, {"facts": kept})["facts"] == kept
+
+
+def test_targets_of_schema_3_tell_no_clearance(tmp_path):
+    store, name = loaded("joint", tmp_path)
+    body = encode(store.load(name))
+    for target in body["facts"]["object"]["targets"].values():
+        del target["clearance_mm"]
+    for point in body["taught"].values():
+        del point["target"]["clearance_mm"]
+    path = tmp_path / "calibrations" / "cal-000777.json"
+    write_document(path, {**body, "id": "cal-000777"}, 3)
+    read = store.load("cal-000777")
+    assert all(point.target.clearance_mm is None for point in read.taught.values())
+    header = migrations.session_header(3, {"facts": body["facts"]})["facts"]
+    assert decode(CellFacts, header, "facts").object.targets.keys() == read.taught.keys()
 
 
 def test_early_special_calibrations_do_not_tell_where_tag_a_was(tmp_path):

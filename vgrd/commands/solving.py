@@ -86,9 +86,10 @@ def _print_calibration(result: Result, json_to: str | None, title: str) -> None:
     """Print what was solved; a rejected calibration is told by the exit code too."""
 
     def show(result: Result) -> None:
-        rest = {key: value for key, value in result.items() if key != "blind_spots"}
+        sentences = ("insertions", "blind_spots")
+        rest = {key: value for key, value in result.items() if key not in sentences}
         show_fields(title)(rest)
-        for sentence in result["blind_spots"]:
+        for sentence in (one for key in sentences for one in result[key]):
             console.print(sentence, highlight=False, markup=False)
 
     print_result(result, json_to, show)

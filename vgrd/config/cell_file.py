@@ -175,6 +175,10 @@ class TargetSection(Table):
         default=None,
         description="of the hole that the point is the centre of, at its rim: pictures then measure it",
     )
+    clearance_mm: Annotated[float, Field(gt=0, le=1000)] | None = Field(
+        default=None,
+        description="diameter of the hole minus that of what goes in: how often it goes in is then told",
+    )
 
 
 class ObjectSection(Table):

@@ -85,6 +85,7 @@ def _object(config: "CellConfig") -> ObjectSpec:
             if target.work_rotvec_deg is None
             else frozen_array(exp_rotation(np.radians(target.work_rotvec_deg)), 3, 3),
             hole_diameter_mm=target.hole_diameter_mm,
+            clearance_mm=target.clearance_mm,
         )
         for target in section.targets
     }

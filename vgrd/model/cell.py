@@ -60,7 +60,8 @@ class Target:
 
     point_in_object: (3,) CAD, mm. base_from_work: orientation (3, 3) in which the wrist works while the object
     stands as it was taught; None: as it was touched. hole_diameter_mm: of the hole of which the point is the
-    centre, at its rim; None: no hole that a picture could show.
+    centre, at its rim; None: no hole that a picture could show. clearance_mm: diameter of the hole minus that
+    of what goes in; None: nothing goes in.
     """
 
     id: int
@@ -68,6 +69,7 @@ class Target:
     point_in_object: Array
     base_from_work: Array | None = None
     hole_diameter_mm: float | None = None
+    clearance_mm: float | None = None
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -27,6 +27,7 @@ from vgrd.model import Plan, Policy, Recording, Verdict
 from vgrd.orphans import die_with
 from vgrd.solving.hole_pictures import draw_searched
 from vgrd.solving.hole_sightings import HolesSeen, Report, holes_of, see_holes
+from vgrd.solving.insertions import insertion_sentences
 from vgrd.solving.servable import unservable
 from vgrd.store.calibrations import CalibrationStore
 from vgrd.store.retention import in_use
@@ -73,6 +74,7 @@ def solve_session(
     return {
         "calibration": name,
         **summary(calibration),
+        "insertions": insertion_sentences(calibration, stored.recording, policy),
         "blind_spots": _blind_spots(calibration, stored.recording, stability),
         "holes": {"seen": len(holes.sightings), "unseen": dict(holes.unseen)},
         **drawn,

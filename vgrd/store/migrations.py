@@ -8,8 +8,10 @@ from typing import Any
 
 Json = Any
 
-SESSION_SCHEMA = 3  # since 2: steps of the interface, holes, chi2 of a tag; 3: camera's stability
-CALIBRATION_SCHEMA = 3  # since 2: the solution is a table of its own; 3: stability, adopted slips
+# Since 2: steps of the interface, holes, chi2 of a tag; 3: camera's stability; 4: clearances.
+SESSION_SCHEMA = 4
+# Since 2: the solution is a table of its own; 3: stability, adopted slips; 4: clearances.
+CALIBRATION_SCHEMA = 4
 _ZERO = 0.0
 
 
@@ -27,15 +29,25 @@ def facts_of(facts: Json) -> Json:
 
 def session_header(schema: int, body: Json) -> Json:
     """Content of session.json."""
-    if schema > 2:
+    if schema > 3:
         return body
-    facts = _fixed(body["facts"]) if schema > 1 else facts_of(body["facts"])
-    return {**body, "facts": facts}
+    facts = body["facts"] if schema > 1 else facts_of(body["facts"])
+    return {**body, "facts": _facts_up_to_3(facts)}
 
 
 def _fixed(facts: Json) -> Json:
     """CellFacts up to schema 2: a camera was taken to stand still while it was taught."""
     return {"camera_stability": "fixed", **facts}
+
+
+def _facts_up_to_3(facts: Json) -> Json:
+    """CellFacts whose targets do not tell their clearance."""
+    targets = {name: _target(target) for name, target in facts["object"]["targets"].items()}
+    return {**_fixed(facts), "object": {**facts["object"], "targets": targets}}
+
+
+def _target(body: Json) -> Json:
+    return {"clearance_mm": None, **body}
 
 
 def observation(body: Json) -> Json:
@@ -76,11 +88,14 @@ def _changed(body: Json, key: str, change: Callable[[Json], Json]) -> Json:
 
 def calibration(schema: int, body: Json) -> Json:
     """Content of a calibration's file: the solution of schema 1 lay open in it."""
-    if schema > 2:
+    if schema > 3:
         return body
     opened = body if schema > 1 else _opened(body)
-    fixed = {"adopted": [], **opened, "facts": _fixed(opened["facts"])}
-    return _changed(fixed, "solution", _solution)
+    taught = {name: _changed(point, "target", _target) for name, point in opened["taught"].items()}
+    facts = _facts_up_to_3(opened["facts"])
+    return _changed(
+        {"adopted": [], **opened, "facts": facts, "taught": taught}, "solution", _solution
+    )
 
 
 def _solution(body: Json) -> Json:

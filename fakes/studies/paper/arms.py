@@ -16,6 +16,7 @@ from fakes.studies.paper.baselines import CONVENTIONAL, SPECIAL, SPECIAL_CAD, pa
 from fakes.studies.sessions import TILT_RAD, Session
 from fakes.studies.study import REFUSED, Figure, Parameters, Trials
 from fakes.world.arm_errors import EXACT_ARM, ArmErrors
+from fakes.world.noise import COARSE, Vision
 from fakes.world.simulation import WORK_ROTATION, Simulation
 from vgrd.calibration.calibration import expected_coordinate
 from vgrd.calibration.solve import calibrate_system
@@ -24,17 +25,25 @@ from vgrd.model import Plan, Policy, Recording
 
 EXACT = "exact"
 SIX_AXES, FOUR_AXES = "6-axis", "4-axis"
+FOUR_AXES_WITHOUT_FIELD = "4-axis, no error field"
 PLAN = "plan conventional, served"
 CASES = tuple({"vision": "coarse", "arm": arm} for arm in (SIX_AXES, FOUR_AXES))
-_ERRORS = ArmErrors(
-    sigma_mm=0.04 / np.sqrt(3),  # the paper's repeatability, a length
-    field_mm=0.1,  # per axis, a guess: arms of this size err by 0.1 to 0.3 mm
+_REPEATABLE = ArmErrors(sigma_mm=0.04 / np.sqrt(3))  # the paper's repeatability, a length
+_ERRORS = replace(_REPEATABLE, field_mm=0.1)  # per axis, a guess: such arms err by 0.1 to 0.3 mm
+_ARMS: Mapping[str, ArmErrors] = MappingProxyType(
+    {
+        EXACT: EXACT_ARM,
+        SIX_AXES: _ERRORS,
+        FOUR_AXES: _ERRORS,
+        FOUR_AXES_WITHOUT_FIELD: _REPEATABLE,
+    }
 )
 _TURN_RAD: Mapping[str, float] = MappingProxyType(
     {  # the last: as much information
         EXACT: TILT_RAD,
         SIX_AXES: TILT_RAD,
         FOUR_AXES: float(np.sqrt(2) * TILT_RAD),
+        FOUR_AXES_WITHOUT_FIELD: float(np.sqrt(2) * TILT_RAD),
     }
 )
 _SESSION = Session(Plan.CONVENTIONAL, looks=8, spins=10)
@@ -43,15 +52,15 @@ _REQUESTS = 3  # turns of the table, as in table 3
 _METHODS = (CONVENTIONAL, SPECIAL, SPECIAL_CAD, PLAN)
 
 
-def cell_with(arm: str, seed: SeedSequence) -> Simulation:
+def cell_with(arm: str, seed: SeedSequence, vision: Vision = COARSE) -> Simulation:
     """Experiment B's cell with the arm of that name."""
-    errors = EXACT_ARM if arm == EXACT else _ERRORS
-    return Simulation(seed, arm=errors, one_axis=arm == FOUR_AXES)
+    return Simulation(seed, vision=vision, arm=_ARMS[arm], one_axis=arm.startswith(FOUR_AXES))
 
 
-def record_session(cell: Simulation, arm: str) -> Recording:
+def record_session(cell: Simulation, arm: str, touches: int = _SESSION.touches) -> Recording:
     """Everything that both of the paper's methods need."""
-    return replace(_SESSION.record(cell), points=cell.points(_POINTS, _TURN_RAD[arm]))
+    recording = replace(_SESSION, touches=touches).record(cell)
+    return replace(recording, points=cell.points(_POINTS, _TURN_RAD[arm]))
 
 
 def arm_trial(seed: SeedSequence, parameters: Parameters) -> dict[str, float]:

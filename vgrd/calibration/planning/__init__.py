@@ -5,6 +5,11 @@ May import joint and checks.
 
 from vgrd.calibration.planning.advice import advise_session
 from vgrd.calibration.planning.budget import Budget, Systematic, error_budget
+from vgrd.calibration.planning.insertions import (
+    CLEAN_WANTED,
+    further_touches,
+    predicted_insertions,
+)
 from vgrd.calibration.planning.next_sample import (
     Job,
     Spinning,
@@ -17,6 +22,7 @@ from vgrd.calibration.planning.predicted_rows import picture_of
 from vgrd.calibration.planning.reach import Reach
 
 __all__ = [
+    "CLEAN_WANTED",
     "Budget",
     "Job",
     "PredictedError",
@@ -26,7 +32,9 @@ __all__ = [
     "Touching",
     "advise_session",
     "error_budget",
+    "further_touches",
     "picture_of",
     "plan_samples",
     "plan_touches",
+    "predicted_insertions",
 ]

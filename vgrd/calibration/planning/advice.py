@@ -7,7 +7,13 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from vgrd.calibration.checks import examine, missing_motions
+from vgrd.calibration.insertion import Insertion
 from vgrd.calibration.joint import JointFit, as_seen_in_the_end, calibrate_joint, camera_moves
+from vgrd.calibration.planning.insertions import (
+    CLEAN_WANTED,
+    further_touches,
+    predicted_insertions,
+)
 from vgrd.calibration.planning.next_sample import Advice, next_best, without_pose
 from vgrd.calibration.planning.pose_trust import reason_against
 from vgrd.calibration.planning.predicted_error import Job, PredictedError, Undetermined
@@ -36,7 +42,9 @@ class SessionAdvice:
     predicted_mm: 95 % error of the expected coordinate by target under the policy, empty as long as
     it cannot be told; trouble: why not, with the remedy, else "". best: the most useful sample
     within reach, None where nothing can be predicted or a finding has to be mended first; no_pose:
-    why it is words without a pose, else "". undetermined: what the samples leave open.
+    why it is words without a pose, else "". undetermined: what the samples leave open. insertions: odds by
+    target with a clearance; further_touches: so many more make 95 % go in without contact, None: more than
+    anybody would touch.
     """
 
     policy: Policy
@@ -46,6 +54,8 @@ class SessionAdvice:
     best: Advice | None = None
     no_pose: str = ""
     undetermined: tuple[Undetermined, ...] = ()
+    insertions: Mapping[str, Insertion] = field(default_factory=dict)
+    further_touches: int | None = None
 
     def to_json(self) -> dict[str, object]:
         """Everything in words and numbers: poses as flange x, y, z in mm and a rotation vector."""
@@ -58,7 +68,16 @@ class SessionAdvice:
             "predicted_u95_mm": dict(self.predicted_mm),
             "trouble": self.trouble,
             "unknown_but_irrelevant": [u.what for u in self.undetermined if not u.matters],
+            **self._insertions_to_json(),
             "next": None if self.best is None else _next(self.best, self.no_pose),
+        }
+
+    def _insertions_to_json(self) -> dict[str, object]:
+        if not self.insertions:
+            return {}
+        return {
+            "insertions": {name: odds.to_json() for name, odds in self.insertions.items()},
+            "insertions_in_words": _insertion_in_words(self.further_touches),
         }
 
 
@@ -149,14 +168,20 @@ def _advice(
     undetermined = foresight.undetermined()
     directions = [direction.what for direction in undetermined if direction.matters]
     trouble = f"the answers still depend on {', '.join(directions)}" if directions else ""
-    predicted = {} if directions else foresight.target_errors_mm(foresight.covariance, job)
+    predicted, insertions, further = {}, {}, None
+    if not directions:
+        predicted = foresight.target_errors_mm(foresight.covariance, job)
+        insertions = predicted_insertions(result, foresight, foresight.covariance)
+        further = further_touches(result, foresight) if insertions else None
     best = next_best(result, job, reach, tag_a_in_view=camera_sees_tag_a(result))[0]
     no_pose = ""
     if best.base_from_wrist is not None:
         no_pose = judgement.doubted(outliers) or reason_against(result, best.candidate, reach)
     best = without_pose(result, best) if no_pose else best
     findings = (*judgement.findings, *camera_moves(result), *outliers)
-    return SessionAdvice(policy, findings, predicted, trouble, best, no_pose, undetermined)
+    return SessionAdvice(
+        policy, findings, predicted, trouble, best, no_pose, undetermined, insertions, further
+    )
 
 
 def _contradiction(noise_scale: float) -> Finding:
@@ -175,6 +200,15 @@ def _outliers(result: JointFit) -> tuple[Finding, ...]:
         for sample in result.samples
         if not sample.used
     )
+
+
+def _insertion_in_words(further: int | None) -> str:
+    share = f"{100 * CLEAN_WANTED:g} % of insertions at every target are predicted to go in without contact"
+    if further == 0:
+        return f"{share}"
+    if further is None:
+        return f"no number of touches like these brings it about that {share}"
+    return f"touch {further} times more, each target in turn as before: then {share}"
 
 
 def _next(best: Advice, no_pose: str) -> dict[str, object]:

@@ -44,6 +44,14 @@ class Job:
     targets: Sequence[str] | None = None
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class Asked:
+    """One coordinate of the job: the target's name, base_from_wrist (3, 3) at work."""
+
+    target: str
+    base_from_wrist: Array
+
+
 @dataclass(frozen=True, slots=True)
 class Undetermined:
     """A direction that the samples leave open; matters: whether the job's answers depend on it."""
@@ -65,17 +73,20 @@ class PredictedError:
         self._foreseen = ForeseenRows(result, tag_a_in_view or (lambda _: True))
         N = result.undetermined
         self.covariance = result.covariance + N @ N.T
-        self._jacobians, self._rest = self._ask(job)
+        self.asked, self._jacobians, self._rest = self._ask(job)
+
+    def miss_covariances(self, covariance: Array) -> Array:
+        """(j, 3, 3) of the misses at work, mm^2, of each in `asked`."""
+        B = self._jacobians
+        return np.asarray(B @ covariance @ B.transpose(0, 2, 1) + self._rest)
 
     def error_mm(self, covariance: Array) -> float:
         """Mean 95 % radius over everything that the job asks for."""
-        B = self._jacobians
-        return float(_radii95(B @ covariance @ B.transpose(0, 2, 1) + self._rest).mean())
+        return float(_radii95(self.miss_covariances(covariance)).mean())
 
     def target_errors_mm(self, covariance: Array, job: Job) -> dict[str, float]:
         """The same by target."""
-        B = self._jacobians
-        radii = _radii95(B @ covariance @ B.transpose(0, 2, 1) + self._rest)
+        radii = _radii95(self.miss_covariances(covariance))
         names = _targets(self._result, job)
         target_radii = radii.reshape(len(job.angles_rad), len(names), -1).mean(axis=(0, 2))
         return dict(zip(names, map(float, target_radii), strict=True))
@@ -88,8 +99,7 @@ class PredictedError:
         G = self._jacobians.reshape(-1, n) @ A.transpose(0, 2, 1)
         half = np.linalg.solve(np.linalg.cholesky(S), G.transpose(0, 2, 1))
         half = half.transpose(0, 2, 1).reshape(len(rows), j, 3, -1)
-        present = self._jacobians @ covariance @ self._jacobians.transpose(0, 2, 1) + self._rest
-        covariances = present - half @ half.transpose(0, 1, 3, 2)
+        covariances = self.miss_covariances(covariance) - half @ half.transpose(0, 1, 3, 2)
         radii = _radii95(covariances.reshape(-1, 3, 3)).reshape(len(rows), j)
         return np.asarray(radii.mean(axis=1))
 
@@ -137,10 +147,10 @@ class PredictedError:
             ]
         return tuple(open_directions)
 
-    def _ask(self, job: Job) -> tuple[Array, Array]:
-        """Derivatives (j, 3, n) by the unknowns and the rest of the covariance (j, 3, 3)."""
+    def _ask(self, job: Job) -> tuple[list[Asked], Array, Array]:
+        """What is asked, derivatives (j, 3, n) by the unknowns, the rest of the covariance (j, 3, 3)."""
         result, solution = self._result, solution_of(self._result)
-        jacobians, rests = [], []
+        asked, jacobians, rests = [], [], []
         works: Sequence[Array | None] = job.works or (None,)
         for angle in job.angles_rad:
             tag = picture_of(result, angle)
@@ -149,9 +159,10 @@ class PredictedError:
                 prediction = predict(result, solution, name, tag, job.policy, R_work, refuse=False)
                 rest = prediction.J_picture @ tag.covariance @ prediction.J_picture.T
                 rest = rest + prediction.J_arm @ prediction.arm_covariance @ prediction.J_arm.T
+                asked.append(Asked(name, prediction.base_from_wrist.rotation))
                 jacobians.append(prediction.J_unknowns)
                 rests.append(rest)
-        return np.array(jacobians), np.array(rests)
+        return asked, np.array(jacobians), np.array(rests)
 
 
 def _targets(result: JointFit, job: Job) -> Sequence[str]:

@@ -12,6 +12,7 @@ import numpy as np
 
 from vgrd.calibration.adoption import link_called
 from vgrd.calibration.calibration import expected_coordinate
+from vgrd.calibration.insertion import insertion_of
 from vgrd.cell.control.lines import Arguments, optional_number, optional_text, text_argument
 from vgrd.cell.control.server import Operation
 from vgrd.cell.feeds import GateFeed
@@ -187,7 +188,7 @@ class Operations:
         expected = expected_coordinate(
             calibration, target, sight.tag_b, policy, work, self.serving.cameras.place(sight)
         )
-        pose = expected.base_from_wrist
+        pose, odds = expected.base_from_wrist, insertion_of(expected, calibration.facts.tool)
         return {
             "target": target,
             "policy": policy.value,
@@ -196,6 +197,7 @@ class Operations:
             "u95_mm": expected.u95_mm,
             "age_s": round(self.clock.monotonic() - sight.stamp_s, 3),
             "calibration": calibration.id,
+            **({} if odds is None else {"insertion": odds.to_json()}),
         }
 
     async def _verify(self, arguments: Arguments) -> Mapping[str, Any]:
