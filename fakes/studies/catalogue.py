@@ -15,6 +15,7 @@ from fakes.studies.paper import (
     table4,
     tilt,
 )
+from fakes.studies.paper.published import eq9, eq19, eq25
 from fakes.studies.robustness import (
     blunders,
     certificate,
@@ -44,6 +45,9 @@ STUDIES: Mapping[str, Study] = MappingProxyType(
             table4,
             insertions,
             tilt,
+            eq9,
+            eq19,
+            eq25,
             certificate,
             coverage,
             blunders,

@@ -78,19 +78,19 @@ def _prepare_conventional(recording: Recording) -> Mapping[str, Method]:
     """Section III: fixed-point TCP, hand-eye, one touch of the target, Eq. 6 with the live tag A."""
     touches = arm_touches(recording.points, recording)
     tcp = calibrate_fixed_point(touches, allow_open_axis=True).tcp_in_wrist
-    hand_eye = _hand_eye(recording)
+    hand_eye = solved_hand_eye(recording)
     return {CONVENTIONAL: partial(_conventional, recording, hand_eye, tcp)}
 
 
 def _conventional(
     recording: Recording, hand_eye: HandEyeResult, tcp: Array, target: str, now: Observation
 ) -> Array:
-    touch = _first_touch(recording, target)
+    touch = first_touch(recording, target)
     wrist_from_tag_a = hand_eye.mount_from_target
-    A0, B0 = _both_tags(touch.observation)
+    A0, B0 = both_tags(touch.observation)
     tip_in_tag_a = wrist_from_tag_a.inverse() @ tcp
     point_in_tag_b = (B0.inverse() @ A0) @ tip_in_tag_a
-    A1, B1 = _both_tags(now)
+    A1, B1 = both_tags(now)
     point = point_in_base_live(now.base_from_wrist, wrist_from_tag_a, A1, B1, point_in_tag_b)
     R = touch.base_from_wrist.rotation
     return flange_for(point, R, tcp + recording.facts.tool.work_from_touch_mm)
@@ -98,9 +98,9 @@ def _conventional(
 
 def _prepare_special(recording: Recording) -> Mapping[str, Method]:
     """Section V: Eq. 19 as published, from one touch of the target, and from touches fitted to CAD."""
-    fit = _cad_fit(recording)
-    rotation = _hand_eye(recording)  # all that Eq. 19 needs of the hand-eye
-    special = partial(_special, recording, rotation, fit, _pivot_in_tag(recording))
+    fit = fitted_cad(recording)
+    rotation = solved_hand_eye(recording)  # all that Eq. 19 needs of the hand-eye
+    special = partial(_special, recording, rotation, fit, pivot_in_tag(recording))
     return {SPECIAL: partial(special, False), SPECIAL_CAD: partial(special, True)}
 
 
@@ -113,7 +113,7 @@ def _special(
     target: str,
     now: Observation,
 ) -> Array:
-    touch = _first_touch(recording, target)
+    touch = first_touch(recording, target)
     ref = touch.observation
     flange = touch.base_from_wrist.translation
     if use_cad:
@@ -121,8 +121,8 @@ def _special(
     pivot_flange = fit.flange(np.asarray(recording.facts.object.center_in_object))
     offset = touch.base_from_wrist.rotation @ recording.facts.tool.work_from_touch_mm
     try:
-        A0, B0 = _both_tags(ref)
-        A1, B1 = _both_tags(now)
+        A0, B0 = both_tags(ref)
+        A1, B1 = both_tags(now)
         answer = special_expected(
             base_from_wrist_ref=touch.base_from_wrist,
             base_from_wrist_now=now.base_from_wrist,
@@ -135,7 +135,9 @@ def _special(
         )
     except InputError:
         # Tag A is hidden or the wrist turned since: the camera stands still and serves as well.
-        Q = motion_about(_tag_b(now).camera_from_tag, _tag_b(ref).camera_from_tag, pivot_in_tag_b)
+        Q = motion_about(
+            tag_b_in(now).camera_from_tag, tag_b_in(ref).camera_from_tag, pivot_in_tag_b
+        )
         answer = moved_flange(hand_eye.mount_from_camera.rotation, Q, flange, pivot_flange)
     return answer - offset
 
@@ -147,17 +149,18 @@ def prepare_served(recording: Recording, stability: Array) -> Mapping[str, Metho
 
 def _served(calibration: Calibration, stability: Array, target: str, now: Observation) -> Array:
     place = place_in(now, stability)
-    expected = expected_coordinate(calibration, target, _tag_b(now), Policy.FIXED, camera=place)
+    expected = expected_coordinate(calibration, target, tag_b_in(now), Policy.FIXED, camera=place)
     return expected.base_from_wrist.translation
 
 
-def _hand_eye(recording: Recording) -> HandEyeResult:
+def solved_hand_eye(recording: Recording) -> HandEyeResult:
     """The height along the axis of a 4-axis arm may stay open: it cancels, as that of the TCP does."""
     samples = hand_eye_samples(recording)
     return calibrate_hand_eye(HandEyeProblem(recording.facts.mount, samples, allow_unobservable=1))
 
 
-def _cad_fit(recording: Recording) -> CadFit:
+def fitted_cad(recording: Recording) -> CadFit:
+    """Flange positions that touch CAD points, all touches with one wrist; InputError where they have not."""
     arrays = arm_touches(recording.touches, recording)
     if turned_axes(list(arrays.rotations))[0] is not Axes.NONE:
         raise InputError("the special method needs one wrist orientation in all touches")
@@ -168,25 +171,29 @@ def _cad_fit(recording: Recording) -> CadFit:
     return fit_cad(points, arrays)
 
 
-def _pivot_in_tag(recording: Recording) -> Array:
+def pivot_in_tag(recording: Recording) -> Array:
+    """Rotation centre (3,) in tag B by the spins."""
     tags = [spin.tag_b.camera_from_tag for spin in recording.spins if spin.tag_b is not None]
     return find_rotation_center(tags).center_in_tag
 
 
-def _first_touch(recording: Recording, target: str) -> Touch:
+def first_touch(recording: Recording, target: str) -> Touch:
+    """The first touch of a target; InputError where it was not touched."""
     for touch in recording.touches:
         if touch.target == target:
             return touch
     raise InputError(f"target {target!r} was not touched")
 
 
-def _both_tags(picture: Observation | None) -> tuple[Pose, Pose]:
+def both_tags(picture: Observation | None) -> tuple[Pose, Pose]:
+    """camera_from_tag of tag A and of tag B; InputError where one is not in the picture."""
     if picture is None or picture.tag_a is None:
         raise InputError("tag A is not in the picture")
-    return picture.tag_a.camera_from_tag, _tag_b(picture).camera_from_tag
+    return picture.tag_a.camera_from_tag, tag_b_in(picture).camera_from_tag
 
 
-def _tag_b(picture: Observation | None) -> TagObservation:
+def tag_b_in(picture: Observation | None) -> TagObservation:
+    """Tag B of a picture; InputError where it is not in it."""
     if picture is None or picture.tag_b is None:
         raise InputError("tag B is not in the picture")
     return picture.tag_b
