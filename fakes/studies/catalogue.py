@@ -5,6 +5,7 @@ from difflib import get_close_matches
 from types import MappingProxyType
 
 from fakes.studies.paper import (
+    contact_methods,
     experiment_a,
     fig4,
     fig5,
@@ -39,6 +40,7 @@ STUDIES: Mapping[str, Study] = MappingProxyType(
             fig4,
             fig5,
             fig10,
+            contact_methods,
             experiment_a,
             table3,
             table3_means,

@@ -41,13 +41,17 @@ class Session:
         )
 
 
-SESSIONS: Mapping[str, Session] = MappingProxyType(  # the paper's two, and shorter ones
-    {
-        "conventional": Session(Plan.CONVENTIONAL, points=10, looks=8),
-        "special": Session(Plan.SPECIAL, looks=8, spins=10),
-        "joint, fixed wrist": Session(Plan.JOINT, looks=8, spins=10),
-        "joint, no hand-eye step": Session(Plan.JOINT, spins=4, tilted=3),
-    }
+SESSIONS: Mapping[str, Session] = (
+    MappingProxyType(  # the paper's two, with its other contacts too, and shorter ones
+        {
+            "conventional": Session(Plan.CONVENTIONAL, points=10, looks=8),
+            "plane": Session(Plan.PLANE, points=16, looks=8),
+            "ball": Session(Plan.SPHERE, points=16, looks=8),
+            "special": Session(Plan.SPECIAL, looks=8, spins=10),
+            "joint, fixed wrist": Session(Plan.JOINT, looks=8, spins=10),
+            "joint, no hand-eye step": Session(Plan.JOINT, spins=4, tilted=3),
+        }
+    )
 )
 
 

@@ -170,13 +170,30 @@ class Simulation:
         return self._touch(target, point, R, angle_rad, tag_a=tag_a)
 
     def points(
-        self, count: int, spread_rad: float = np.radians(25)
-    ) -> tuple[Touch, ...]:  # as TILT_RAD of the studies
-        """Touches of one fixed point with varied wrists, no picture."""
+        self,
+        count: int,
+        spread_rad: float = np.radians(25),  # as TILT_RAD of the studies
+        plan: Plan = Plan.CONVENTIONAL,
+    ) -> tuple[Touch, ...]:
+        """Touches beside the object with varied wrists, no picture: a fixed point, or the plan's surface."""
+        places = {Plan.PLANE: ("plate", self._on_plate), Plan.SPHERE: ("ball", self._on_ball)}
+        name, place = places.get(plan, ("spike", lambda: self.fixed_point_in_base))
         return tuple(
-            self._touch("spike", self.fixed_point_in_base, self.wrist(spread_rad), None)
-            for _ in range(count)
+            self._touch(name, place(), self.wrist(spread_rad), None) for _ in range(count)
         )
+
+    def _on_plate(self) -> Array:
+        """Anywhere on a plate of 200 mm that leans a little, (3,) base."""
+        across = self.rng.uniform(-100, 100, 2)
+        slope = Rotation.from_euler("xyz", [0.1, -0.2, 0.0]).as_matrix()
+        return np.asarray(self.fixed_point_in_base + slope[:, :2] @ across)
+
+    def _on_ball(self) -> Array:
+        """Anywhere on a ball of 20 mm radius but its lower third, where its stem is, (3,) base."""
+        z, turn = self.rng.uniform(-1 / 3, 1), self.rng.uniform(-np.pi, np.pi)
+        flat = np.sqrt(1 - z * z)
+        side = np.array([flat * np.cos(turn), flat * np.sin(turn), z])
+        return np.asarray(self.fixed_point_in_base + 20.0 * side)
 
     def holes(
         self,
@@ -216,7 +233,7 @@ class Simulation:
             looks=self.looks(looks),
             spins=self.spins(spins),
             touches=tuple(self.touch(n, R) for n, R in zip(names, wrists, strict=True)),
-            points=self.points(points),
+            points=self.points(points, plan=plan),
         )
 
     def request(self) -> SimulatedRequest:

@@ -14,7 +14,7 @@ _PLAIN = {
 }
 _NAMED = {
     "touch": ("TARGET", "Record that the tool's tip rests on a target."),
-    "point": ("NAME", "Record a touch of a fixed point (conventional TCP)."),
+    "point": ("NAME", "Record a touch of the fixed point, plane or ball that gives the TCP."),
     "verify": ("TARGET", "Record a touch that is held out of every fit."),
 }
 
@@ -33,7 +33,7 @@ def register(app: typer.Typer) -> None:
 
 def record_start(
     plan: Annotated[
-        str, typer.Option(help="universal, special, conventional or joint.")
+        str, typer.Option(help="joint, universal, special, conventional, plane or sphere.")
     ] = "joint",
     session: Annotated[
         str | None, typer.Option(help="Name; by default the date and time.")

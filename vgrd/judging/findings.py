@@ -22,6 +22,9 @@ BEFORE_SOLVING: Mapping[str, Kind] = MappingProxyType(
         "targets_in_line": Kind("all touched points lie on one line", "", "rank"),
         "few_touches": Kind("too few touches", "", "count"),
         "fixed_point_motion": Kind("the fixed point was touched with one wrist", "", "rank"),
+        "surface_motion": Kind(
+            "the plane or ball was touched too alike or too little", "", "rank"
+        ),
         "object_turn": Kind("the object turned too little for a rotation centre", "", "rank"),
         "rotation_misread": Kind(
             "the numbers of a rotation are those of another format",
@@ -111,8 +114,8 @@ OF_A_SESSION: Mapping[str, Kind] = MappingProxyType(
             "leaving it out: 3.5 sigma",
         ),
         "point_outlier": Kind(
-            "a touch of the fixed point was left out",
-            "undo it and touch the point again",
+            "a touch of the fixed point, plane or ball does not belong to the others",
+            "undo it and touch there again",
             "leaving it out: 3.5 sigma",
         ),
         "reference_outlier": Kind(

@@ -13,7 +13,19 @@ class Plan(StrEnum):
     UNIVERSAL = "universal"
     SPECIAL = "special"
     CONVENTIONAL = "conventional"
+    PLANE = "plane"
+    SPHERE = "sphere"
     JOINT = "joint"
+
+    @property
+    def touches_beside(self) -> bool:
+        """Whether the TCP comes from touches beside the object: of a point, a plane or a ball (figure 3)."""
+        return self in {Plan.CONVENTIONAL, Plan.PLANE, Plan.SPHERE}
+
+    @property
+    def touches_surface(self) -> bool:
+        """Whether those touches are of a plane or a ball, each at another place of it."""
+        return self in {Plan.PLANE, Plan.SPHERE}
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -53,7 +65,7 @@ class Observation:
 class Touch:
     """The tool's tip rests on `target`; sigma across and along the tool axis, infinite allowed.
 
-    For touches of a fixed point outside the object (conventional TCP) `target` is the point's own name.
+    For touches beside the object (a fixed point, a plane, a ball) `target` is the name of that thing.
     """
 
     target: str
@@ -67,8 +79,9 @@ class Touch:
 class Recording:
     """Everything that was taught in one session, in order, undone samples left out.
 
-    looks: hand-eye samples; spins: the object turned, robot at rest; touches: on the object; points: touches of one
-    fixed point with varied wrists (conventional TCP); verifications: held out of every fit.
+    looks: hand-eye samples; spins: the object turned, robot at rest; touches: on the object; points: touches beside
+    it with varied wrists, of one fixed point, or of the plane or ball that the plan names; verifications: held out of
+    every fit.
     """
 
     session: str
@@ -79,3 +92,8 @@ class Recording:
     touches: tuple[Touch, ...] = ()
     points: tuple[Touch, ...] = ()
     verifications: tuple[Touch, ...] = ()
+
+    @property
+    def fixed_points(self) -> tuple[Touch, ...]:
+        """Touches of one fixed point; none where the plan touches a surface."""
+        return () if self.plan.touches_surface else self.points

@@ -68,7 +68,7 @@ def _draw(trials: Trials) -> "Drawing":
                 label=label,
             )
     axes.invert_yaxis()
-    axes.set_xlim(0, 18)
+    axes.set_xlim(0, 1.05 * float(left.max()))
     axes.grid(visible=False, axis="y")
     axes.legend(frameon=False, ncols=5, loc="upper center", bbox_to_anchor=(0.4, 1.1), fontsize=8)
     return drawing

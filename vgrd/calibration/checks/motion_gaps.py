@@ -16,7 +16,7 @@ from vgrd.calibration.observability import Axes, hand_eye_observability, turned_
 from vgrd.calibration.turntable import find_rotation_center, turned_tags
 from vgrd.errors import NotObservable
 from vgrd.geometry import Array, Pose, log_rotation
-from vgrd.model import Motion, Mount, Plan, Policy, Recording, Stability
+from vgrd.model import Motion, Mount, Policy, Recording, Stability
 
 __all__ = ["MissingMotion", "missing_motion", "missing_motions"]
 
@@ -98,10 +98,7 @@ def _tag_a_in_wrist(recording: Recording, samples: Sequence[PoseSample]) -> Arra
 
 
 def _spins(recording: Recording) -> Iterator[MissingMotion]:
-    if (
-        recording.facts.object.motion is not Motion.TURNTABLE
-        or recording.plan is Plan.CONVENTIONAL
-    ):
+    if recording.facts.object.motion is not Motion.TURNTABLE or recording.plan.touches_beside:
         return
     tags = turned_tags(recording)
     rank = min(len(tags), 2) + 1 if tags else 0

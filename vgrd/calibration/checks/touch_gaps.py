@@ -1,12 +1,13 @@
 """Which touches a session still lacks: of the object, and of a fixed point."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from types import MappingProxyType
 
 import numpy as np
 
 from vgrd.calibration.checks.proposals import MissingMotion, direction, tilted
 from vgrd.calibration.observability import Axes, turned_axes
-from vgrd.calibration.tcp import calibrate_fixed_point
+from vgrd.calibration.tcp import contact_tcp
 from vgrd.calibration.touches import arm_touches, fit_cad
 from vgrd.calibration.universal import UniversalProblem, calibrate_universal
 from vgrd.errors import CalibrationError, InputError, NotObservable, TooFewObservations
@@ -16,11 +17,19 @@ from vgrd.judging.thresholds import LINE, SAME_ORIENTATION_RAD
 from vgrd.model import Plan, Policy, Recording, Target, Touch
 
 _FEW = 3  # the least of a rigid fit
+_SURFACES: Mapping[Plan, tuple[str, int, int]] = MappingProxyType(
+    {  # where, touches at the least, unknowns: as docs/touch-files.md
+        Plan.PLANE: ("of the plane, far apart on it", 7, 6),
+        Plan.SPHERE: ("of the ball, on several sides of it", 8, 7),
+    }
+)
 
 
 def missing_points(recording: Recording) -> Iterator[MissingMotion]:
-    """What the conventional TCP lacks: touches of one fixed point with the wrist turned."""
+    """What the TCP of the conventional plans lacks: touches beside the object with the wrist turned."""
     points = recording.points
+    if recording.plan.touches_surface:
+        yield from _surface_gaps(recording)
     if recording.plan is not Plan.CONVENTIONAL:
         return
     if not points:
@@ -33,7 +42,7 @@ def missing_points(recording: Recording) -> Iterator[MissingMotion]:
         )
         return
     try:
-        calibrate_fixed_point(arm_touches(points, recording))
+        contact_tcp(recording)
     except TooFewObservations:
         rank, unknowns = 3, 6
     except NotObservable as fault:
@@ -51,10 +60,30 @@ def missing_points(recording: Recording) -> Iterator[MissingMotion]:
     )
 
 
+def _surface_gaps(recording: Recording) -> Iterator[MissingMotion]:
+    """What touches of a plane or a ball lack, in the words of the method that refuses them."""
+    where, least, unknowns = _SURFACES[recording.plan]
+    if len(recording.points) < least:
+        yield MissingMotion(
+            "surface_motion",
+            f"TCP: {len(recording.points)} touches {where}: touch it at least {least} times, the wrist "
+            "turned by 25 degrees and more about two axes",
+            rank=min(len(recording.points), unknowns - 1),
+            unknowns=unknowns,
+        )
+        return
+    try:
+        contact_tcp(recording)
+    except NotObservable as fault:
+        yield MissingMotion("surface_motion", f"TCP: {fault}", fault.rank, fault.unknowns)
+    except CalibrationError as fault:
+        yield MissingMotion("surface_motion", f"TCP: {fault}", unknowns - 1, unknowns)
+
+
 def missing_touches(recording: Recording, policy: Policy) -> Iterator[MissingMotion]:
     """What object and TCP lack: targets beside a line, and tilts where plan or policy need the TCP."""
     touches = recording.touches
-    if recording.plan is Plan.CONVENTIONAL and touches:
+    if recording.plan.touches_beside and touches:
         return
     count, _ = turned_axes([t.base_from_wrist.rotation for t in touches] or [np.eye(3)])
     needed = 4 if recording.plan is Plan.UNIVERSAL or count is not Axes.NONE else _FEW
@@ -161,11 +190,11 @@ def _tip(recording: Recording, touches: Sequence[Touch]) -> tuple[Array, bool]:
     """TCP in the wrist (3,) as far as anything tells it, and whether all of it is known."""
     if len(recording.points) >= _FEW:
         try:
-            fixed = calibrate_fixed_point(arm_touches(recording.points, recording))
+            beside = contact_tcp(recording)
         except CalibrationError:
             pass
         else:
-            return fixed.tcp_in_wrist, True
+            return beside.tcp_in_wrist, True
     active = recording.facts.wrist_from_tcp
     if active is not None and np.linalg.norm(active.translation) > 1:
         return active.translation, True

@@ -60,7 +60,10 @@ def gather(
         raise TooFewObservations("nothing was touched: touch at least 3 targets of the object")
     motion = facts.object.motion
     holes_seen = [s for s in sightings if s.spin is None or motion is not Motion.FREE]
-    touches, points = _touched("touch", recording.touches), _touched("point", recording.points)
+    touches, points = (
+        _touched("touch", recording.touches),
+        _touched("point", recording.fixed_points),
+    )
     looks, spins = _pictures("look", recording.looks), _pictures("spin", recording.spins)
     pictures = [
         *((name, touch.observation) for name, touch in (*touches, *points)),

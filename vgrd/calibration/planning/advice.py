@@ -23,7 +23,7 @@ from vgrd.errors import CalibrationError, DidNotConverge, VgrdError
 from vgrd.geometry import Array
 from vgrd.judging.findings import finding
 from vgrd.judging.thresholds import WRONG_SIGMA
-from vgrd.model import Finding, Policy, Recording
+from vgrd.model import Finding, Plan, Policy, Recording
 
 _ANGLES_RAD = (0.0, 2.0)  # two turns of the object stand for all: near and far
 _OBJECT_MOVED = "object_moved"  # of `examine`
@@ -99,6 +99,8 @@ def advise_session(
         judgement = _Judgement(policy, findings, _missing(recording, policy))
         if judgement.wrong():
             return judgement.remedy(judgement.wrong()[0])
+        if recording.plan.touches_surface:
+            return judgement.unpredicted(recording.plan)
         reach = reach or Reach.of(recording)
         return _advice(calibrate_joint(usable), judgement, reach, works)
     except (DidNotConverge, np.linalg.LinAlgError):
@@ -132,6 +134,14 @@ class _Judgement:
         """Nothing but what to mend first."""
         trouble = f"before any other sample: {wrong.message}"
         return SessionAdvice(self.policy, self.findings, trouble=trouble)
+
+    def unpredicted(self, plan: Plan) -> SessionAdvice:
+        """What is missing, of a plan whose TCP the joint estimate does not know; it foresees nothing then."""
+        trouble = next((remark.message for remark in self.findings if remark.fatal), "")
+        nothing = (
+            f"nothing is missing; vgrd solve tells the error, plan {plan.value} foresees none"
+        )
+        return SessionAdvice(self.policy, self.findings, trouble=trouble or nothing)
 
 
 def _examined(recording: Recording, usable: Recording, policy: Policy) -> Sequence[Finding]:

@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from vgrd.calibration.observability import Axes, check_distinct, turned_axes
-from vgrd.calibration.tcp import calibrate_fixed_point
+from vgrd.calibration.tcp import ContactTcp, contact_tcp
 from vgrd.calibration.touches import (
     CadFit,
     TouchSet,
@@ -23,7 +23,6 @@ from vgrd.errors import InputError, NotObservable, TooFewObservations
 from vgrd.geometry import Array, Pose, hat, log_rotation
 from vgrd.judging.thresholds import SAME_ORIENTATION_RAD
 from vgrd.model import (
-    Plan,
     Recording,
     Target,
     TaughtPoint,
@@ -40,10 +39,10 @@ Flange = tuple[Target, Array, Array, Array]
 class FittedTouches:
     """Outcome of the touches.
 
-    tcp: None where the wrist was constant and no fixed point was touched (special method).
+    tcp: None where the wrist was constant and nothing was touched beside the object (special method).
     pivot_in_base: as in `Pivot`. parameters: (k, k) covariance of what was fitted; per target its flange
     (3,), orientation (3, 3) and (3, k) derivative; residuals_mm (m, 3) and scores (m,) of the touches.
-    open_axis: (3,) in the wrist along which the TCP stays open, None where it does not.
+    beside: what the touches beside the object gave, None where the TCP is not theirs.
     """
 
     tcp: TcpEstimate | None
@@ -53,7 +52,12 @@ class FittedTouches:
     flanges: Mapping[str, Flange]
     residuals_mm: Array
     scores: Array
-    open_axis: Array | None = None
+    beside: ContactTcp | None = None
+
+    @property
+    def open_axis(self) -> Array | None:
+        """Direction (3,) in the wrist along which the TCP stays open, None where it does not."""
+        return None if self.beside is None else self.beside.open_axis
 
     def points(self, *, has_pivot: bool) -> tuple[dict[str, TaughtPoint], dict[str, Array]]:
         """Taught points, and `touch_covariances` as the solutions have them."""
@@ -79,7 +83,7 @@ class FittedTouches:
 def fit_touches(recording: Recording) -> FittedTouches:
     """Fit the touches: universal method for varied wrists, CAD fit for a constant one.
 
-    Plan conventional takes the TCP from the fixed point where the wrist was constant.
+    Where the wrist was constant, plans conventional, plane and sphere take the TCP from the touches beside the object.
 
     Raises InputError (unknown target), TooFewObservations, NotObservable or DidNotConverge.
     """
@@ -91,7 +95,7 @@ def fit_touches(recording: Recording) -> FittedTouches:
     check_distinct(names, [touch.base_from_wrist for touch in touches])
     arrays = arm_touches(touches, recording)
     if turned_axes(list(arrays.rotations))[0] is Axes.NONE:
-        if recording.plan is Plan.CONVENTIONAL and recording.points:
+        if recording.plan.touches_beside and recording.points:
             return _conventional(recording, points, arrays)
         return _special(recording, fit_cad(points, arrays))
     return _universal(recording, calibrate_universal(UniversalProblem(points, arrays)))
@@ -127,26 +131,26 @@ def _special(recording: Recording, fit: CadFit) -> FittedTouches:
 
 
 def _conventional(recording: Recording, points: Array, touches: TouchSet) -> FittedTouches:
-    """Section III: the TCP by the fixed point, then the touched points, fitted to CAD.
+    """Section III: the TCP by the touches beside the object, then the touched points, fitted to CAD.
 
     Parameters: left tangent of base_from_object, and the TCP, by which the fit shifts.
     """
-    fixed = calibrate_fixed_point(arm_touches(recording.points, recording), allow_open_axis=True)
-    R, tcp = touches.rotations[0], fixed.tcp_in_wrist
+    beside = contact_tcp(recording, allow_open_axis=True)
+    R, tcp = touches.rotations[0], beside.tcp_in_wrist
     fit = fit_cad(points, replace(touches, translations=touches.translations + R @ tcp))
     by_tcp = np.vstack([R, np.zeros((3, 3)), np.eye(3)])
-    covariance = by_tcp @ fixed.covariance[:3, :3] @ by_tcp.T
+    covariance = by_tcp @ beside.covariance @ by_tcp.T
     covariance[:6, :6] += fit.covariance
     flanges, pivot, J_pivot = _by_tip(recording, fit.base_from_object_flange, fit.jacobian, tcp)
     return FittedTouches(
-        tcp=TcpEstimate(frozen_array(tcp, 3), frozen_array(fixed.covariance[:3, :3], 3, 3)),
+        tcp=TcpEstimate(frozen_array(tcp, 3), frozen_array(beside.covariance, 3, 3)),
         pivot_in_base=pivot,
         parameters=covariance,
         pivot_jacobian=J_pivot,
         flanges=flanges,
         residuals_mm=fit.residuals_mm,
         scores=fit.scores,
-        open_axis=fixed.open_axis,
+        beside=beside,
     )
 
 

@@ -11,7 +11,14 @@ from vgrd.calibration.touches import Reference
 from vgrd.calibration.turntable import RotationCenter
 from vgrd.geometry.covariance import rms
 from vgrd.judging.findings import finding
-from vgrd.judging.thresholds import NOISY_SCALE, PIVOT_APART_MM, SPIN_MM, SPIN_SIGMA
+from vgrd.judging.thresholds import (
+    NOISY_SCALE,
+    OUTLIER_SIGMA,
+    PIVOT_APART_MM,
+    SPIN_MM,
+    SPIN_SIGMA,
+    WRONG_SIGMA,
+)
 from vgrd.model import Finding, Motion, Plan, Recording
 
 _FEW_SPINS = 4  # three determine the axis, one more contradicts
@@ -34,11 +41,30 @@ def judge(evidence: StepwiseEvidence) -> tuple[list[Finding], dict[str, float]]:
     """Findings and the residuals they rest on."""
     findings = [
         *bad_touches(evidence.recording),
+        *_bad_points(evidence),
         *_method(evidence),
         *_hand_eye(evidence),
         *_spins(evidence),
     ]
     return findings, _residuals(evidence)
+
+
+def _bad_points(evidence: StepwiseEvidence) -> list[Finding]:
+    """The touch beside the object that is farthest from the fit of the others, where noise does not explain it."""
+    beside = evidence.taught.beside
+    if beside is None:
+        return []
+    worst = int(np.argmax(beside.scores))
+    if beside.scores[worst] <= OUTLIER_SIGMA:
+        return []
+    return [
+        finding(
+            "point_outlier",
+            f"point {worst + 1} ({evidence.recording.points[worst].target}) does not belong to the others: "
+            f"{beside.misses_mm[worst]:.2f} mm, {beside.scores[worst]:.1f} sigma off",
+            fatal=bool(beside.scores[worst] > WRONG_SIGMA),
+        )
+    ]
 
 
 def _method(evidence: StepwiseEvidence) -> list[Finding]:

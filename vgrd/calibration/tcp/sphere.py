@@ -28,6 +28,9 @@ _DIRECTIONS = 30  # 40 degrees apart: a start this near a minimum ends in it
 _SHARES = (0.35, 0.7, 1.0)  # of a known radius, by which a TCP from a point may be off
 _SHIFTS_MM = (1.5, 4.0, 10.0, 25.0, 60.0)  # the same for balls of 3 to 120 mm
 _STARTS = 6  # refined to the end: the ball may lie on either side of the tips
+_STARTS_OF_FEW = (
+    30  # below _NEEDED touches: with 6 starts 4 of 282 fits missed the lowest valley, with 12 one
+)
 _DISTINCT = 0.3  # of the larger radius
 _NEEDED = 9  # touches that tell one valley from another: two more than unknowns
 _CENTER_RCOND = 1e-6  # directions that no touch tells apart from rounding
@@ -160,7 +163,7 @@ class _SphereProblem:
                 for other in states
             ):
                 states.append(state)
-        return states[:_STARTS]
+        return states[: _STARTS if len(touches) >= _NEEDED else _STARTS_OF_FEW]
 
     def _balls(self, touches: TouchSet, point_tcp: Array) -> Iterator[tuple[float, SphereState]]:
         """Sum of squares and state for TCPs (3,) about one that takes the ball for a point.

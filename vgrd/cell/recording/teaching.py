@@ -30,6 +30,8 @@ WANTED: Mapping[Plan, Mapping[SampleKind, int]] = {  # chosen; fewer looks are s
     Plan.UNIVERSAL: {SampleKind.LOOK: 8, SampleKind.TOUCH: 6},
     Plan.SPECIAL: {SampleKind.LOOK: 8, SampleKind.SPIN: 4, SampleKind.TOUCH: 6},
     Plan.CONVENTIONAL: {SampleKind.LOOK: 8, SampleKind.POINT: 8, SampleKind.TOUCH: 6},
+    Plan.PLANE: {SampleKind.LOOK: 8, SampleKind.POINT: 16, SampleKind.TOUCH: 6},
+    Plan.SPHERE: {SampleKind.LOOK: 8, SampleKind.POINT: 16, SampleKind.TOUCH: 6},
     Plan.JOINT: {SampleKind.LOOK: 8, SampleKind.SPIN: 4, SampleKind.TOUCH: 8},
 }
 
@@ -109,7 +111,7 @@ class Teaching:
         return await self._store(kind, self.last_touch)
 
     async def point(self, name: str) -> dict[str, object]:
-        """Record a touch of a fixed point; no picture is needed."""
+        """Record a touch beside the object, of a fixed point, a plane or a ball; no picture is needed."""
         self._check_tcp()
         pose = await self.measuring.rest()
         sigma = self.touch_sigma
