@@ -51,13 +51,25 @@ def study(
 
 def _show_study(result: Result) -> None:
     verdicts = {True: "ok", False: "MISSED", None: ""}
+    columns = ["figure", "value", "unit", "bar", "", "paper"]
     rows = [
-        (f["name"], _short(f["value"]), f["unit"], f["bar"], verdicts[f["ok"]], f["paper"])
+        [f["name"], _short(f["value"]), f["unit"], f["bar"], verdicts[f["ok"]], f["paper"]]
         for f in result["figures"]
     ]
+    if any(f["interval"] for f in result["figures"]):
+        columns.append("95 % of its sample")
+        for row, f in zip(rows, result["figures"], strict=True):
+            row.append(_sample(f["interval"], f["paper_inside"]))
     title = f"{result['title']} ({result['runs']} runs each)"
-    console.print(table(title, ("figure", "value", "unit", "bar", "", "paper"), rows))
+    console.print(table(title, columns, rows))
     console.print(f"wrote {', '.join(result['files'])}", highlight=False)
+
+
+def _sample(interval: list[float] | None, paper_inside: bool | None) -> str:
+    """What as few repetitions as the paper's leave open, and whether the paper's figure lies in it."""
+    if interval is None:
+        return ""
+    return f"{interval[0]:.3g} .. {interval[1]:.3g}: {'in' if paper_inside else 'out'}"
 
 
 def _short(value: float | None) -> str:

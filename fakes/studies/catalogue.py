@@ -6,6 +6,7 @@ from types import MappingProxyType
 
 from fakes.studies.paper import (
     contact_methods,
+    contact_plans,
     experiment_a,
     fig4,
     fig5,
@@ -41,6 +42,7 @@ STUDIES: Mapping[str, Study] = MappingProxyType(
             fig5,
             fig10,
             contact_methods,
+            contact_plans,
             experiment_a,
             table3,
             table3_means,

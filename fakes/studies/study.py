@@ -54,7 +54,11 @@ class Trials:
 
 @dataclass(frozen=True, slots=True)
 class Figure:
-    """One number of a study; at_least, at_most: its bar; paper: what was published."""
+    """One number of a study; at_least, at_most: its bar; paper: what was published, in words.
+
+    interval: where 95 % of experiments with as few repetitions as the paper's lie; published: the paper's
+    statement as (low, high).
+    """
 
     name: str
     value: float
@@ -62,6 +66,8 @@ class Figure:
     at_least: float | None = None
     at_most: float | None = None
     paper: str = ""
+    interval: tuple[float, float] | None = None
+    published: tuple[float, float] | None = None
 
     @property
     def ok(self) -> bool | None:
@@ -71,6 +77,15 @@ class Figure:
         low = -np.inf if self.at_least is None else self.at_least
         high = np.inf if self.at_most is None else self.at_most
         return bool(low <= self.value <= high)
+
+    @property
+    def paper_inside(self) -> bool | None:
+        """Whether chance explains what the paper states; None where it is not known."""
+        if self.interval is None or self.published is None or np.isnan(self.interval).any():
+            return None
+        return bool(
+            self.published[0] <= self.interval[1] and self.interval[0] <= self.published[1]
+        )
 
     @property
     def bar(self) -> str:
@@ -92,6 +107,8 @@ class Figure:
             "at_most": self.at_most,
             "ok": self.ok,
             "paper": self.paper,
+            "interval": None if self.paper_inside is None else list(self.interval or ()),
+            "paper_inside": self.paper_inside,
         }
 
 

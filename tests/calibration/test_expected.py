@@ -111,6 +111,26 @@ def test_the_motion_about_a_point_moves_every_point_as_the_plain_motion_does(see
     np.testing.assert_allclose(Q.translation, R @ p_1 + t - p_1, atol=1e-9)
 
 
+@settings(max_examples=60)
+@given(SEEDS)
+def test_the_appendix_leaves_one_motion_only_and_it_is_the_one_that_serves(seed):
+    """Eq. 28 for arbitrary p, solved for X by least squares: Eq. 29 and 30."""
+    cell = Cell(seed)
+    H = cell.tag_b_now @ cell.tag_b_ref.inverse()
+    p_1 = cell.tag_b_ref @ cell.pivot
+    p = np.random.default_rng(seed).uniform(-300, 300, (12, 3))
+    moved = np.array([H @ one for one in p])
+    rows = np.column_stack([p - p_1, np.ones(12)])
+    X, _, rank, _ = np.linalg.lstsq(rows, moved - p_1, rcond=None)
+    assert rank == 4
+    R_X, t_X = X[:3].T, X[3]
+    np.testing.assert_allclose(R_X, H.rotation, atol=1e-9)
+    np.testing.assert_allclose(t_X, H.rotation @ p_1 + H.translation - p_1, atol=1e-6)
+    Q = motion_about(cell.tag_b_now, cell.tag_b_ref, cell.pivot)
+    np.testing.assert_allclose(Q.rotation, R_X, atol=1e-9)
+    np.testing.assert_allclose(Q.translation, t_X, atol=1e-6)
+
+
 def test_a_wrist_turned_between_the_pictures_is_refused():
     cell = Cell(1)
     turned = cell.wrist_now @ Pose.from_rotvec((0, 0, np.radians(0.1)))

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.random import SeedSequence
 
 from fakes.studies.paper.baselines import CONVENTIONAL, SPECIAL, SPECIAL_CAD, paper_methods
+from fakes.studies.sampling import beside_the_paper, ratio_of_means, resampled
 from fakes.studies.sessions import TILT_RAD, Session
 from fakes.studies.study import REFUSED, Figure, Parameters, Trials
 from fakes.world.arm_errors import EXACT_ARM, ArmErrors
@@ -48,6 +49,8 @@ _TURN_RAD: Mapping[str, float] = MappingProxyType(
 )
 _SESSION = Session(Plan.CONVENTIONAL, looks=8, spins=10)
 _POINTS = 10  # the paper's table 4
+CALIBRATIONS = 5  # of each method, as the paper made them
+_PAPER_RATIO = 0.181 / 0.241  # its table 3, from the mean of five
 _REQUESTS = 3  # turns of the table, as in table 3
 _METHODS = (CONVENTIONAL, SPECIAL, SPECIAL_CAD, PLAN)
 
@@ -84,12 +87,23 @@ def arm_trial(seed: SeedSequence, parameters: Parameters) -> dict[str, float]:
     return {f"{name}, xy": float(np.mean(values)) for name, values in misses.items()}
 
 
+def paper_ratio(trials: Trials, where: str, case: Parameters) -> Figure:
+    """Special over conventional, and what five calibrations of each make of it."""
+    rows = np.column_stack(
+        [trials.values(f"{name}, xy", **case) for name in (CONVENTIONAL, SPECIAL)]
+    )
+    ratio = ratio_of_means(rows) if len(rows) else float("nan")
+    figure = Figure(f"{where}: {SPECIAL} / {CONVENTIONAL}, xy", ratio, "", None, 1.0, "0.75")
+    return beside_the_paper(figure, resampled(rows, CALIBRATIONS, ratio_of_means), _PAPER_RATIO)
+
+
 def arm_figures(trials: Trials) -> list[Figure]:
     """Misses on both arms, refusals on the 4-axis one, and their ratio."""
     figures = []
     for arm in (SIX_AXES, FOUR_AXES):
         for name in _METHODS:
             figures.append(Figure(f"{arm}: {name}, xy", trials.mean(f"{name}, xy", arm=arm), "mm"))
+        figures.append(paper_ratio(trials, arm, {"arm": arm}))
         refused = sum(row[REFUSED] for row in trials.select(arm=arm))
         figures.append(Figure(f"{arm}: calibrations refused", float(refused), "", at_most=0))
     for name in (CONVENTIONAL, PLAN):

@@ -14,6 +14,7 @@ from numpy.random import Generator, SeedSequence, default_rng
 from scipy.spatial.transform import Rotation
 
 from fakes.studies.paper.paper_data import NOISE_MM, truncated_noise
+from fakes.studies.sampling import beside_the_paper
 from fakes.studies.study import REFUSED, Figure, Parameters, Study, Trials
 from vgrd.calibration.tcp import calibrate_fixed_point
 from vgrd.calibration.touches import TouchSet
@@ -78,18 +79,24 @@ def _touch(rng: Generator, tilt_deg: float, points: Array) -> TouchSet:
 def _figures(trials: Trials) -> list[Figure]:
     room = {"tilts": "the hole limits"}
     means = {name: trials.mean(f"{name}_mm", **room) for name in _PAPER}
-    wins = trials.values("universal_mm", **room) < trials.values("conventional_mm", **room)
+    each = {name: trials.values(f"{name}_mm", **room) for name in _PAPER}
+    wins = each["universal"] < each["conventional"]
+    ratio = Figure(
+        "universal / conventional",
+        means["universal"] / means["conventional"],
+        "",
+        None,
+        0.9,
+        "0.81",
+    )
+    ratios = each["universal"] / each["conventional"]
     same_tilt = [trials.mean(f"{name}_mm", tilts="the same") for name in _PAPER]
     return [
-        *(Figure(f"mean error, {k}", means[k], "mm", paper=f"{v}") for k, v in _PAPER.items()),
-        Figure(
-            "universal / conventional",
-            means["universal"] / means["conventional"],
-            "",
-            None,
-            0.9,
-            "0.81",
+        *(
+            beside_the_paper(Figure(f"mean error, {k}", means[k], "mm", paper=f"{v}"), each[k], v)
+            for k, v in _PAPER.items()
         ),
+        beside_the_paper(ratio, ratios, _PAPER["universal"] / _PAPER["conventional"]),
         Figure("experiments won by the universal method", float(wins.mean()), "", at_least=0.75),
         Figure("universal / conventional, same tilts", same_tilt[1] / same_tilt[0]),
         *_listed(trials),

@@ -13,6 +13,7 @@ from fakes.studies.circle import smallest_circle
 from fakes.studies.paper.arms import FOUR_AXES, cell_with
 from fakes.studies.paper.baselines import CONVENTIONAL, SPECIAL
 from fakes.studies.paper.repeated import METHODS, placements, repeated_answers
+from fakes.studies.sampling import beside_the_paper
 from fakes.studies.study import REFUSED, Figure, Parameters, Row, Study, Trials
 from vgrd.charts import COLORS, legend, panels
 from vgrd.geometry import Array
@@ -43,13 +44,15 @@ def _figures(trials: Trials) -> list[Figure]:
     for name in _CLOUDS:
         values = trials.values(f"{name}, mm")
         paper = _PAPER_MM[name]
-        figures.append(
-            Figure(f"{name}: diameter", trials.mean(f"{name}, mm"), "mm", paper=f"{paper}")
-        )
+        figure = Figure(f"{name}: diameter", trials.mean(f"{name}, mm"), "mm", paper=f"{paper}")
+        figures.append(beside_the_paper(figure, values, paper))
         smaller = float(np.mean(values < paper)) if values.size else float("nan")
         figures.append(Figure(f"{name}: share smaller than the paper's", smaller))
     ratio = trials.mean(f"{SPECIAL}, mm") / trials.mean(f"{CONVENTIONAL}, mm")
-    return [*figures, Figure("special / conventional", ratio, "", None, 1.0, "0.83")]
+    figure = Figure("special / conventional", ratio, "", None, 1.0, "0.83")
+    ratios = trials.values(f"{SPECIAL}, mm") / trials.values(f"{CONVENTIONAL}, mm")
+    published = _PAPER_MM[SPECIAL] / _PAPER_MM[CONVENTIONAL]
+    return [*figures, beside_the_paper(figure, ratios, published)]
 
 
 def _draw(trials: Trials) -> "Drawing":

@@ -9,13 +9,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from fakes.studies.paper.arms import record_session
+from fakes.studies.paper.arms import CALIBRATIONS, record_session
 from fakes.studies.paper.baselines import CONVENTIONAL, SPECIAL, paper_methods
 from fakes.world.simulation import WORK_ROTATION, Simulation
 from vgrd.geometry import Array
 
 METHODS = (CONVENTIONAL, SPECIAL)
-CALIBRATIONS = 5  # of each method, as the paper made them
 PLACEMENTS = 8  # of one hole, as figure 10 (a) has them
 
 

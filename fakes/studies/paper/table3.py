@@ -17,7 +17,7 @@ from numpy.random import SeedSequence
 
 from fakes.studies.cameras import STABILITIES, move, place_in
 from fakes.studies.paper.arms import CASES as ARM_CASES
-from fakes.studies.paper.arms import EXACT, arm_figures, arm_trial
+from fakes.studies.paper.arms import EXACT, arm_figures, arm_trial, paper_ratio
 from fakes.studies.paper.baselines import (
     CONVENTIONAL,
     SERVED,
@@ -164,6 +164,8 @@ def _figures(trials: Trials) -> list[Figure]:
             ratio = trials.mean(f"{name}, xy", **case)
             ratio /= trials.mean(f"{other}, xy", **case)
             figures.append(Figure(f"{where}: {name} / {other}, xy", ratio, "", at_most=bar))
+        if camera == "exact":
+            figures.append(paper_ratio(trials, where, case))
     return [*figures, *arm_figures(trials)]
 
 

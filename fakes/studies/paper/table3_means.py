@@ -10,9 +10,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.random import SeedSequence
 
-from fakes.studies.paper.arms import EXACT, FOUR_AXES, cell_with
+from fakes.studies.paper.arms import CALIBRATIONS, EXACT, FOUR_AXES, cell_with
 from fakes.studies.paper.baselines import CONVENTIONAL, SPECIAL
-from fakes.studies.paper.repeated import CALIBRATIONS, METHODS, repeated_answers
+from fakes.studies.paper.repeated import METHODS, repeated_answers
+from fakes.studies.sampling import beside_the_paper
 from fakes.studies.study import REFUSED, Figure, Parameters, Study, Trials
 from vgrd.charts import COLORS, PAPER, legend, panels, published
 
@@ -60,10 +61,12 @@ def _figures(trials: Trials) -> list[Figure]:
     for arm in _ARMS:
         for name in METHODS:
             mean = trials.mean(f"{name}, from the mean", arm=arm)
-            paper = f"{_PAPER_MEAN_MM[name]}"
-            figures.append(
-                Figure(f"{arm}: {name}, from the mean of five", mean, "mm", paper=paper)
+            paper_mm = _PAPER_MEAN_MM[name]
+            figure = Figure(
+                f"{arm}: {name}, from the mean of five", mean, "mm", paper=f"{paper_mm}"
             )
+            each = trials.values(f"{name}, from the mean", arm=arm)
+            figures.append(beside_the_paper(figure, each, paper_mm))
             truth = trials.mean(f"{name}, from the truth", arm=arm)
             figures.append(Figure(f"{arm}: {name}, from the truth", truth, "mm"))
         for metric, paper in (("from the mean", "0.75"), ("from the truth", "")):
@@ -71,10 +74,19 @@ def _figures(trials: Trials) -> list[Figure]:
                 trials.mean(f"{name}, {metric}", arm=arm) for name in (SPECIAL, CONVENTIONAL)
             )
             ratio = special / conventional
-            figures.append(
-                Figure(f"{arm}: special / conventional, {metric}", ratio, "", None, 1.0, paper)
-            )
+            name = f"{arm}: special / conventional, {metric}"
+            figure = Figure(name, ratio, "", None, 1.0, paper)
+            figures.append(_with_sample(figure, trials, arm) if paper else figure)
     return [*figures, *_listed(trials)]
+
+
+def _with_sample(figure: Figure, trials: Trials, arm: str) -> Figure:
+    """A trial is an experiment of five calibrations each way, as the paper's."""
+    special, conventional = (
+        trials.values(f"{name}, from the mean", arm=arm) for name in (SPECIAL, CONVENTIONAL)
+    )
+    published = _PAPER_MEAN_MM[SPECIAL] / _PAPER_MEAN_MM[CONVENTIONAL]
+    return beside_the_paper(figure, special / conventional, published)
 
 
 def _listed(trials: Trials) -> list[Figure]:
