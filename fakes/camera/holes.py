@@ -55,7 +55,7 @@ class HoleDrawer:
     def _seen_at(self, angle_rad: float) -> list[_Hole]:
         camera_from_object = self._camera_from_base @ self._layout.base_from_object(angle_rad)
         holes = [
-            self._seen(camera_from_object @ Pose(np.eye(3), target.point_in_object), diameter / 2)
+            self._seen(camera_from_object @ Pose(np.eye(3), target.cad), diameter / 2)
             for target in self._layout.targets.values()
             if (diameter := target.hole_diameter_mm) is not None
         ]

@@ -164,7 +164,7 @@ def cell_text(
     settings = "\n".join(f"{key} = {value!r}" for key, value in camera_settings.items())
     targets = "\n".join(
         f'[[object.targets]]\nid = {t.id}\nname = "{t.name}"\n'
-        f"point_mm = {t.point_in_object.tolist()}\nhole_diameter_mm = {t.hole_diameter_mm}\n"
+        f"point_mm = {t.cad.tolist()}\nhole_diameter_mm = {t.hole_diameter_mm}\n"
         for t in layout.targets.values()
     )
     return f"""# The fake cell of `python -m fakes`; units are part of the keys.

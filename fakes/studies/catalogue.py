@@ -19,6 +19,7 @@ from fakes.studies.paper import (
 )
 from fakes.studies.paper.published import eq9, eq19, eq25
 from fakes.studies.robustness import (
+    bare_targets,
     blunders,
     certificate,
     coached,
@@ -54,6 +55,7 @@ STUDIES: Mapping[str, Study] = MappingProxyType(
             eq25,
             certificate,
             coverage,
+            bare_targets,
             blunders,
             coached,
             conventions,

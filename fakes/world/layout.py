@@ -137,5 +137,5 @@ class Layout:
         """Find a CAD target at a table angle, or the spike (`FIXED_POINT`): (3,) mm."""
         if name == FIXED_POINT:
             return self.fixed_point_in_base
-        point = self.targets[name].point_in_object
+        point = self.targets[name].cad
         return self.base_from_object(angle_rad).apply(point)

@@ -119,7 +119,7 @@ class Simulation:
 
     def point(self, target: str, angle_rad: float) -> Array:
         """Where a target is, (3,) base, mm."""
-        return self.base_from_object(angle_rad) @ self.targets[target].point_in_object
+        return self.base_from_object(angle_rad) @ self.targets[target].cad
 
     def flange(self, target: str, angle_rad: float, R: Array) -> Array:
         """Where the flange truly has to be for the work tip to meet a target, (3,) base, mm.

@@ -16,7 +16,8 @@ from vgrd.calibration.calibration import Calibration, expected_coordinate
 from vgrd.calibration.joint.fit import fit_joint, information_inverse
 from vgrd.calibration.joint.problem import HolePixel
 from vgrd.calibration.joint.samples import gather
-from vgrd.calibration.joint.state import guess, layout_of
+from vgrd.calibration.joint.start import guess
+from vgrd.calibration.joint.state import layout_of
 from vgrd.calibration.solve import calibrate_system
 from vgrd.clock import SystemClock
 from vgrd.devices import CameraImage

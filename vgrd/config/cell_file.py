@@ -162,11 +162,13 @@ class ToolSection(Table):
 
 
 class TargetSection(Table):
-    """A point of the object to be reached: register id, name, CAD coordinates."""
+    """A point of the object to be reached: register id, name, CAD coordinates where there are any."""
 
     id: Annotated[int, Field(ge=1, le=65535)]
     name: Name
-    point_mm: Vector = Field(description="CAD coordinates")
+    point_mm: Vector | None = Field(
+        default=None, description="CAD coordinates; none: touches of the target tell where it is"
+    )
     work_rotvec_deg: Vector | None = Field(
         default=None,
         description="wrist orientation for the work, object as taught; none: as touched",
@@ -179,6 +181,16 @@ class TargetSection(Table):
         default=None,
         description="diameter of the hole minus that of what goes in: how often it goes in is then told",
     )
+
+    @model_validator(mode="after")
+    def _hole_in_cad(self) -> Self:
+        if self.hole_diameter_mm is not None and self.point_mm is None:
+            msg = (
+                "hole_diameter_mm needs point_mm: pictures are searched where CAD puts the hole; "
+                "give point_mm, or leave hole_diameter_mm out and touch the target"
+            )
+            raise ValueError(msg)
+        return self
 
 
 class ObjectSection(Table):
@@ -202,6 +214,16 @@ class ObjectSection(Table):
             if double:
                 msg = f"targets share the {what} {', '.join(double)}: each needs its own"
                 raise ValueError(msg)
+        return self
+
+    @model_validator(mode="after")
+    def _center_in_cad(self) -> Self:
+        if self.center_mm is not None and all(t.point_mm is None for t in self.targets):
+            msg = (
+                "center_mm is stated in the frame of the targets' point_mm, and no target has one: "
+                "leave center_mm out, spins of the object tell where it turns"
+            )
+            raise ValueError(msg)
         return self
 
 

@@ -80,7 +80,7 @@ def _object(config: "CellConfig") -> ObjectSpec:
         target.name: Target(
             id=target.id,
             name=target.name,
-            point_in_object=frozen_array(target.point_mm, 3),
+            point_in_object=None if target.point_mm is None else frozen_array(target.point_mm, 3),
             base_from_work=None
             if target.work_rotvec_deg is None
             else frozen_array(exp_rotation(np.radians(target.work_rotvec_deg)), 3, 3),

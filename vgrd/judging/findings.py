@@ -21,6 +21,9 @@ BEFORE_SOLVING: Mapping[str, Kind] = MappingProxyType(
         "wrist_tilt": Kind("the wrist turned too little for the TCP", "", "rank"),
         "targets_in_line": Kind("all touched points lie on one line", "", "rank"),
         "few_touches": Kind("too few touches", "", "count"),
+        "target_untouched": Kind(
+            "a target without CAD was not touched; a request for it is refused (102)", "", "count"
+        ),
         "fixed_point_motion": Kind("the fixed point was touched with one wrist", "", "rank"),
         "surface_motion": Kind(
             "the plane or ball was touched too alike or too little", "", "rank"

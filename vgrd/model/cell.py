@@ -4,6 +4,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from enum import StrEnum
 
+from vgrd.errors import InputError
 from vgrd.geometry import Array, Pose
 from vgrd.model.arrays import frozen_array
 
@@ -58,18 +59,27 @@ class Tool:
 class Target:
     """A point of the object that the tool is to reach.
 
-    point_in_object: (3,) CAD, mm. base_from_work: orientation (3, 3) in which the wrist works while the object
-    stands as it was taught; None: as it was touched. hole_diameter_mm: of the hole of which the point is the
-    centre, at its rim; None: no hole that a picture could show. clearance_mm: diameter of the hole minus that
-    of what goes in; None: nothing goes in.
+    point_in_object: (3,) CAD, mm; None: a bare target, its touches tell where it is. base_from_work:
+    orientation (3, 3) in which the wrist works while the object stands as it was taught; None: as it was
+    touched. hole_diameter_mm: of the hole of which the point is the centre, at its rim; None: no hole that
+    a picture could show. clearance_mm: diameter of the hole minus that of what goes in; None: nothing goes in.
     """
 
     id: int
     name: str
-    point_in_object: Array
+    point_in_object: Array | None
     base_from_work: Array | None = None
     hole_diameter_mm: float | None = None
     clearance_mm: float | None = None
+
+    @property
+    def cad(self) -> Array:
+        """(3,) of a target that CAD knows; InputError for a bare one."""
+        if self.point_in_object is None:
+            raise InputError(
+                f"target {self.name!r} is not in CAD: give its point_mm in the cell file"
+            )
+        return self.point_in_object
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -83,6 +93,16 @@ class ObjectSpec:
     motion: Motion = Motion.TURNTABLE
     center_in_object: Array | None = None
     hole_sigma_mm: float = 0.03  # as `object.hole_sigma_mm` of the cell file
+
+    @property
+    def has_cad(self) -> bool:
+        """Whether CAD tells of any target, so that the object has a frame."""
+        return any(target.point_in_object is not None for target in self.targets.values())
+
+    @property
+    def bare(self) -> tuple[str, ...]:
+        """Names of the targets without CAD."""
+        return tuple(n for n, target in self.targets.items() if target.point_in_object is None)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

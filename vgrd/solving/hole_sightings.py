@@ -89,7 +89,7 @@ class _View:
 def holes_of(recording: Recording) -> dict[str, HoleSpec]:
     """The targets that are holes, by name."""
     return {
-        name: HoleSpec(target.point_in_object, target.hole_diameter_mm / 2)
+        name: HoleSpec(target.cad, target.hole_diameter_mm / 2)
         for name, target in recording.facts.object.targets.items()
         if target.hole_diameter_mm is not None
     }

@@ -8,9 +8,9 @@ from typing import Any
 
 Json = Any
 
-# Since 2: steps of the interface, holes, chi2 of a tag; 3: camera's stability; 4: clearances.
+# Since 2: steps, holes, chi2 of a tag; 3: camera's stability; 4: clearances, bare targets.
 SESSION_SCHEMA = 4
-# Since 2: the solution is a table of its own; 3: stability, adopted slips; 4: clearances.
+# Since 2: solution in a table; 3: stability, adopted slips; 4: clearances, bare targets.
 CALIBRATION_SCHEMA = 4
 _ZERO = 0.0
 
@@ -93,14 +93,18 @@ def calibration(schema: int, body: Json) -> Json:
     opened = body if schema > 1 else _opened(body)
     taught = {name: _changed(point, "target", _target) for name, point in opened["taught"].items()}
     facts = _facts_up_to_3(opened["facts"])
-    return _changed(
-        {"adopted": [], **opened, "facts": facts, "taught": taught}, "solution", _solution
-    )
+    moved = {"adopted": [], **opened, "facts": facts, "taught": taught}
+    return _changed(_changed(moved, "solution", _solution), "solution", _in_cad)
 
 
 def _solution(body: Json) -> Json:
     """Early ones of the special plan do not tell where tag A was in the reference picture."""
     return {"reference_tag_a": None, **body} if body.get("method") == "special" else body
+
+
+def _in_cad(body: Json) -> Json:
+    """A joint solution up to schema 3: every target was in CAD."""
+    return {"bare": [], "bare_in_base": [], **body} if body.get("method") == "joint" else body
 
 
 def _opened(body: Json) -> Json:

@@ -117,7 +117,7 @@ def _special(
     ref = touch.observation
     flange = touch.base_from_wrist.translation
     if use_cad:
-        flange = fit.flange(recording.facts.object.targets[target].point_in_object)
+        flange = fit.flange(recording.facts.object.targets[target].cad)
     pivot_flange = fit.flange(np.asarray(recording.facts.object.center_in_object))
     offset = touch.base_from_wrist.rotation @ recording.facts.tool.work_from_touch_mm
     try:
@@ -167,7 +167,7 @@ def fitted_cad(recording: Recording) -> CadFit:
     if recording.facts.object.center_in_object is None:
         raise InputError("the special method needs the centre of rotation in CAD")
     targets = recording.facts.object.targets
-    points = np.array([targets[touch.target].point_in_object for touch in recording.touches])
+    points = np.array([targets[touch.target].cad for touch in recording.touches])
     return fit_cad(points, arrays)
 
 

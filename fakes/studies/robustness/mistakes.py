@@ -132,7 +132,7 @@ def _with_points(recording: Recording, points: Mapping[str, Array]) -> Recording
 
 
 def _points(recording: Recording) -> dict[str, Array]:
-    return {n: t.point_in_object for n, t in recording.facts.object.targets.items()}
+    return {n: t.cad for n, t in recording.facts.object.targets.items()}
 
 
 def _mirrored(recording: Recording, rng: Generator) -> Recording:

@@ -16,7 +16,8 @@ from tests.benchmarks.harness import Row, ratio_of
 from vgrd.calibration.joint.estimate import calibrate_joint
 from vgrd.calibration.joint.problem import JointData, Tags
 from vgrd.calibration.joint.samples import gather
-from vgrd.calibration.joint.state import JointState, guess
+from vgrd.calibration.joint.start import guess
+from vgrd.calibration.joint.state import JointState
 from vgrd.geometry import hat
 from vgrd.model import ArmModel, Recording
 

@@ -14,7 +14,8 @@ from vgrd.calibration.joint.marginal import solution_of
 from vgrd.calibration.joint.problem import HolePixel
 from vgrd.calibration.joint.rows import arm_jacobian, linearize
 from vgrd.calibration.joint.samples import gather
-from vgrd.calibration.joint.state import guess, layout_of
+from vgrd.calibration.joint.start import guess
+from vgrd.calibration.joint.state import layout_of
 from vgrd.calibration.stepwise.equations import (
     flange_for,
     point_in_base_live,

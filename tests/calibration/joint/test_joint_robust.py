@@ -11,7 +11,8 @@ from vgrd.calibration.joint.fit import fit_joint
 from vgrd.calibration.joint.problem import SAMPLED, EvidenceKind, HolePixel
 from vgrd.calibration.joint.robust import leave_one_out
 from vgrd.calibration.joint.samples import gather
-from vgrd.calibration.joint.state import guess, layout_of
+from vgrd.calibration.joint.start import guess
+from vgrd.calibration.joint.state import layout_of
 from vgrd.geometry import Pose
 from vgrd.model import ArmModel
 

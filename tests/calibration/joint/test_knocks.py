@@ -14,7 +14,8 @@ from vgrd.calibration.joint.estimate import calibrate_joint
 from vgrd.calibration.joint.fit import fit_joint
 from vgrd.calibration.joint.knocks import as_seen_in_the_end, moves_of, squares_of, suspicion
 from vgrd.calibration.joint.samples import gather
-from vgrd.calibration.joint.state import guess, layout_of
+from vgrd.calibration.joint.start import guess
+from vgrd.calibration.joint.state import layout_of
 from vgrd.calibration.planning.advice import advise_session
 from vgrd.calibration.solve import calibrate_system
 from vgrd.geometry import Pose

@@ -62,6 +62,8 @@ def example(motion: Motion) -> Example:
         axis=axis,
         object_motions=object_motions,
         has_point=False,
+        bare=(),
+        bare_in_base=frozen_array(np.zeros((0, 3)), 0, 3),
         covariance=frozen_array(np.diag(sigmas**2), layout.size, layout.size),
         undetermined=frozen_array(np.zeros((layout.size, 0)), layout.size, 0),
         arm=_arm(layout.size),

@@ -82,7 +82,8 @@ def _effects(
     solution: JointSolution, facts: CellFacts, tag_b: TagObservation, camera: CameraPlace
 ) -> _Effects:
     targets = facts.object.targets
-    errors = [_errors(solution, facts, name, tag_b, camera) for name in targets]
+    known = [name for name in targets if solution.layout.knows(targets[name])]
+    errors = [_errors(solution, facts, name, tag_b, camera) for name in known]
     return _Effects(
         solution.slip_traces(facts, tag_b, camera),
         {link: np.vstack([error[link] for error in errors]) for link in Link},

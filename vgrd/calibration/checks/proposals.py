@@ -14,7 +14,7 @@ _FLANGE = "xyz"
 class MissingMotion:
     """What to do next, because without it `rank` of `unknowns` are determined.
 
-    code: hand_eye_motion, wrist_tilt, targets_in_line, few_touches, fixed_point_motion,
+    code: hand_eye_motion, wrist_tilt, targets_in_line, few_touches, target_untouched, fixed_point_motion,
     surface_motion or object_turn. base_from_wrist: where to go, None where no motion of the robot is missing or its
     place is not known; target: what to touch there. essential: expected coordinates need it.
     """

@@ -8,9 +8,9 @@ import numpy as np
 from vgrd.calibration.checks.proposals import MissingMotion, direction, tilted
 from vgrd.calibration.observability import Axes, turned_axes
 from vgrd.calibration.tcp import contact_tcp
-from vgrd.calibration.touches import arm_touches, fit_cad
+from vgrd.calibration.touches import arm_touches, cad_touches, fit_cad
 from vgrd.calibration.universal import UniversalProblem, calibrate_universal
-from vgrd.errors import CalibrationError, InputError, NotObservable, TooFewObservations
+from vgrd.errors import CalibrationError, NotObservable, TooFewObservations
 from vgrd.geometry import Array, log_rotation
 from vgrd.geometry.coincidence import are_in_line
 from vgrd.judging.thresholds import LINE, SAME_ORIENTATION_RAD
@@ -81,18 +81,26 @@ def _surface_gaps(recording: Recording) -> Iterator[MissingMotion]:
 
 
 def missing_touches(recording: Recording, policy: Policy) -> Iterator[MissingMotion]:
-    """What object and TCP lack: targets beside a line, and tilts where plan or policy need the TCP."""
-    touches = recording.touches
-    if recording.plan.touches_beside and touches:
+    """What object and TCP lack: targets beside a line, and tilts where plan or policy need the TCP.
+
+    A target without CAD lacks a touch of its own.
+    """
+    indices, points = cad_touches(recording)
+    yield from _untouched(recording)
+    if recording.plan.touches_beside and recording.touches:
         return
+    target = _beside(recording, points)
+    if target is None:
+        yield from _tilts_without_cad(recording, policy)
+        return
+    touches = [recording.touches[i] for i in indices]
     count, _ = turned_axes([t.base_from_wrist.rotation for t in touches] or [np.eye(3)])
     needed = 4 if recording.plan is Plan.UNIVERSAL or count is not Axes.NONE else _FEW
-    points = _points(recording, touches)
-    target = _beside(recording, points)
     if len(touches) < needed:
         yield MissingMotion(
             "few_touches",
-            f"{len(touches)} touches, at least {needed} are needed: touch {target.name} next",
+            f"{len(touches)} touches{_of_cad(recording)}, at least {needed} are needed: "
+            f"touch {target.name} next",
             rank=3 * len(touches),
             unknowns=6 if needed == _FEW else 9,
             target=target.name,
@@ -107,14 +115,57 @@ def missing_touches(recording: Recording, policy: Policy) -> Iterator[MissingMot
             unknowns=6 if count is Axes.NONE else 9,
             target=target.name,
         )
-    yield from _tilts(recording, policy, points, count)
+    yield from _tilts(recording, policy, touches, points, count)
+
+
+def _untouched(recording: Recording) -> Iterator[MissingMotion]:
+    """Targets without CAD that cannot be served, because no touch tells where they are."""
+    touched = {touch.target for touch in recording.touches}
+    for name in recording.facts.object.bare:
+        if name not in touched:
+            yield MissingMotion(
+                "target_untouched",
+                f"target {name} has no point_mm and was not touched, so that it cannot be served: "
+                f"touch {name}",
+                rank=0,
+                unknowns=3,
+                target=name,
+                essential=False,
+            )
+
+
+def _of_cad(recording: Recording) -> str:
+    return " of targets in CAD" if recording.facts.object.bare else ""
+
+
+def _tilts_without_cad(recording: Recording, policy: Policy) -> Iterator[MissingMotion]:
+    """Touches of one target with the wrist turned: nothing else tells the TCP where no target is in CAD.
+
+    A wrist that follows the object needs no TCP, and a wrist that only yaws tells what it needs of it.
+    """
+    touches = recording.touches
+    groups = [[t for t in touches if t.target == name] for name in {t.target for t in touches}]
+    turned = [
+        turned_axes([touch.base_from_wrist.rotation for touch in group])[0]
+        for group in (*groups, recording.points)
+        if len(group) > 1
+    ]
+    if not touches or Axes.MANY in turned:
+        return
+    most = max(groups, key=lambda group: (len(group), group[0].target))
+    known = 5 if Axes.ONE in turned else 3
+    essential = policy is not Policy.FOLLOW and Axes.ONE not in turned
+    yield _tilt_again("wrist_tilt", recording, most, known, 6, essential=essential)
 
 
 def _tilts(
-    recording: Recording, policy: Policy, points: Array, count: Axes
+    recording: Recording,
+    policy: Policy,
+    touches: Sequence[Touch],
+    points: Array,
+    count: Axes,
 ) -> Iterator[MissingMotion]:
     """Turns of the wrist that the TCP needs, as far as plan and policy need the TCP."""
-    touches = recording.touches
     universal = recording.plan is Plan.UNIVERSAL
     needs_tcp = policy is not Policy.FIXED or _other_orientations(recording)
     if count is Axes.NONE:
@@ -123,7 +174,7 @@ def _tilts(
                 "wrist_tilt", recording, touches, rank=6, unknowns=9, essential=needs_tcp
             )
         elif not are_in_line(points, LINE):
-            yield from _unmeasured(recording, points)
+            yield from _unmeasured(recording, touches, points)
         return
     if are_in_line(points, LINE):
         return
@@ -136,9 +187,11 @@ def _tilts(
             )
 
 
-def _unmeasured(recording: Recording, points: Array) -> Iterator[MissingMotion]:
+def _unmeasured(
+    recording: Recording, touches: Sequence[Touch], points: Array
+) -> Iterator[MissingMotion]:
     try:
-        fit_cad(points, arm_touches(recording.touches, recording))
+        fit_cad(points, arm_touches(touches, recording))
     except NotObservable as fault:
         yield MissingMotion("targets_in_line", str(fault), fault.rank, fault.unknowns)
 
@@ -207,22 +260,13 @@ def _tip(recording: Recording, touches: Sequence[Touch]) -> tuple[Array, bool]:
     return np.zeros(3), False
 
 
-def _points(recording: Recording, touches: Sequence[Touch]) -> Array:
-    targets = recording.facts.object.targets
-    unknown = sorted({touch.target for touch in touches} - set(targets))
-    if unknown:
-        raise InputError(
-            f"touched target {unknown[0]!r} is not in CAD; there are: {sorted(targets)}"
-        )
-    return np.array([targets[t.target].point_in_object for t in touches]).reshape(-1, 3)
-
-
-def _beside(recording: Recording, points: Array) -> Target:
-    """The target farthest from the line, or the point, of those that were touched."""
-    targets = list(recording.facts.object.targets.values())
+def _beside(recording: Recording, points: Array) -> Target | None:
+    """The target in CAD farthest from the line, or the point, of those that were touched; None without CAD."""
+    every = recording.facts.object.targets.values()
+    targets = [target for target in every if target.point_in_object is not None]
     if not len(points):
-        return targets[0]
+        return targets[0] if targets else None
     middle = points.mean(axis=0)
     along = np.linalg.svd(points - middle)[2][0] * (np.ptp(points, axis=0).max() > LINE)
-    offsets = [target.point_in_object - middle for target in targets]
+    offsets = [target.cad - middle for target in targets]
     return targets[int(np.argmax([np.linalg.norm(d - along * (along @ d)) for d in offsets]))]

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from vgrd.calibration.observability import Axes, fit_without_outliers, turned_axes
-from vgrd.calibration.touches import TouchSet, arm_touches, fit_cad
+from vgrd.calibration.touches import TouchSet, arm_touches, cad_touches, fit_cad
 from vgrd.calibration.universal import UniversalProblem, calibrate_universal
 from vgrd.geometry import Array
 from vgrd.judging.findings import finding
@@ -27,15 +27,16 @@ class _Fitted:
 
 
 def bad_touches(recording: Recording) -> tuple[Finding, ...]:
-    """All touches that contradict the rest, at most a third of them, with how far they are off.
+    """All touches of targets in CAD that contradict the rest, at most a third of them, with how far they are off.
 
     By the universal method where the wrists varied, else by the rigid fit to CAD. Where it cannot be
     told which ones are bad, the worst of all. Fatal beyond 6 sigma. Raises what the method raises
     for all touches (`vgrd.calibration.stepwise.touch_fit.teach`).
     """
-    touches = recording.touches
-    targets = recording.facts.object.targets
-    points = np.array([targets[touch.target].point_in_object for touch in touches])
+    indices, points = cad_touches(recording)
+    if not len(indices):
+        return ()
+    touches = [recording.touches[i] for i in indices]
     arrays = arm_touches(touches, recording)
     axes = turned_axes([touch.base_from_wrist.rotation for touch in touches])[0]
     solve = _rigid if axes is Axes.NONE else _universal
@@ -48,7 +49,7 @@ def bad_touches(recording: Recording) -> tuple[Finding, ...]:
     return tuple(
         finding(
             "touch_outlier",
-            f"touch {i + 1} ({touches[i].target}) does not belong to the others: "
+            f"touch {indices[i] + 1} ({touches[i].target}) does not belong to the others: "
             f"{misses_mm[i]:.2f} mm, {fit.scores[i]:.1f} sigma off",
             fatal=bool(fit.scores[i] > WRONG_SIGMA),
         )

@@ -29,6 +29,7 @@ from vgrd.calibration.joint.problem import (
     Looks,
     Tags,
     Turntable,
+    points_of,
     target_of,
 )
 from vgrd.calibration.joint.rows import (
@@ -38,7 +39,7 @@ from vgrd.calibration.joint.rows import (
     object_motions,
 )
 from vgrd.calibration.joint.solution import JointSolution, Prediction
-from vgrd.calibration.joint.state import JointState, StepLayout
+from vgrd.calibration.joint.state import JointState, StepLayout, taught_place
 
 __all__ = [
     "TAG_A",
@@ -68,10 +69,12 @@ __all__ = [
     "information_inverse",
     "linearize",
     "object_motions",
+    "points_of",
     "predict",
     "solution_of",
     "start_near_tag_plane",
     "target_of",
+    "taught_place",
     "variance_inflation",
     "whiten_arm",
     "work_orientation",

@@ -11,7 +11,6 @@ from vgrd.calibration.joint.fit import JointFit
 from vgrd.calibration.joint.knocks import as_seen_in_the_end, camera_moves
 from vgrd.calibration.joint.marginal import solution_of
 from vgrd.calibration.joint.problem import EvidenceKind, HolePixel
-from vgrd.calibration.joint.rows import left_jacobian
 from vgrd.calibration.joint.solution import JointSolution
 from vgrd.calibration.joint.state import StepLayout
 from vgrd.calibration.outcome import Outcome
@@ -57,7 +56,10 @@ def calibrate_jointly(
     holes = [hole for hole in sightings if hole.spin is None or usable.spins]
     fit = calibrate_joint(usable, holes)
     solution = solution_of(fit)
-    taught = {name: _taught(solution, recording, name) for name in recording.facts.object.targets}
+    targets = recording.facts.object.targets
+    taught = {
+        n: _taught(solution, recording, n) for n in targets if solution.layout.knows(targets[n])
+    }
     findings = [*doubts, *_findings(fit, solution)]
     seen = as_seen_in_the_end(fit, recording) if camera_moves(fit) else None
     worst = max(
@@ -73,9 +75,7 @@ def _taught(solution: JointSolution, recording: Recording, name: str) -> TaughtP
     target = recording.facts.object.targets[name]
     R_work = work_orientation(recording, name, Policy.FIXED, None)
     n = solution.layout.size
-    point = solution.base_from_object @ np.asarray(target.point_in_object)
-    J = np.zeros((3, n))
-    J[:, StepLayout.OBJECT] = left_jacobian(point[None])[0]
+    point, J = solution.taught_place(target)
     J[:, StepLayout.TCP] = -R_work
     open_mm = float(np.abs(J @ solution.undetermined).max(initial=0.0))
     if open_mm > IRRELEVANT_MM:

@@ -1,7 +1,7 @@
 """Joint estimate: one maximum-likelihood problem over everything that a session tells.
 
-Unknowns: base_from_camera, wrist_from_tag_a, TCP, base_from_object, tag B on the object, the axis of
-turning and every turn; optionally tag sizes and intrinsics. What the data leave undetermined is
+Unknowns: base_from_camera, wrist_from_tag_a, TCP, base_from_object, the targets without CAD, tag B on the
+object, the axis of turning and every turn; optionally tag sizes and intrinsics. What the data leave undetermined is
 reported, and refused only by the expected coordinate that depends on it.
 """
 
@@ -15,9 +15,10 @@ from vgrd.calibration.joint.fit import JointFit, fit_at, fit_joint
 from vgrd.calibration.joint.knocks import Moves, Trial, follow, jumps, pictures_of
 from vgrd.calibration.joint.problem import EvidenceKind, HolePixel, JointData, Turntable
 from vgrd.calibration.joint.robust import screen
-from vgrd.calibration.joint.rows import left_jacobian, seen_tag_a
+from vgrd.calibration.joint.rows import seen_tag_a, touched_places
 from vgrd.calibration.joint.samples import gather
-from vgrd.calibration.joint.state import JointState, StepLayout, guess, layout_of
+from vgrd.calibration.joint.start import guess
+from vgrd.calibration.joint.state import JointState, StepLayout, layout_of, left_jacobian
 from vgrd.errors import CalibrationError, DidNotConverge
 from vgrd.geometry import Array, log_rotation
 from vgrd.geometry.covariance import rms
@@ -111,9 +112,7 @@ def residuals_of(fit: JointFit) -> dict[str, float]:
     }
     touches = data.touches
     tips = touches.rotations @ state.tcp_in_wrist + touches.translations
-    residuals["touches_rms_mm"] = rms(
-        np.linalg.norm(tips - state.base_from_object @ data.cad, axis=1)
-    )
+    residuals["touches_rms_mm"] = rms(np.linalg.norm(tips - touched_places(state, data), axis=1))
     tags = data.looks.tags
     R, t = seen_tag_a(state, data)
     turns = log_rotation(R @ np.swapaxes(tags.rotations, 1, 2)).reshape(-1, 3)

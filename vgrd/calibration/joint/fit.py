@@ -14,7 +14,7 @@ from scipy.linalg import solve_triangular
 from vgrd.calibration.joint.camera_corrections import TAG_A, TAG_B, RefinedCorrections
 from vgrd.calibration.joint.problem import JointData
 from vgrd.calibration.joint.rows import arm_jacobian, linearize
-from vgrd.calibration.joint.state import JointState, StepLayout
+from vgrd.calibration.joint.state import Columns, JointState, StepLayout
 from vgrd.errors import DidNotConverge
 from vgrd.geometry import Array
 from vgrd.geometry.chi2 import chi2_quantile
@@ -27,6 +27,7 @@ _ROUNDS = 8  # of renewing the arm's noise, a bound only
 _SETTLED_MM = 2e-2  # mm, a tenth of what the best session is sure of
 _SETTLED_SIGMA = 1e-3  # of a refined number
 _TOLERANCE = 1e-6  # of the cost: below it steps follow rounding
+_ROUNDING = 1e-6  # of a direction of length 1
 _NOISE_CONFIDENCE = 0.999  # a good session is called noisy once in a thousand
 
 
@@ -93,6 +94,17 @@ class JointFit:
     def variance_scale(self) -> float:
         """What the covariance was multiplied by."""
         return variance_inflation(2 * self.cost, self.degrees_of_freedom)
+
+    @property
+    def open_directions(self) -> Array:
+        """`undetermined` (n, z) as far as anything depends on it: not the frame of an object without CAD."""
+        if self.recording.facts.object.has_cad:
+            return self.undetermined
+        scales = units(self.layout)[:, None]
+        N = self.undetermined / scales
+        N[self.layout.OBJECT] = 0
+        U, s, _ = np.linalg.svd(N, full_matrices=False)
+        return np.asarray(scales * (U * s)[:, s > _ROUNDING])
 
     @property
     def refined(self) -> RefinedCorrections:
@@ -211,11 +223,14 @@ def units(layout: StepLayout) -> Array:
 
 def unknown_in_words(layout: StepLayout, undetermined: Array) -> str:
     """Which unknowns the directions (n, z) that the data leave undetermined touch."""
-    names = {
+    names: dict[str, slice | Columns] = {
         "base_from_camera": layout.CAMERA,
         "wrist_from_tag_a": layout.TAG_A,
         "the TCP": layout.TCP,
         "base_from_object": layout.OBJECT,
+        **{
+            f"target {name}": c for name, c in zip(layout.bare, layout.bare_columns(), strict=True)
+        },
     }
     size = np.linalg.norm(undetermined / units(layout)[:, None], axis=1)
     return ", ".join(name for name, part in names.items() if (size[part] > 0.05).any())

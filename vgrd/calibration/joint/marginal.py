@@ -24,6 +24,8 @@ def solution_of(fit: JointFit) -> JointSolution:
         axis=fit.layout.axis,
         object_motions=fit.layout.object_motions,
         has_point=fit.layout.has_point,
+        bare=fit.layout.bare,
+        bare_in_base=frozen_copy(state.bare_in_base),
         covariance=frozen_copy(fit.covariance[np.ix_(columns, columns)]),
         undetermined=frozen_copy(_undetermined(fit, columns)),
         arm=_arm_knowledge(fit, columns),
@@ -40,7 +42,7 @@ def kept_columns(layout: StepLayout) -> Columns:
 
 def _undetermined(fit: JointFit, columns: Columns) -> Array:
     """Directions (n, z) that matter to what is kept; others are open in a displacement alone."""
-    kept = fit.undetermined[columns]
+    kept = fit.open_directions[columns]
     if not fit.layout.places:
         return kept
     scales = units(fit.layout)[columns, None]

@@ -1,6 +1,6 @@
 """What a recording holds for the joint estimate, as arrays."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from enum import StrEnum
 from types import MappingProxyType
@@ -26,6 +26,7 @@ __all__ = [
     "Looks",
     "Tags",
     "Turntable",
+    "points_of",
     "target_of",
 ]
 
@@ -208,6 +209,8 @@ class JointData:
     """All evidence, samples in an order that does not depend on the recording's.
 
     Stations are where the arm stood, one per rest: flange_at (s, 3) of all samples; cad: (m, 3), one per touch.
+    bare: names of the touched targets without CAD; bare_of: (m,) which of them each touch is of, -1 for
+    one in CAD.
     center: of the turntable in CAD, or None. names: of the samples of every kind. corrections: what is
     refined of tag sizes and intrinsics; refined_values: (e,) values of it at which tags are seen here.
     stamps_s: (n,) of the pictures of the samples, by kind, inf where there is none; places: of the camera.
@@ -217,6 +220,8 @@ class JointData:
     looks: Looks
     touches: TouchSet
     cad: Array
+    bare: tuple[str, ...]
+    bare_of: Indices
     touch_stations: Indices
     points: TouchSet
     point_stations: Indices
@@ -304,6 +309,7 @@ class JointData:
             looks=self.looks.weighted(weights[EvidenceKind.HAND_EYE]),
             touches=self.touches.weighted(touched).subset(np.flatnonzero(touched)),
             cad=self.cad[touched > 0],
+            bare_of=self.bare_of[touched > 0],
             touch_stations=self.touch_stations[touched > 0],
             points=self.points.weighted(pointed).subset(np.flatnonzero(pointed)),
             point_stations=self.point_stations[pointed > 0],
@@ -333,9 +339,21 @@ class JointData:
         )
 
 
+def points_of(targets: Sequence[Target], bare: Sequence[str]) -> tuple[Array, Indices]:
+    """CAD (m, 3) of touched targets, 0 where there is none, and (m,) which of the bare ones each is, or -1."""
+    points = [target.point_in_object for target in targets]
+    numbers = [
+        bare.index(target.name) if target.point_in_object is None else -1 for target in targets
+    ]
+    cad = np.array([np.zeros(3) if point is None else point for point in points])
+    return cad.reshape(-1, 3), np.array(numbers, dtype=np.intp)
+
+
 def target_of(facts: CellFacts, name: str) -> Target:
     """Target of that name; InputError with the known names."""
     targets = facts.object.targets
     if name not in targets:
-        raise InputError(f"target {name!r} is not in CAD; there are: {', '.join(sorted(targets))}")
+        raise InputError(
+            f"the object has no target {name!r}; there are: {', '.join(sorted(targets))}"
+        )
     return targets[name]

@@ -13,6 +13,7 @@ import numpy as np
 
 from vgrd.calibration.joint.fit import JointFit, JointSample, fit_joint, units
 from vgrd.calibration.joint.problem import SAMPLED, EvidenceKind, JointData
+from vgrd.calibration.joint.rows import touched_places
 from vgrd.calibration.joint.state import JointState, layout_of
 from vgrd.calibration.observability import fit_without_outliers
 from vgrd.calibration.touches import TouchSet, equivalent_sigmas
@@ -174,7 +175,7 @@ def _misses_mm(data: JointData, state: JointState) -> Mapping[EvidenceKind, Arra
     """How far the tips were from what they touched."""
     misses_mm = {}
     for link, touches, points in (
-        (EvidenceKind.TOUCHES, data.touches, state.base_from_object @ data.cad),
+        (EvidenceKind.TOUCHES, data.touches, touched_places(state, data)),
         (EvidenceKind.POINTS, data.points, state.fixed_point_in_base),
     ):
         tips = touches.rotations @ state.tcp_in_wrist + touches.translations

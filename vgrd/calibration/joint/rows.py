@@ -6,7 +6,7 @@ import numpy as np
 
 from vgrd.calibration.joint.camera_corrections import adjoints
 from vgrd.calibration.joint.problem import EvidenceKind, Indices, JointData, Tags
-from vgrd.calibration.joint.state import JointState, StepLayout
+from vgrd.calibration.joint.state import JointState, StepLayout, left_jacobian
 from vgrd.calibration.touches import TouchSet
 from vgrd.geometry import Array, Pose, hat, log_rotation
 
@@ -216,13 +216,22 @@ def _tips(state: JointState, touches: TouchSet) -> Array:
     return np.asarray(touches.rotations @ state.tcp_in_wrist + touches.translations)
 
 
+def touched_places(state: JointState, data: JointData) -> Array:
+    """Where the target of every touch stood, (m, 3) base: by CAD, or a place of its own."""
+    places, own = state.base_from_object @ data.cad, data.bare_of >= 0
+    places[own] = state.bare_in_base[data.bare_of[own]]
+    return places
+
+
 def _touches(state: JointState, data: JointData, layout: StepLayout) -> tuple[Array, Array]:
     touches = data.touches
     W = touches.base_sqrt_informations()
-    targets = state.base_from_object @ data.cad
+    targets, in_cad = touched_places(state, data), data.bare_of < 0
     J = _rows(len(W), 3, layout)
     J[:, :, layout.TCP] = W @ touches.rotations
-    J[:, :, layout.OBJECT] = -W @ left_jacobian(targets)
+    J[in_cad, :, layout.OBJECT] = -W[in_cad] @ left_jacobian(targets[in_cad])
+    for i in np.flatnonzero(~in_cad):
+        J[i][:, layout.bare_columns()[data.bare_of[i]]] = -W[i]
     return _flat(np.einsum("nij,nj->ni", W, _tips(state, touches) - targets), J)
 
 
@@ -235,12 +244,6 @@ def _points(state: JointState, data: JointData, layout: StepLayout) -> tuple[Arr
         J[:, :, layout.point_columns] = -W
     misses = _tips(state, points) - state.fixed_point_in_base
     return _flat(np.einsum("nij,nj->ni", W, misses), J)
-
-
-def left_jacobian(points: Array) -> Array:
-    """Derivative (n, 3, 6) of points (n, 3) by a left perturbation of the pose they came by."""
-    lever = -hat(points)
-    return np.concatenate([np.broadcast_to(_EYE, lever.shape), lever], axis=2)
 
 
 def _reference(state: JointState, data: JointData, layout: StepLayout) -> tuple[Array, Array]:

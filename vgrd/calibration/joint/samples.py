@@ -15,6 +15,7 @@ from vgrd.calibration.joint.problem import (
     Looks,
     Tags,
     Turntable,
+    points_of,
     target_of,
 )
 from vgrd.calibration.touches import TouchSet, touch_set
@@ -77,6 +78,9 @@ def gather(
         zip(_hole_names(holes_seen), holes_seen, strict=True), key=lambda one: _hole_key(one[1])
     )
     m, k = len(touches), len(points)
+    targets = [target_of(facts, touch.target) for _, touch in touches]
+    bare = tuple(sorted({t.name for t in targets if t.point_in_object is None}))
+    cad, bare_of = points_of(targets, bare)
     poses = [touch.base_from_wrist for _, touch in (*touches, *points)]
     poses += [picture.base_from_wrist for _, picture in (*looks, *spins)]
     stations = _stations([picture for _, picture in pictures])
@@ -84,7 +88,9 @@ def gather(
         recording=recording,
         looks=_looks(pictures, of_a, stations),
         touches=_touch_set(recording, [touch for _, touch in touches]),
-        cad=np.array([target_of(recording.facts, t.target).point_in_object for _, t in touches]),
+        cad=cad,
+        bare=bare,
+        bare_of=bare_of,
         touch_stations=stations[:m],
         points=_touch_set(recording, [touch for _, touch in points]),
         point_stations=stations[m : m + k],
@@ -240,7 +246,7 @@ def _holes(recording: Recording, sightings: Sequence[HolePixel], turned: Sequenc
     facts = recording.facts
     cad, spins = [], []
     for sighting in sightings:
-        cad.append(target_of(recording.facts, sighting.target).point_in_object)
+        cad.append(target_of(recording.facts, sighting.target).cad)
         name = "" if sighting.spin is None else f"spin {sighting.spin + 1}"
         if name and name not in turned:
             raise InputError(f"hole {sighting.target!r}: tag B is not in {name}")

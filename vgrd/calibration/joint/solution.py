@@ -23,9 +23,9 @@ from vgrd.calibration.joint.picture import (
     guess_camera,
     weigh,
 )
-from vgrd.calibration.joint.rows import ObjectMotions, left_jacobian
+from vgrd.calibration.joint.rows import ObjectMotions
 from vgrd.calibration.joint.sequence import JointSeries, Sighting
-from vgrd.calibration.joint.state import StepLayout
+from vgrd.calibration.joint.state import StepLayout, left_jacobian, taught_place
 from vgrd.errors import NotObservable
 from vgrd.geometry import Array, Pose, hat
 from vgrd.judging.thresholds import IRRELEVANT_MM
@@ -92,9 +92,10 @@ class JointSolution:
 
     tip_in_wrist: (3,), any value that fits where the TCP is undetermined. axis, object_motions: which
     body-frame motions of camera_from_axis (z: axis of turning) and of the object on it are unknowns.
-    has_point: a fixed point was touched, whose place tells of the arm's errors. covariance (n, n) of a
-    step in (base_from_camera, wrist_from_tag_a, TCP, base_from_object, camera_from_tag_b, axis, fixed
-    point); undetermined (n, z): 500 mm or 1 rad along what the session left open.
+    has_point: a fixed point was touched, whose place tells of the arm's errors. bare: the targets without
+    CAD that were touched; bare_in_base: (b, 3), where. covariance (n, n) of a step in (base_from_camera,
+    wrist_from_tag_a, TCP, base_from_object, camera_from_tag_b, bare targets, axis, fixed point);
+    undetermined (n, z): 500 mm or 1 rad along what the session left open.
     """
 
     METHOD: ClassVar[str] = "joint"
@@ -108,6 +109,8 @@ class JointSolution:
     axis: tuple[int, ...]
     object_motions: tuple[int, ...]
     has_point: bool
+    bare: tuple[str, ...]
+    bare_in_base: Array
     covariance: Array
     undetermined: Array
     arm: ArmKnowledge
@@ -115,7 +118,7 @@ class JointSolution:
     @property
     def layout(self) -> StepLayout:
         """Where the unknowns stand in a step."""
-        return StepLayout(self.axis, self.object_motions, spins=0, has_point=self.has_point)
+        return StepLayout(self.axis, self.object_motions, 0, self.has_point, bare=self.bare)
 
     @property
     def reference_covariance(self) -> Array:
@@ -153,7 +156,7 @@ class JointSolution:
         R_work: Array,
         camera: CameraPlace = UNMOVED,
     ) -> ExpectedCoordinate:
-        """The same for a target of which nothing but CAD is known.
+        """The same for a target of CAD that was not touched.
 
         R_work: (3, 3) of the wrist, the object as taught (follow) or at the touch (fixed, requested).
         Raises NotObservable where the answer depends on what the session left undetermined, or on the
@@ -191,7 +194,7 @@ class JointSolution:
         undetermined.
         """
         tip_in_wrist = np.asarray(self.tip_in_wrist + facts.tool.work_from_touch_mm)
-        wish = _Wish(np.asarray(target.point_in_object), tip_in_wrist, policy, R_work)
+        wish = _Wish(*self.taught_place(target), tip_in_wrist, policy, R_work)
         picture, flange, arm = self._picture(wish, tag_b, facts.object.motion, camera)
         if not (fits := picture.stands):
             picture, flange, arm = self._picture(wish, tag_b, None, camera)
@@ -225,6 +228,13 @@ class JointSolution:
             taught_from_camera=picture.taught_from_camera,
             fits_model=fits,
         )
+
+    def taught_place(self, target: Target) -> tuple[Array, Array]:
+        """Where a target stood while touched, (3,) base, and its derivative (3, n).
+
+        Raises NotObservable for one that nothing tells.
+        """
+        return taught_place(target, self.base_from_object, self.bare_in_base, self.layout)
 
     def examine(self, facts: CellFacts, tag_b: TagObservation, camera: CameraPlace) -> LinkReport:
         """Whether a picture contradicts the calibration, and which links may have moved.
@@ -326,9 +336,13 @@ class JointSolution:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Wish:
-    """What is asked: a point (3,) of the object, the tip (3,) in the wrist, how the wrist will stand."""
+    """What is asked: a target as taught, (3,) base, the tip (3,) in the wrist, how the wrist will stand.
 
-    point_in_object: Array
+    J_taught: (3, n) by the unknowns.
+    """
+
+    taught: Array
+    J_taught: Array
     tip_in_wrist: Array
     policy: Policy
     R_work: Array
@@ -347,8 +361,7 @@ def _flange(solution: JointSolution, wish: _Wish, motions: ObjectMotions) -> _Fl
     """Where the flange must be when the object has moved so."""
     layout = solution.layout
     X, N = solution.base_from_camera, Pose(motions.rotations[0], motions.translations[0])
-    taught = solution.base_from_object @ wish.point_in_object
-    in_camera = N @ (X.inverse() @ taught)
+    in_camera = N @ (X.inverse() @ wish.taught)
     point = X @ in_camera
     turn = X.rotation @ N.rotation @ X.rotation.T
     n, k = layout.size, motions.J_motion.shape[2]
@@ -356,8 +369,10 @@ def _flange(solution: JointSolution, wish: _Wish, motions: ObjectMotions) -> _Fl
     motion = np.zeros((6, n + k))
     motion[:, layout.axis_columns], motion[:, n:] = motions.J_axis[0], motions.J_motion[0]
     J += X.rotation @ left_jacobian(in_camera[None])[0] @ motion
-    J[:, layout.OBJECT] = turn @ left_jacobian(taught[None])[0]
-    J[:, layout.CAMERA] = left_jacobian(point[None])[0] - J[:, layout.OBJECT]
+    J[:, :n] += turn @ wish.J_taught
+    J[:, layout.CAMERA] = (
+        left_jacobian(point[None])[0] - turn @ left_jacobian(wish.taught[None])[0]
+    )
     R = wish.R_work
     if wish.policy is Policy.FOLLOW:
         R = turn @ R

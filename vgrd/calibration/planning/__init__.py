@@ -20,6 +20,7 @@ from vgrd.calibration.planning.next_sample import (
 from vgrd.calibration.planning.predicted_error import PredictedError
 from vgrd.calibration.planning.predicted_rows import picture_of
 from vgrd.calibration.planning.reach import Reach
+from vgrd.calibration.planning.with_cad import errors_with_cad_mm
 
 __all__ = [
     "CLEAN_WANTED",
@@ -32,6 +33,7 @@ __all__ = [
     "Touching",
     "advise_session",
     "error_budget",
+    "errors_with_cad_mm",
     "further_touches",
     "picture_of",
     "plan_samples",

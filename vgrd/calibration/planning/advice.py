@@ -18,6 +18,7 @@ from vgrd.calibration.planning.next_sample import Advice, next_best, without_pos
 from vgrd.calibration.planning.pose_trust import reason_against
 from vgrd.calibration.planning.predicted_error import Job, PredictedError, Undetermined
 from vgrd.calibration.planning.reach import Reach, camera_sees_tag_a, usual_wrist
+from vgrd.calibration.planning.with_cad import errors_with_cad_mm
 from vgrd.calibration.turntable import without_useless_spins
 from vgrd.errors import CalibrationError, DidNotConverge, VgrdError
 from vgrd.geometry import Array
@@ -44,7 +45,8 @@ class SessionAdvice:
     within reach, None where nothing can be predicted or a finding has to be mended first; no_pose:
     why it is words without a pose, else "". undetermined: what the samples leave open. insertions: odds by
     target with a clearance; further_touches: so many more make 95 % go in without contact, None: more than
-    anybody would touch.
+    anybody would touch. with_cad_mm: the error by target without CAD, touched, if CAD knew all targets.
+    untouched: names of those without CAD and without a touch, of which nothing is known.
     """
 
     policy: Policy
@@ -56,6 +58,8 @@ class SessionAdvice:
     undetermined: tuple[Undetermined, ...] = ()
     insertions: Mapping[str, Insertion] = field(default_factory=dict)
     further_touches: int | None = None
+    with_cad_mm: Mapping[str, float] = field(default_factory=dict)
+    untouched: tuple[str, ...] = ()
 
     def to_json(self) -> dict[str, object]:
         """Everything in words and numbers: poses as flange x, y, z in mm and a rotation vector."""
@@ -69,7 +73,11 @@ class SessionAdvice:
             "trouble": self.trouble,
             "unknown_but_irrelevant": [u.what for u in self.undetermined if not u.matters],
             **self._insertions_to_json(),
-            "next": None if self.best is None else _next(self.best, self.no_pose),
+            "without_cad": {
+                name: _without_cad(self.predicted_mm[name], with_cad_mm)
+                for name, with_cad_mm in self.with_cad_mm.items()
+            },
+            "next": self._next(),
         }
 
     def _insertions_to_json(self) -> dict[str, object]:
@@ -79,6 +87,11 @@ class SessionAdvice:
             "insertions": {name: odds.to_json() for name, odds in self.insertions.items()},
             "insertions_in_words": _insertion_in_words(self.further_touches),
         }
+
+    def _next(self) -> dict[str, object] | None:
+        if self.untouched and self.best is not None:
+            return _first_touch(self.untouched[0])
+        return None if self.best is None else _next(self.best, self.no_pose)
 
 
 def advise_session(
@@ -189,8 +202,21 @@ def _advice(
         no_pose = judgement.doubted(outliers) or reason_against(result, best.candidate, reach)
     best = without_pose(result, best) if no_pose else best
     findings = (*judgement.findings, *camera_moves(result), *outliers)
+    bare = result.layout.bare if predicted else ()
+    with_cad = errors_with_cad_mm(result, job) if bare else {}
+    untouched = tuple(n for n in result.recording.facts.object.bare if n not in result.layout.bare)
     return SessionAdvice(
-        policy, findings, predicted, trouble, best, no_pose, undetermined, insertions, further
+        policy,
+        findings,
+        predicted,
+        trouble,
+        best,
+        no_pose,
+        undetermined,
+        insertions,
+        further,
+        {name: with_cad[name] for name in bare},
+        untouched,
     )
 
 
@@ -219,6 +245,27 @@ def _insertion_in_words(further: int | None) -> str:
     if further is None:
         return f"no number of touches like these brings it about that {share}"
     return f"touch {further} times more, each target in turn as before: then {share}"
+
+
+def _without_cad(now_mm: float, with_cad_mm: float) -> dict[str, object]:
+    return {
+        "words": f"touches alone tell where it is: 95 % error {now_mm:.3f} mm, {with_cad_mm:.3f} mm if "
+        "point_mm of all targets were known",
+        "u95_mm": now_mm,
+        "u95_with_cad_mm": with_cad_mm,
+    }
+
+
+def _first_touch(name: str) -> dict[str, object]:
+    return {
+        "words": f"touch {name} with the wrist as usual: it has no point_mm, and without a touch it cannot "
+        "be served",
+        "no_pose": "nothing tells where it is",
+        "flange_mm": None,
+        "rotvec_deg": None,
+        "u95_before_mm": None,
+        "u95_after_mm": None,
+    }
 
 
 def _next(best: Advice, no_pose: str) -> dict[str, object]:

@@ -27,6 +27,7 @@ from vgrd.calibration.joint import (
     work_orientation,
 )
 from vgrd.calibration.planning.predicted_error import Job, PredictedError
+from vgrd.calibration.planning.reach import known_targets
 from vgrd.errors import InputError
 from vgrd.geometry import Array
 from vgrd.geometry.covariance import radius95
@@ -149,7 +150,7 @@ def error_budget(
 
     Shares are of the trace of the position's covariance. Raises what `expected_by_joint` raises.
     """
-    names = tuple(targets or sorted(result.recording.facts.object.targets))
+    names = tuple(targets or known_targets(result))
     if not names:
         raise InputError("an error budget needs at least one target")
     chain = _Chain(result, now, systematic or Systematic())

@@ -19,7 +19,7 @@ from vgrd.calibration.joint import (
     work_orientation,
 )
 from vgrd.calibration.planning.predicted_rows import ForeseenRows, picture_of
-from vgrd.calibration.planning.reach import Candidate, Looking
+from vgrd.calibration.planning.reach import Candidate, Looking, known_targets
 from vgrd.geometry import Array, Pose
 from vgrd.geometry.chi2 import chi2_quantile
 from vgrd.judging.thresholds import IRRELEVANT_MM
@@ -35,7 +35,7 @@ class Job:
     """What will be asked for; everything in it counts alike.
 
     works: orientations (3, 3) of the wrist at work, none for the one of the touches; angles_rad:
-    turns of the object; targets: names, None for all of CAD.
+    turns of the object; targets: names, None for all whose place is known.
     """
 
     policy: Policy = Policy.FIXED
@@ -132,7 +132,7 @@ class PredictedError:
     def undetermined(self) -> tuple[Undetermined, ...]:
         """What the samples leave open, in words, and whether the job minds."""
         result = self._result
-        N = result.undetermined
+        N = result.open_directions
         if not N.size:
             return ()
         J_open = (self._jacobians @ N).reshape(-1, N.shape[1])
@@ -166,7 +166,7 @@ class PredictedError:
 
 
 def _targets(result: JointFit, job: Job) -> Sequence[str]:
-    return job.targets or sorted(result.recording.facts.object.targets)
+    return job.targets or known_targets(result)
 
 
 def _in_words(result: JointFit, direction: Array) -> str:

@@ -21,6 +21,7 @@ from vgrd.calibration.joint import (
     displacement_jacobian,
     linearize,
     object_motions,
+    points_of,
     target_of,
 )
 from vgrd.calibration.planning.reach import Candidate, Spinning, Touching, flange_of
@@ -117,13 +118,15 @@ class ForeseenRows:
         touches, axis = result.data.touches, result.recording.facts.tool.axis_in_wrist
         lateral, axial = np.median(touches.lateral_sigma_mm), np.median(touches.axial_sigma_mm)
         names = [candidate.target for candidate in candidates if isinstance(candidate, Touching)]
-        cad = [target_of(result.recording.facts, name).point_in_object for name in names]
+        targets = [target_of(result.recording.facts, name) for name in names]
+        cad, bare_of = points_of(targets, data.bare)
         return replace(
             data,
             touches=touch_set(
                 [poses[i] for i in touching], axis, [float(lateral)] * m, [float(axial)] * m
             ),
-            cad=np.array(cad),
+            cad=cad,
+            bare_of=bare_of,
             touch_stations=np.array(touching, dtype=np.intp),
             reference=self._tags([result.state.camera_from_tag_b] * m, TAG_B),
         )
@@ -249,6 +252,7 @@ def _blank(data: JointData) -> JointData:
         looks=Looks(tags, np.zeros((0, 3, 3)), nothing, _NONE),
         touches=touches,
         cad=nothing,
+        bare_of=_NONE,
         touch_stations=_NONE,
         points=touches,
         point_stations=_NONE,

@@ -6,7 +6,7 @@ from itertools import product
 
 import numpy as np
 
-from vgrd.calibration.joint import JointFit, target_of
+from vgrd.calibration.joint import JointFit, target_of, taught_place
 from vgrd.calibration.observability import Axes, turned_axes
 from vgrd.calibration.touches import touched_orientation
 from vgrd.errors import InputError
@@ -146,10 +146,8 @@ def flange_of(result: JointFit, candidate: Candidate) -> Pose | None:
     if isinstance(candidate, Looking):
         return candidate.base_from_wrist
     R, state = candidate.base_from_wrist, result.state
-    point = (
-        state.base_from_object
-        @ target_of(result.recording.facts, candidate.target).point_in_object
-    )
+    target = target_of(result.recording.facts, candidate.target)
+    point, _ = taught_place(target, state.base_from_object, state.bare_in_base, result.layout)
     return Pose(R, point - R @ state.tcp_in_wrist)
 
 
@@ -161,12 +159,18 @@ def usual_wrist(recording: Recording, target: str | None = None) -> Array:
     return touched_orientation(recording.touches)
 
 
+def known_targets(result: JointFit) -> list[str]:
+    """Names of the targets whose place CAD or a touch tells."""
+    targets = result.recording.facts.object.targets
+    return sorted(n for n in targets if result.layout.knows(targets[n]))
+
+
 def touches_within(
     result: JointFit, reach: Reach, targets: Sequence[str] | None = None
 ) -> list[Touching]:
-    """Touches of every target (None: all of CAD) that the reach allows."""
+    """Touches of every target (None: all whose place is known) that the reach allows."""
     touches, tool = [], np.asarray(result.recording.facts.tool.axis_in_wrist)
-    for name in targets or sorted(result.recording.facts.object.targets):
+    for name in targets or known_targets(result):
         straight = usual_wrist(result.recording, name)
         for touching in (Touching(name, R) for R in reach.orientations(straight, tool)):
             if _is_allowed(result, reach, touching, straight):

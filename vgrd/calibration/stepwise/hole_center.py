@@ -155,9 +155,7 @@ def _evidence_of(
     targets = facts.object.targets
     return _Evidence(
         CameraModel(facts.camera_matrix, facts.distortion, facts.image_size_px),
-        np.array([targets[hole.target].point_in_object - center for hole in chosen]).reshape(
-            -1, 3
-        ),
+        np.array([targets[hole.target].cad - center for hole in chosen]).reshape(-1, 3),
         np.array([hole.pixel for hole in chosen]).reshape(-1, 2),
         np.array([hole.sigma_px for hole in chosen]),
         pictures,

@@ -6,11 +6,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from vgrd.calibration.observability import Axes, check_distinct, turned_axes
+from vgrd.calibration.stepwise.bare_targets import taught_bare
 from vgrd.calibration.tcp import ContactTcp, contact_tcp
 from vgrd.calibration.touches import (
     CadFit,
     TouchSet,
     arm_touches,
+    cad_touches,
     fit_cad,
     touched_orientation,
 )
@@ -19,7 +21,7 @@ from vgrd.calibration.universal import (
     UniversalResult,
     calibrate_universal,
 )
-from vgrd.errors import InputError, NotObservable, TooFewObservations
+from vgrd.errors import NotObservable, TooFewObservations
 from vgrd.geometry import Array, Pose, hat, log_rotation
 from vgrd.judging.thresholds import SAME_ORIENTATION_RAD
 from vgrd.model import (
@@ -27,7 +29,6 @@ from vgrd.model import (
     Target,
     TaughtPoint,
     TcpEstimate,
-    Touch,
     frozen_array,
     frozen_copy,
 )
@@ -66,7 +67,7 @@ class FittedTouches:
         for name, (target, flange, R_work, J) in self.flanges.items():
             rows = [J, pivot]
             if self.tcp is not None:
-                rows.append(np.eye(3, 9, 6))
+                rows.append(np.eye(3, len(self.parameters), 6))
             jacobian = np.vstack(rows)
             covariance = jacobian @ self.parameters @ jacobian.T
             points[name] = TaughtPoint(
@@ -90,32 +91,89 @@ def fit_touches(recording: Recording) -> FittedTouches:
     touches = recording.touches
     if not touches:
         raise TooFewObservations("nothing was touched: touch at least 4 targets of the object")
-    points = np.array([_target(recording, touch).point_in_object for touch in touches])
+    indices, points = cad_touches(recording)
     names = [f"touch {i + 1} ({touch.target})" for i, touch in enumerate(touches)]
     check_distinct(names, [touch.base_from_wrist for touch in touches])
-    arrays = arm_touches(touches, recording)
-    if turned_axes(list(arrays.rotations))[0] is Axes.NONE:
+    arrays = arm_touches([touches[i] for i in indices], recording)
+    if not recording.facts.object.has_cad:
+        fitted = _without_cad(recording)
+    elif turned_axes(list(arrays.rotations) or [np.eye(3)])[0] is Axes.NONE:
         if recording.plan.touches_beside and recording.points:
-            return _conventional(recording, points, arrays)
-        return _special(recording, fit_cad(points, arrays))
-    return _universal(recording, calibrate_universal(UniversalProblem(points, arrays)))
+            fitted = _conventional(recording, points, arrays)
+        else:
+            fitted = _special(recording, fit_cad(points, arrays))
+    else:
+        fitted = _universal(recording, calibrate_universal(UniversalProblem(points, arrays)))
+    return _with_bare(fitted, recording)
 
 
-def _target(recording: Recording, touch: Touch) -> Target:
-    targets = recording.facts.object.targets
-    if touch.target not in targets:
-        names = ", ".join(sorted(targets))
-        raise InputError(f"touched target {touch.target!r} is not in CAD; there are: {names}")
-    return targets[touch.target]
+def _without_cad(recording: Recording) -> FittedTouches:
+    """Section III without CAD: the TCP by the touches beside the object where there were some, else none."""
+    beside, parameters, tcp = None, np.zeros((6, 6)), None
+    if recording.plan.touches_beside and recording.points:
+        beside = contact_tcp(recording, allow_open_axis=True)
+        parameters = np.zeros((9, 9))
+        parameters[6:, 6:] = beside.covariance
+        in_wrist = frozen_array(beside.tcp_in_wrist, 3)
+        tcp = TcpEstimate(in_wrist, frozen_array(beside.covariance, 3, 3))
+    return FittedTouches(
+        tcp=tcp,
+        pivot_in_base=None,
+        parameters=parameters,
+        pivot_jacobian=np.zeros((3, len(parameters))),
+        flanges={},
+        residuals_mm=np.zeros((0, 3)),
+        scores=np.zeros(0),
+        beside=beside,
+    )
+
+
+def _with_bare(fitted: FittedTouches, recording: Recording) -> FittedTouches:
+    """The same with the targets without CAD (III-C): each by its own touches, by the same TCP or wrist."""
+    tcp = None if fitted.tcp is None else fitted.tcp.in_wrist
+    common_wrist = next((R_work for _, _, R_work, _ in fitted.flanges.values()), None)
+    taught = [
+        taught_bare(recording, name, tcp, common_wrist)
+        for name in recording.facts.object.bare
+        if any(touch.target == name for touch in recording.touches)
+    ]
+    k = len(fitted.parameters)
+    n = k + 3 * len(taught)
+    parameters = np.zeros((n, n))
+    parameters[:k, :k] = fitted.parameters
+
+    def widened(J: Array) -> Array:
+        return np.hstack([J, np.zeros((3, n - k))])
+
+    flanges = {
+        name: (target, flange, R_work, widened(J))
+        for name, (target, flange, R_work, J) in fitted.flanges.items()
+    }
+    for i, bare in enumerate(taught):
+        own = slice(k + 3 * i, k + 3 * i + 3)
+        parameters[own, own] = bare.covariance
+        J = np.zeros((3, n))
+        J[:, own] = np.eye(3)
+        if tcp is not None:
+            J[:, 6:9] = bare.J_tcp
+        flanges[bare.target.name] = (bare.target, bare.flange, bare.R_work, J)
+    return replace(
+        fitted,
+        parameters=parameters,
+        pivot_jacobian=widened(fitted.pivot_jacobian),
+        flanges=flanges,
+        residuals_mm=np.vstack([fitted.residuals_mm, *(bare.residuals_mm for bare in taught)]),
+        scores=np.concatenate([fitted.scores, *(bare.scores for bare in taught)]),
+    )
 
 
 def _special(recording: Recording, fit: CadFit) -> FittedTouches:
     offset = recording.facts.tool.work_from_touch_mm
-    R_work = recording.touches[0].base_from_wrist.rotation
+    R_work = recording.touches[int(cad_touches(recording)[0][0])].base_from_wrist.rotation
     flanges = {}
-    for name, target in recording.facts.object.targets.items():
+    for name, target in _in_cad(recording):
         _check_same_orientation(target, R_work)
-        p = target.point_in_object
+        p = target.cad
         flanges[name] = (target, fit.flange(p) - R_work @ offset, R_work, fit.jacobian(p))
     center = recording.facts.object.center_in_object
     pivot = np.zeros(3) if center is None else center
@@ -152,6 +210,11 @@ def _conventional(recording: Recording, points: Array, touches: TouchSet) -> Fit
         scores=fit.scores,
         beside=beside,
     )
+
+
+def _in_cad(recording: Recording) -> list[tuple[str, Target]]:
+    targets = recording.facts.object.targets.items()
+    return [(name, target) for name, target in targets if target.point_in_object is not None]
 
 
 def _check_same_orientation(target: Target, R_work: Array) -> None:
@@ -201,11 +264,11 @@ def _by_tip(
     """
     tip = tcp_in_wrist + recording.facts.tool.work_from_touch_mm
     flanges = {}
-    for name, target in recording.facts.object.targets.items():
+    for name, target in _in_cad(recording):
         R_work = target.base_from_work
         if R_work is None:
             R_work = touched_orientation(recording.touches, name)
-        p = target.point_in_object
+        p = target.cad
         J = np.hstack([jacobian(p), -R_work])
         flanges[name] = (target, base_from_object @ p - R_work @ tip, R_work, J)
     center = recording.facts.object.center_in_object

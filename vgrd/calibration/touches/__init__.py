@@ -10,7 +10,7 @@ from vgrd.calibration.touches.equations import (
     studentized_residuals,
     touch_set,
 )
-from vgrd.calibration.touches.recorded import arm_touches, touched_orientation
+from vgrd.calibration.touches.recorded import arm_touches, cad_touches, touched_orientation
 from vgrd.calibration.touches.reference import (
     Reference,
     ReferenceTagA,
@@ -28,6 +28,7 @@ __all__ = [
     "Sigma",
     "TouchSet",
     "arm_touches",
+    "cad_touches",
     "equivalent_sigmas",
     "find_reference",
     "find_reference_tag_a",

@@ -3,8 +3,10 @@
 from collections.abc import Sequence
 
 import numpy as np
+from numpy.typing import NDArray
 
 from vgrd.calibration.touches.equations import TouchSet, touch_set
+from vgrd.errors import InputError
 from vgrd.geometry import Array, log_rotation
 from vgrd.model import Recording, Touch
 
@@ -18,6 +20,22 @@ def arm_touches(touches: Sequence[Touch], recording: Recording) -> TouchSet:
         [float(np.hypot(touch.lateral_sigma_mm, arm)) for touch in touches],
         [float(np.hypot(touch.axial_sigma_mm, arm)) for touch in touches],
     )
+
+
+def cad_touches(recording: Recording) -> tuple[NDArray[np.intp], Array]:
+    """Which touches are of targets in CAD, (k,) indices, and these points (k, 3).
+
+    Raises InputError for a target that the object does not have.
+    """
+    targets = recording.facts.object.targets
+    unknown = sorted({touch.target for touch in recording.touches} - set(targets))
+    if unknown:
+        names = ", ".join(sorted(targets))
+        raise InputError(f"the object has no target {unknown[0]!r} as touched; there are: {names}")
+    points = [targets[touch.target].point_in_object for touch in recording.touches]
+    known = [(i, point) for i, point in enumerate(points) if point is not None]
+    indices = np.array([i for i, _ in known], dtype=np.intp)
+    return indices, np.array([point for _, point in known]).reshape(-1, 3)
 
 
 def touched_orientation(touches: Sequence[Touch], target: str | None = None) -> Array:
