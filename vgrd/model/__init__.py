@@ -8,6 +8,7 @@ from vgrd.model.arrays import frozen_array, frozen_copy
 from vgrd.model.calibration import (
     ExpectedCoordinate,
     Finding,
+    PlacedPoint,
     Policy,
     TaughtPoint,
     TcpEstimate,
@@ -55,6 +56,7 @@ __all__ = [
     "ObjectSpec",
     "Observation",
     "PictureSeries",
+    "PlacedPoint",
     "Plan",
     "Policy",
     "Recording",

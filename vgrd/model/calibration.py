@@ -59,6 +59,14 @@ class TcpEstimate:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+class PlacedPoint:
+    """Where a target is on the object: in_tag_b (3,), mm; covariance: (3, 3), mm^2."""
+
+    in_tag_b: Array
+    covariance: Array
+
+
+@dataclass(frozen=True, slots=True, eq=False)
 class ExpectedCoordinate:
     """Where the flange must go: the product.
 

@@ -28,6 +28,24 @@ def check_usable(calibration: Calibration, configured: CellFacts) -> None:
         )
 
 
+def places_without_cad(calibration: Calibration) -> dict[str, object]:
+    """Where the targets without CAD were found, in tag B's frame; None while the TCP is open."""
+    bare = [name for name in calibration.facts.object.bare if name in calibration.taught]
+    points = {
+        name: calibration.solution.in_tag_b(calibration.facts, calibration.taught[name])
+        for name in bare
+    }
+    return {
+        name: None
+        if point is None
+        else {
+            "in_tag_b_mm": [float(value) for value in point.in_tag_b],
+            "sigma_mm": [float(value) for value in np.sqrt(np.diag(point.covariance))],
+        }
+        for name, point in points.items()
+    }
+
+
 def unservable(calibration: Calibration, policy: Policy) -> Sequence[Finding]:
     """Fatal findings for targets of which every request under the policy would be refused."""
     refused: dict[str, list[str]] = {}

@@ -28,7 +28,7 @@ from vgrd.orphans import die_with
 from vgrd.solving.hole_pictures import draw_searched
 from vgrd.solving.hole_sightings import HolesSeen, Report, holes_of, see_holes
 from vgrd.solving.insertions import insertion_sentences
-from vgrd.solving.servable import unservable
+from vgrd.solving.servable import places_without_cad, unservable
 from vgrd.store.calibrations import CalibrationStore
 from vgrd.store.retention import in_use
 from vgrd.store.sessions import iterate_images, iterate_observations, load_session
@@ -125,6 +125,7 @@ def summary(calibration: Calibration) -> dict[str, object]:
         "tcp_sigma_mm": None
         if tcp is None
         else [float(value) for value in np.sqrt(np.diag(tcp.covariance))],
+        "without_cad": places_without_cad(calibration),
         "residuals": {key: float(value) for key, value in calibration.residuals.items()},
         "verdict": {
             "ok": calibration.verdict.ok,

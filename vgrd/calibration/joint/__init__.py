@@ -3,6 +3,7 @@
 May import touches, hand_eye, universal and turntable.
 """
 
+from vgrd.calibration.joint.answers import Prediction
 from vgrd.calibration.joint.calibration import calibrate_jointly
 from vgrd.calibration.joint.camera_corrections import (
     TAG_A,
@@ -38,7 +39,7 @@ from vgrd.calibration.joint.rows import (
     linearize,
     object_motions,
 )
-from vgrd.calibration.joint.solution import JointSolution, Prediction
+from vgrd.calibration.joint.solution import JointSolution
 from vgrd.calibration.joint.state import JointState, StepLayout, taught_place
 
 __all__ = [

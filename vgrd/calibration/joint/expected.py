@@ -4,10 +4,11 @@ from dataclasses import replace
 
 import numpy as np
 
+from vgrd.calibration.joint.answers import Prediction
 from vgrd.calibration.joint.fit import JointFit
 from vgrd.calibration.joint.marginal import kept_columns, solution_of
 from vgrd.calibration.joint.problem import target_of
-from vgrd.calibration.joint.solution import JointSolution, Prediction
+from vgrd.calibration.joint.solution import JointSolution
 from vgrd.calibration.touches import touched_orientation
 from vgrd.errors import InputError, TagNotSeen
 from vgrd.geometry import Array

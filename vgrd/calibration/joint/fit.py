@@ -14,7 +14,7 @@ from scipy.linalg import solve_triangular
 from vgrd.calibration.joint.camera_corrections import TAG_A, TAG_B, RefinedCorrections
 from vgrd.calibration.joint.problem import JointData
 from vgrd.calibration.joint.rows import arm_jacobian, linearize
-from vgrd.calibration.joint.state import Columns, JointState, StepLayout
+from vgrd.calibration.joint.state import JointState, StepLayout
 from vgrd.errors import DidNotConverge
 from vgrd.geometry import Array
 from vgrd.geometry.chi2 import chi2_quantile
@@ -223,17 +223,17 @@ def units(layout: StepLayout) -> Array:
 
 def unknown_in_words(layout: StepLayout, undetermined: Array) -> str:
     """Which unknowns the directions (n, z) that the data leave undetermined touch."""
-    names: dict[str, slice | Columns] = {
+    names = {
         "base_from_camera": layout.CAMERA,
         "wrist_from_tag_a": layout.TAG_A,
         "the TCP": layout.TCP,
         "base_from_object": layout.OBJECT,
-        **{
-            f"target {name}": c for name, c in zip(layout.bare, layout.bare_columns(), strict=True)
-        },
     }
     size = np.linalg.norm(undetermined / units(layout)[:, None], axis=1)
-    return ", ".join(name for name, part in names.items() if (size[part] > 0.05).any())
+    concerned = [name for name, part in names.items() if (size[part] > 0.05).any()]
+    if (size[layout.bare_columns()] > 0.05).any():
+        concerned.append("targets without CAD")
+    return ", ".join(concerned)
 
 
 def _whitened(

@@ -12,6 +12,7 @@ from typing import ClassVar, Self
 import numpy as np
 
 from vgrd.calibration.acceptance import served_radius
+from vgrd.calibration.joint.answers import Flange, Prediction, Wish, flange_of
 from vgrd.calibration.joint.fit import unknown_in_words
 from vgrd.calibration.joint.links import slip_jacobians, slip_traces, suspects
 from vgrd.calibration.joint.picture import (
@@ -23,7 +24,6 @@ from vgrd.calibration.joint.picture import (
     guess_camera,
     weigh,
 )
-from vgrd.calibration.joint.rows import ObjectMotions
 from vgrd.calibration.joint.sequence import JointSeries, Sighting
 from vgrd.calibration.joint.state import StepLayout, left_jacobian, taught_place
 from vgrd.errors import NotObservable
@@ -38,6 +38,7 @@ from vgrd.model import (
     Link,
     LinkReport,
     Motion,
+    PlacedPoint,
     Policy,
     SlipEstimate,
     TagObservation,
@@ -49,41 +50,6 @@ from vgrd.model import (
 )
 
 _EYE = np.eye(3)
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Prediction:
-    """A flange pose, position corrected by the arm's field, and the errors it consists of.
-
-    J_unknowns (3, n): by the joint estimate; J_picture (3, 6): by the left tangent of tag B; J_arm
-    (3, w): by the arm's deviation there, and before it, where tag A is used, in the picture;
-    arm_covariance (w, w): of what is left of that. J_camera (3, c): by the noise of tag A and the
-    camera's displacement, in sigmas. J_turn_*: the same for the orientation, rad. taught_from_camera:
-    how the camera has moved, as estimated; fits_model: the object moved as it can.
-    """
-
-    base_from_wrist: Pose
-    J_unknowns: Array
-    J_picture: Array
-    J_arm: Array
-    arm_covariance: Array
-    J_camera: Array
-    J_turn_unknowns: Array
-    J_turn_picture: Array
-    J_turn_arm: Array
-    J_turn_camera: Array
-    taught_from_camera: Pose
-    fits_model: bool
-
-    def covariance(self, estimate: Array, tag_b: Array) -> Array:
-        """(3, 3) of the position, mm^2; estimate (n, n), tag_b (6, 6): covariances."""
-        by = (self.J_unknowns, self.J_picture, self.J_arm, self.J_camera)
-        return _summed(by, (estimate, tag_b, self.arm_covariance, np.eye(self.J_camera.shape[1])))
-
-    def turn_covariance(self, estimate: Array, tag_b: Array) -> Array:
-        """(3, 3) of the orientation, rad^2."""
-        by = (self.J_turn_unknowns, self.J_turn_picture, self.J_turn_arm, self.J_turn_camera)
-        return _summed(by, (estimate, tag_b, self.arm_covariance, np.eye(self.J_camera.shape[1])))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -194,7 +160,7 @@ class JointSolution:
         undetermined.
         """
         tip_in_wrist = np.asarray(self.tip_in_wrist + facts.tool.work_from_touch_mm)
-        wish = _Wish(*self.taught_place(target), tip_in_wrist, policy, R_work)
+        wish = Wish(*self.taught_place(target), tip_in_wrist, policy, R_work)
         picture, flange, arm = self._picture(wish, tag_b, facts.object.motion, camera)
         if not (fits := picture.stands):
             picture, flange, arm = self._picture(wish, tag_b, None, camera)
@@ -235,6 +201,23 @@ class JointSolution:
         Raises NotObservable for one that nothing tells.
         """
         return taught_place(target, self.base_from_object, self.bare_in_base, self.layout)
+
+    def in_tag_b(self, facts: CellFacts, taught: TaughtPoint) -> PlacedPoint | None:
+        """A target in tag B's frame (III-C); None where the session left that open."""
+        del facts
+        place, J_place = self.taught_place(taught.target)
+        X, F = self.base_from_camera, self.camera_from_tag_b
+        point_in_camera = X.inverse() @ place
+        J = J_place
+        J[:, StepLayout.CAMERA] -= left_jacobian(place[None])[0]
+        J[:, StepLayout.TAG_B] -= X.rotation @ left_jacobian(point_in_camera[None])[0]
+        J = (X @ F).rotation.T @ J
+        if float(np.abs(J @ self.undetermined).max(initial=0.0)) > IRRELEVANT_MM:
+            return None
+        return PlacedPoint(
+            frozen_array(F.inverse() @ point_in_camera, 3),
+            frozen_array(J @ self.covariance @ J.T, 3, 3),
+        )
 
     def examine(self, facts: CellFacts, tag_b: TagObservation, camera: CameraPlace) -> LinkReport:
         """Whether a picture contradicts the calibration, and which links may have moved.
@@ -295,11 +278,11 @@ class JointSolution:
         return PictureModel(links, guess, arm, tags, motions)
 
     def _picture(
-        self, wish: "_Wish", tag_b: TagObservation, motion: Motion | None, camera: CameraPlace
-    ) -> tuple[PictureFit, "_Flange", ArmPrior]:
+        self, wish: Wish, tag_b: TagObservation, motion: Motion | None, camera: CameraPlace
+    ) -> tuple[PictureFit, Flange, ArmPrior]:
         """What the picture tells, the flange at the first guess, the arm in the picture and there."""
         model = self._model(tag_b, motion, camera)
-        flange = _flange(self, wish, model.motions)
+        flange = flange_of(self.base_from_camera, self.layout, wish, model.motions)
         arm = self._arm([*_stands(camera), flange.base_from_wrist.translation])
         return weigh(replace(model, arm=arm)), flange, arm
 
@@ -328,60 +311,15 @@ class JointSolution:
                 "the expected coordinate depends on "
                 f"{unknown_in_words(self.layout, self.undetermined)}, which the recording "
                 "leaves undetermined: touch with the wrist tilted by 20 degrees or more about two "
-                "axes, look with tag A in view, or keep the wrist as it was touched",
+                f"axes{_again(self.bare)}, look with tag A in view, or keep the wrist as it was touched",
                 rank=self.layout.size - shifts_mm.size,
                 unknowns=self.layout.size,
             )
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class _Wish:
-    """What is asked: a target as taught, (3,) base, the tip (3,) in the wrist, how the wrist will stand.
-
-    J_taught: (3, n) by the unknowns.
-    """
-
-    taught: Array
-    J_taught: Array
-    tip_in_wrist: Array
-    policy: Policy
-    R_work: Array
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class _Flange:
-    """Flange pose, derivatives (3, n + k) of position and orientation by unknowns and motion."""
-
-    base_from_wrist: Pose
-    J: Array
-    J_turn: Array
-
-
-def _flange(solution: JointSolution, wish: _Wish, motions: ObjectMotions) -> _Flange:
-    """Where the flange must be when the object has moved so."""
-    layout = solution.layout
-    X, N = solution.base_from_camera, Pose(motions.rotations[0], motions.translations[0])
-    in_camera = N @ (X.inverse() @ wish.taught)
-    point = X @ in_camera
-    turn = X.rotation @ N.rotation @ X.rotation.T
-    n, k = layout.size, motions.J_motion.shape[2]
-    J, J_turn = np.zeros((3, n + k)), np.zeros((3, n + k))
-    motion = np.zeros((6, n + k))
-    motion[:, layout.axis_columns], motion[:, n:] = motions.J_axis[0], motions.J_motion[0]
-    J += X.rotation @ left_jacobian(in_camera[None])[0] @ motion
-    J[:, :n] += turn @ wish.J_taught
-    J[:, layout.CAMERA] = (
-        left_jacobian(point[None])[0] - turn @ left_jacobian(wish.taught[None])[0]
-    )
-    R = wish.R_work
-    if wish.policy is Policy.FOLLOW:
-        R = turn @ R
-        J_turn += X.rotation @ motion[3:]
-        J_turn[:, layout.CAMERA.start + 3 : layout.CAMERA.stop] = _EYE - turn
-    tip = R @ wish.tip_in_wrist
-    J += hat(tip) @ J_turn
-    J[:, layout.TCP] = -R
-    return _Flange(Pose(R, point - tip), J, J_turn)
+def _again(bare: Sequence[str]) -> str:
+    """What of tilted touches holds besides where targets are not in CAD."""
+    return " (a target in CAD, or one and the same three times)" if bare else ""
 
 
 def _report(model: PictureModel, camera: CameraPlace) -> LinkReport:
@@ -399,10 +337,3 @@ def _stands(camera: CameraPlace) -> list[Array]:
     """Where the flange stood in the picture, (3,), if tag A is used."""
     seen = camera.flange_tag
     return [] if seen is None else [seen.base_from_wrist.translation]
-
-
-def _summed(derivatives: Sequence[Array], covariances: Sequence[Array]) -> Array:
-    total = np.zeros((3, 3))
-    for J, covariance in zip(derivatives, covariances, strict=True):
-        total += J @ covariance @ J.T
-    return total

@@ -7,6 +7,7 @@ import numpy as np
 from vgrd.calibration.stepwise.camera import SeenTag
 from vgrd.geometry import Array, Pose, hat
 from vgrd.judging.thresholds import CENTER_MM
+from vgrd.model import PlacedPoint, frozen_array
 
 _EYE = np.eye(3)
 
@@ -45,6 +46,22 @@ class CameraChain:
     hand_eye_covariance: Array
     camera_from_tag_b: Pose
     reference_covariance: Array
+
+    def in_tag_b(self, point: Array, covariance: Array) -> PlacedPoint:
+        """Eq. 6 at the reference: a point (3,) of the base, with its covariance (3, 3), in tag B's frame."""
+        X, F = self.base_from_camera, self.camera_from_tag_b
+        in_camera = X.inverse() @ point
+        J_camera = np.hstack([_EYE, -hat(point)])
+        J_tag = X.rotation @ np.hstack([_EYE, -hat(in_camera)])
+        in_base = (
+            covariance
+            + _quadratic(J_camera, self.hand_eye_covariance)
+            + _quadratic(J_tag, self.reference_covariance)
+        )
+        R = (X @ F).rotation
+        return PlacedPoint(
+            frozen_array(F.inverse() @ in_camera, 3), frozen_array(R.T @ in_base @ R, 3, 3)
+        )
 
     def move_about(self, pivot: Pivot, point: Array, now: SeenTag) -> MovedPoint:
         """Eq. 19: turn about the pivot, plus how far the pivot moved; only the rotation of the hand-eye counts."""

@@ -37,6 +37,7 @@ from vgrd.model import (
     Link,
     LinkReport,
     Motion,
+    PlacedPoint,
     Policy,
     SlipEstimate,
     TagObservation,
@@ -137,6 +138,11 @@ class StepwiseSolution:
             taught_from_camera=_displacement(seen, tag_b),
         )
 
+    def in_tag_b(self, facts: CellFacts, taught: TaughtPoint) -> PlacedPoint | None:
+        """A target in tag B's frame (III-C); None where the TCP is not known or open."""
+        del facts, taught
+        return None
+
     def examine(self, facts: CellFacts, tag_b: TagObservation, camera: CameraPlace) -> LinkReport:
         """Whether a picture contradicts the calibration: its rotation centre lies elsewhere.
 
@@ -206,6 +212,17 @@ class UniversalSolution(StepwiseSolution):
     METHOD: ClassVar[str] = "universal"
 
     tcp: TcpEstimate
+
+    def in_tag_b(self, facts: CellFacts, taught: TaughtPoint) -> PlacedPoint | None:
+        """A target in tag B's frame (III-C); None where the TCP is open."""
+        if is_open(self.tcp.covariance):
+            return None
+        R_work, tip = taught.base_from_work, self.tcp.in_wrist + facts.tool.work_from_touch_mm
+        J = np.hstack([_EYE, np.zeros((3, 3)), R_work])
+        return self.chain.in_tag_b(
+            taught.flange_in_base + R_work @ tip,
+            J @ self.touch_covariances[taught.target.name] @ J.T,
+        )
 
     def _flange(
         self,

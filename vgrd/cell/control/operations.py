@@ -31,6 +31,7 @@ from vgrd.errors import (
 )
 from vgrd.geometry import Array, exp_rotation
 from vgrd.solving.advisor import policy_called
+from vgrd.solving.servable import places_without_cad
 from vgrd.store.sessions import SampleKind, list_sessions, session_directory
 
 SOLVE_TIMEOUT_S = 280.0  # below the 300 s of `vgrd solve`, which so gets this reason
@@ -97,6 +98,7 @@ class Operations:
             "serving": fault is None,
             "fault": None if fault is None else {"status": fault[0].name, "reason": fault[1]},
             "calibration": None if calibration is None else calibration.id,
+            "without_cad": {} if calibration is None else places_without_cad(calibration),
             "robot": self.measuring.robot_trouble() or "ok",
             "camera": self.measuring.camera_trouble() or "ok",
             "camera_moved": self.serving.faults.knock or None,
