@@ -9,7 +9,8 @@ from hypothesis import strategies as st
 
 from vgrd.config.cell_file import CellConfig, load_config
 from vgrd.config.document import document
-from vgrd.errors import ConfigError
+from vgrd.config.setup import cell_facts
+from vgrd.errors import ConfigError, InputError
 
 GOOD = """
 [cell]
@@ -169,3 +170,26 @@ def test_the_documentation_of_the_cell_file_is_up_to_date() -> None:
 
 def test_the_example_is_good() -> None:
     load_config(ROOT / "config" / "cell.example.toml")
+
+
+def test_a_target_may_have_no_cad(tmp_path: Path) -> None:
+    path = tmp_path / "cell.toml"
+    path.write_text(GOOD.replace("point_mm = [0, 60, 0]\n", ""), encoding="utf-8")
+    facts = cell_facts(load_config(path))
+    assert facts.object.bare == ("p2",)
+    assert facts.object.has_cad
+    assert facts.object.targets["p2"].point_in_object is None
+    with pytest.raises(InputError, match="'p2' is not in CAD: give its point_mm"):
+        _ = facts.object.targets["p2"].cad
+
+
+def test_what_needs_cad_is_refused_without_it(tmp_path: Path) -> None:
+    hole = GOOD.replace("point_mm = [0, 60, 0]", "hole_diameter_mm = 4.0")
+    (fault,) = faults(hole, tmp_path)
+    assert "targets" in fault
+    assert "hole_diameter_mm needs point_mm" in fault
+    bare = "".join(line for line in GOOD.splitlines(keepends=True) if "point_mm" not in line)
+    (fault,) = faults(bare.replace("[object]", "[object]\ncenter_mm = [0, 0, 0]"), tmp_path)
+    assert "no target has one: leave center_mm out" in fault
+    (fault,) = faults(GOOD.replace("point_mm = [0, 60, 0]", "point_mm = []"), tmp_path)
+    assert "point_mm" in fault

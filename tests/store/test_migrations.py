@@ -122,3 +122,16 @@ def test_early_special_calibrations_do_not_tell_where_tag_a_was(tmp_path):
     path = tmp_path / "calibrations" / "cal-000777.json"
     write_document(path, {**body, "id": "cal-000777"}, 2)
     assert store.load("cal-000777").solution.reference_tag_a is None
+
+
+def test_all_targets_of_a_joint_calibration_of_schema_3_were_in_cad(tmp_path):
+    store, name = loaded("joint", tmp_path)
+    calibration = store.load(name)
+    body = encode(calibration)
+    assert body["solution"].pop("bare") == []
+    assert body["solution"].pop("bare_in_base") == []
+    path = tmp_path / "calibrations" / "cal-000777.json"
+    write_document(path, {**body, "id": "cal-000777"}, 3)
+    solution = store.load("cal-000777").solution
+    assert solution.bare == ()
+    assert solution.layout.size == calibration.solution.layout.size
