@@ -172,24 +172,34 @@ def test_the_example_is_good() -> None:
     load_config(ROOT / "config" / "cell.example.toml")
 
 
+THIRD = '[[object.targets]]\nid = 3\nname = "p3"\npoint_mm = [-60, 0, 0]\n'
+BARE = '[[object.targets]]\nid = 4\nname = "p4"\n'
+
+
 def test_a_target_may_have_no_cad(tmp_path: Path) -> None:
     path = tmp_path / "cell.toml"
-    path.write_text(GOOD.replace("point_mm = [0, 60, 0]\n", ""), encoding="utf-8")
+    path.write_text(GOOD + THIRD + BARE, encoding="utf-8")
     facts = cell_facts(load_config(path))
-    assert facts.object.bare == ("p2",)
+    assert facts.object.bare == ("p4",)
     assert facts.object.has_cad
-    assert facts.object.targets["p2"].point_in_object is None
-    with pytest.raises(InputError, match="'p2' is not in CAD: give its point_mm"):
-        _ = facts.object.targets["p2"].cad
+    assert facts.object.targets["p4"].point_in_object is None
+    with pytest.raises(InputError, match="'p4' is not in CAD: give its point_mm"):
+        _ = facts.object.targets["p4"].cad
+    lines = GOOD.splitlines(keepends=True)
+    path.write_text("".join(line for line in lines if "point_mm" not in line), encoding="utf-8")
+    assert not cell_facts(load_config(path)).object.has_cad
 
 
 def test_what_needs_cad_is_refused_without_it(tmp_path: Path) -> None:
-    hole = GOOD.replace("point_mm = [0, 60, 0]", "hole_diameter_mm = 4.0")
-    (fault,) = faults(hole, tmp_path)
+    (fault,) = faults(GOOD + THIRD + BARE + "hole_diameter_mm = 4.0\n", tmp_path)
     assert "targets" in fault
     assert "hole_diameter_mm needs point_mm" in fault
     bare = "".join(line for line in GOOD.splitlines(keepends=True) if "point_mm" not in line)
     (fault,) = faults(bare.replace("[object]", "[object]\ncenter_mm = [0, 0, 0]"), tmp_path)
     assert "no target has one: leave center_mm out" in fault
+    for few in (GOOD + BARE, GOOD + THIRD.replace("-60, 0", "30, 30") + BARE):
+        (fault,) = faults(few, tmp_path)
+        assert "p4 have no point_mm" in fault
+        assert "three targets that are not on one line, or of none" in fault
     (fault,) = faults(GOOD.replace("point_mm = [0, 60, 0]", "point_mm = []"), tmp_path)
     assert "point_mm" in fault

@@ -10,11 +10,14 @@ from functools import partial
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self
 
+import numpy as np
 from pydantic import AfterValidator, Field, ValidationError, model_validator
 
 from vgrd.documents.tables import Table, faults_of
 from vgrd.documents.toml import hint, read_toml
 from vgrd.errors import ConfigError
+from vgrd.geometry.coincidence import are_in_line
+from vgrd.judging.thresholds import LINE
 
 Vector = Annotated[list[float], Field(min_length=3, max_length=3)]
 Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
@@ -214,6 +217,20 @@ class ObjectSection(Table):
             if double:
                 msg = f"targets share the {what} {', '.join(double)}: each needs its own"
                 raise ValueError(msg)
+        return self
+
+    @model_validator(mode="after")
+    def _frame_in_cad(self) -> Self:
+        points = [target.point_mm for target in self.targets if target.point_mm is not None]
+        bare = [target.name for target in self.targets if target.point_mm is None]
+        few = len(points) < 3  # the least of a rigid fit
+        if points and bare and (few or are_in_line(np.array(points), LINE)):
+            msg = (
+                f"{', '.join(bare)} have no point_mm, and those of the others are fewer than three or on "
+                "one line, so that they fix no frame: give point_mm of three targets that are not on one "
+                "line, or of none"
+            )
+            raise ValueError(msg)
         return self
 
     @model_validator(mode="after")

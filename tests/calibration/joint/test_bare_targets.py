@@ -9,16 +9,29 @@ from fakes.studies.robustness.bare_targets import without_cad
 from fakes.world.noise import COARSE
 from fakes.world.simulation import WORK_ROTATION, Simulation
 from vgrd.calibration.calibration import expected_coordinate
-from vgrd.calibration.joint import calibrate_joint, linearize, solution_of, whiten_arm
+from vgrd.calibration.joint import (
+    calibrate_joint,
+    expected_by_joint,
+    linearize,
+    solution_of,
+    whiten_arm,
+)
 from vgrd.calibration.joint.estimate import fit_as_if
 from vgrd.calibration.joint.samples import gather
 from vgrd.calibration.joint.start import guess
 from vgrd.calibration.joint.state import JointState, layout_of
-from vgrd.calibration.planning import Job, advise_session, errors_with_cad_mm
+from vgrd.calibration.planning import (
+    Job,
+    PredictedError,
+    Touching,
+    advise_session,
+    error_budget,
+    errors_with_cad_mm,
+)
 from vgrd.calibration.solve import calibrate_system
 from vgrd.errors import InputError, NotObservable
 from vgrd.geometry import Pose
-from vgrd.model import Policy, TaughtPoint
+from vgrd.model import Policy, Stability, TaughtPoint, place_in
 
 EVERY = tuple(f"P{i}" for i in range(1, 7))
 BARE = ("P5", "P6")
@@ -221,3 +234,45 @@ def test_the_advice_foretells_what_cad_brings():
         assert told["u95_mm"] == advice["predicted_u95_mm"][name] > 1.5 * foretold[name]
         assert f"{told['u95_mm']:.3f} mm, {told['u95_with_cad_mm']:.3f} mm" in told["words"]
     assert set(advice["without_cad"]) == set(BARE)
+
+
+def test_what_a_second_touch_brings_is_foretold():
+    once = calibrate_joint(session(Simulation(17)), robust=False)
+    names = [*EVERY, "P5"]
+    twice = calibrate_joint(session(Simulation(17), names=names), robust=False)
+    job = Job(angles_rad=(0.0, 2.0), targets=("P5",))
+    foresight = PredictedError(once, job)
+    (rows,) = foresight.rows([Touching("P5", WORK_ROTATION)])
+    before_mm = foresight.error_mm(foresight.covariance)
+    foretold_mm = foresight.error_mm(foresight.with_rows(foresight.covariance, rows))
+    came_mm = PredictedError(twice, job).error_mm(twice.covariance)
+    assert came_mm < 0.85 * before_mm
+    assert foretold_mm / once.variance_scale**0.5 == pytest.approx(
+        came_mm / twice.variance_scale**0.5, rel=0.03
+    )
+
+
+def test_the_error_budget_of_a_bare_target_adds_up():
+    cell = Simulation(18)
+    fit = calibrate_joint(session(cell))
+    request = cell.request()
+    budget = error_budget(fit, request.seen.tag_b, targets=("P1", "P5"))
+    for name, u95_mm in zip(budget.targets, budget.u95_mm, strict=True):
+        answer = expected_by_joint(fit, name, request.seen)
+        assert u95_mm == pytest.approx(answer.u95_mm, rel=0.02)
+    touches = [row["touches"] for row in budget.rows()]
+    assert touches[1] > touches[0]
+
+
+def test_a_camera_that_people_move_teaches_them_as_well():
+    cell = Simulation(19, vision=COARSE.finer(1e5), touch_sigma_mm=1e-6)
+    recording = session(cell)
+    movable = replace(recording.facts, camera_stability=Stability.MOVABLE)
+    calibration = calibrate_system(replace(recording, facts=movable))
+    request = replace(cell.request(), target="P6")
+    place = place_in(request.seen, Stability.MOVABLE)
+    expected = expected_coordinate(
+        calibration, "P6", request.seen.tag_b, Policy.FIXED, camera=place
+    )
+    tip = expected.base_from_wrist @ cell.tcp_in_wrist
+    np.testing.assert_allclose(tip, cell.point("P6", request.angle_rad), atol=5e-3)

@@ -50,6 +50,8 @@ def rival_names(recording: Recording) -> str:
     Two targets exchanged all through, or one touch of another target than it says. A flat list of
     targets that is mirrored as a whole never shows (`misinterpretation`).
     """
+    if not recording.facts.object.has_cad:
+        return "no target is in CAD, so that the touches would not show a wrong name"
     indices, _ = cad_touches(recording)
     touches = [recording.touches[i] for i in indices]
     names = [touch.target for touch in touches]
