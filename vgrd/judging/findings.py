@@ -116,6 +116,11 @@ OF_A_SESSION: Mapping[str, Kind] = MappingProxyType(
             "undo it and touch that target again",
             "leaving it out: 3.5 sigma",
         ),
+        "target_contradicted": Kind(
+            "the touches of a target without CAD contradict each other and none is borne out",
+            "",
+            "as many of them left out as kept",
+        ),
         "point_outlier": Kind(
             "a touch of the fixed point, plane or ball does not belong to the others",
             "undo it and touch there again",

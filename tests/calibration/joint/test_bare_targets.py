@@ -276,3 +276,17 @@ def test_a_camera_that_people_move_teaches_them_as_well():
     )
     tip = expected.base_from_wrist @ cell.tcp_in_wrist
     np.testing.assert_allclose(tip, cell.point("P6", request.angle_rad), atol=5e-3)
+
+
+def test_two_touches_that_contradict_each_other_are_not_served():
+    recording = session(Simulation(13), names=[*EVERY, "P5"])
+    off = Pose(np.eye(3), np.array([2.0, 0, 0]))
+    last = recording.touches[6]
+    bad = replace(last, base_from_wrist=off @ last.base_from_wrist, observation=None)
+    touches = (*recording.touches[:6], bad, *recording.touches[7:])
+    verdict = calibrate_system(replace(recording, touches=touches)).verdict
+    fatal = [finding.code for finding in verdict.findings if finding.fatal]
+    assert fatal == ["target_contradicted"]
+    codes = [f.code for f in advise_session(replace(recording, touches=touches)).findings]
+    assert "target_contradicted" in codes
+    assert calibrate_system(recording).verdict.ok

@@ -4,7 +4,7 @@ May import touches, hand_eye, universal and turntable.
 """
 
 from vgrd.calibration.joint.answers import Prediction
-from vgrd.calibration.joint.calibration import calibrate_jointly
+from vgrd.calibration.joint.calibration import calibrate_jointly, contradicted_targets
 from vgrd.calibration.joint.camera_corrections import (
     TAG_A,
     TAG_B,
@@ -65,6 +65,7 @@ __all__ = [
     "calibrate_joint",
     "calibrate_jointly",
     "camera_moves",
+    "contradicted_targets",
     "displacement_jacobian",
     "expected_by_joint",
     "information_inverse",

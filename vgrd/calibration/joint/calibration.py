@@ -125,10 +125,30 @@ def _predicted(
     ]
 
 
+def contradicted_targets(fit: JointFit) -> tuple[Finding, ...]:
+    """Bare targets whose touches contradict each other without a majority that tells which are right."""
+    used = {sample.name: sample.used for sample in fit.samples}
+    kept = {name: [0, 0] for name in fit.layout.bare}  # left out, used
+    for i, touch in enumerate(fit.recording.touches):
+        if touch.target in kept:
+            kept[touch.target][used.get(f"touch {i + 1} ({touch.target})", True)] += 1
+    return tuple(
+        finding(
+            "target_contradicted",
+            f"the touches of {name}, which has no point_mm, contradict each other, and nothing tells which "
+            f"are right: undo those of {name} and touch it three times",
+            fatal=True,
+        )
+        for name, (left_out, in_use) in kept.items()
+        if left_out and in_use <= left_out
+    )
+
+
 def _findings(fit: JointFit, solution: JointSolution) -> Iterator[Finding]:
     for sample in fit.samples:
         if not sample.used:
             yield finding(_OUTLIERS[sample.kind], f"{sample.name} was left out, {sample.reason}")
+    yield from contradicted_targets(fit)
     yield from camera_moves(fit)
     if fit.noise_scale > NOISY_SCALE:
         yield finding(
@@ -142,7 +162,7 @@ def _findings(fit: JointFit, solution: JointSolution) -> Iterator[Finding]:
         yield finding(
             "no_pivot", "no rotation centre, expected coordinates rest on the hand-eye translation"
         )
-    elif spec.motion is Motion.TURNTABLE and spec.center_in_object is None:
+    elif spec.motion is Motion.TURNTABLE and spec.center_in_object is None and spec.has_cad:
         yield finding("no_cad_center", "the turntable's centre is not known in CAD")
     if solution.tcp is None:
         yield finding(

@@ -8,7 +8,13 @@ import numpy as np
 
 from vgrd.calibration.checks import examine, missing_motions
 from vgrd.calibration.insertion import Insertion
-from vgrd.calibration.joint import JointFit, as_seen_in_the_end, calibrate_joint, camera_moves
+from vgrd.calibration.joint import (
+    JointFit,
+    as_seen_in_the_end,
+    calibrate_joint,
+    camera_moves,
+    contradicted_targets,
+)
 from vgrd.calibration.planning.insertions import (
     CLEAN_WANTED,
     further_touches,
@@ -201,7 +207,12 @@ def _advice(
     if best.base_from_wrist is not None:
         no_pose = judgement.doubted(outliers) or reason_against(result, best.candidate, reach)
     best = without_pose(result, best) if no_pose else best
-    findings = (*judgement.findings, *camera_moves(result), *outliers)
+    findings = (
+        *judgement.findings,
+        *contradicted_targets(result),
+        *camera_moves(result),
+        *outliers,
+    )
     bare = result.layout.bare if predicted else ()
     with_cad = errors_with_cad_mm(result, job) if bare else {}
     untouched = tuple(n for n in result.recording.facts.object.bare if n not in result.layout.bare)

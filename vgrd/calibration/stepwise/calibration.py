@@ -54,6 +54,13 @@ def calibrate_in_steps(
     doubts += null_space_findings(recording.facts.mount, hand_eye.null_space)
     reference = find_reference(recording.touches)
     pivot = _pivot(taught, center, holes, hand_eye, doubts)
+    if pivot is None and center is not None and recording.facts.object.has_cad:
+        doubts.append(
+            finding(
+                "no_cad_center",
+                "the turntable's centre is not known in CAD, the hand-eye translation is used",
+            )
+        )
     evidence = StepwiseEvidence(recording, taught, hand_eye, reference, center, pivot is not None)
     findings, residuals = judge(evidence)
     if holes is not None:
@@ -148,15 +155,7 @@ def _pivot(
     doubts: list[Finding],
 ) -> Pivot | None:
     """Bring the centre in tag B and the centre in CAD together, at the same height if possible."""
-    if center is None and holes is None:
-        return None
-    if taught.pivot_in_base is None:
-        doubts.append(
-            finding(
-                "no_cad_center",
-                "the turntable's centre is not known in CAD, the hand-eye translation is used",
-            )
-        )
+    if taught.pivot_in_base is None or (center is None and holes is None):
         return None
     if holes is not None:
         in_tag, covariance = _by_holes(holes, center, doubts)
