@@ -127,7 +127,8 @@ def _predicted(
 
 def contradicted_targets(fit: JointFit) -> tuple[Finding, ...]:
     """Bare targets whose touches contradict each other without a majority that tells which are right."""
-    used = {sample.name: sample.used for sample in fit.samples}
+    touched = EvidenceKind.TOUCHES.value
+    used = {sample.name: sample.used for sample in fit.samples if sample.kind == touched}
     kept = {name: [0, 0] for name in fit.layout.bare}  # left out, used
     for i, touch in enumerate(fit.recording.touches):
         if touch.target in kept:
