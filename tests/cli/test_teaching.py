@@ -96,7 +96,7 @@ def test_nothing_is_recorded_where_a_tag_is_hidden_or_no_session_is_open(live, a
     assert closed.code != 0
     assert "vgrd record start" in closed.err
     assert ask("record", "start", "--plan", "universall").code != 0
-    ask("record", "start", "--session", "hidden")
+    ask("record", "start", "--session", "hidden", "--no-harvest")
     live.cell.world.cover("a")
     time.sleep(0.2)
     done = ask("look")

@@ -16,6 +16,7 @@ from vgrd.model import Plan
 from vgrd.orphans import dying_with_us
 from vgrd.store.encoding import encode
 from vgrd.store.files import read_document, write_document
+from vgrd.store.journal import read_journal
 from vgrd.store.recovery import read_messages
 from vgrd.store.sessions import (
     SCHEMA,
@@ -84,8 +85,8 @@ def test_a_recording_holds_what_was_taught_in_order_and_without_what_was_undone(
     ]
     with new_session(tmp_path, clock) as writer:
         assert [writer.sample(*sample) for sample in taught] == [1, 2, 3, 4, 5, 6, 7]
-        assert writer.undo() == (7, SampleKind.VERIFY)
-        assert writer.undo() == (6, SampleKind.SPIN)
+        assert writer.undo()[:2] == (7, SampleKind.VERIFY)
+        assert writer.undo()[:2] == (6, SampleKind.SPIN)
         assert writer.sample(SampleKind.VERIFY, taught[-1][1]) == 10
         assert writer.counts == {"look": 2, "touch": 2, "point": 1, "verify": 1}
         live = load_recording(writer.path)
@@ -98,6 +99,37 @@ def test_a_recording_holds_what_was_taught_in_order_and_without_what_was_undone(
     assert same(recording.points, [taught[4][1]])
     assert recording.spins == ()
     assert same(recording.verifications, [taught[6][1]])
+
+
+def test_harvested_samples_are_told_apart_and_undone_apart(tmp_path, clock):
+    samples = Samples(3)
+    looks = [samples.observation() for _ in range(4)]
+    with new_session(tmp_path, clock) as writer:
+        writer.sample(SampleKind.LOOK, looks[0])
+        for look in looks[1:]:
+            writer.sample(SampleKind.LOOK, look, harvested=True)
+        writer.sample(SampleKind.TOUCH, samples.touch())
+        assert writer.harvested == {"look": 3}
+        writer.give_back([looks[1], looks[0].tag_b])
+        assert writer.undo(harvested=True)[:2] == (4, SampleKind.LOOK)
+        assert writer.undo(SampleKind.LOOK)[:2] == (3, SampleKind.LOOK)
+        assert writer.undo(harvested=False)[:2] == (5, SampleKind.TOUCH)
+        with pytest.raises(InputError, match="no sample has been harvested"):
+            writer.undo(harvested=True)
+        writer.sample(SampleKind.SPIN, looks[2], harvested=True)
+        assert load_session(writer.path).harvested == writer.harvested == {"spin": 1}
+    session = load_session(writer.path)
+    assert session.harvested == {"spin": 1}
+    assert same(session.recording.looks, looks[:1])
+    assert same(session.recording.spins, looks[2:3])
+
+
+def test_a_reader_that_knows_no_mark_takes_a_harvested_sample_for_one_asked_for(tmp_path, clock):
+    with new_session(tmp_path, clock) as writer:
+        writer.sample(SampleKind.LOOK, Samples(3).observation(), harvested=True)
+    (record,) = read_journal(writer.path / "samples.jsonl").records
+    assert record.pop("harvested") is True
+    assert set(record) == {"kind", "value"}  # what all versions read
 
 
 def test_poses_pictures_and_observations_come_back_to_the_last_bit(taught):

@@ -114,6 +114,7 @@ class Cell:
         self.control = ControlServer(runtime / CONTROL_SOCKET, self.operations.table())
         self.measuring.on_readings.append(self.recorder.on_readings)
         self.measuring.on_sight.append(self.recorder.on_sight)
+        self.measuring.on_sight.append(teaching.on_sight)
 
     async def run(self, gate: socket.socket) -> None:
         """Work until cancelled. Raises GateGone, alone or with other reasons, in a group."""

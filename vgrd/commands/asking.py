@@ -43,7 +43,7 @@ def ask(
     op: str,
     timeout_s: float = SAMPLE_TIMEOUT_S,
     /,
-    **arguments: str | None,
+    **arguments: str | bool | None,
 ) -> dict[str, object]:
     """Call one operation of the daemon; arguments that are None are left to its configuration."""
     given: dict[str, object] = {k: v for k, v in arguments.items() if v is not None}

@@ -10,7 +10,6 @@ from vgrd.commands.printing import JsonOption, print_result, show_fields
 _PLAIN = {
     "look": "Record a hand-eye sample: robot at rest, tag A in view.",
     "spin": "Record the turned object: robot at rest, tag B in view.",
-    "undo": "Take back the last sample.",
 }
 _NAMED = {
     "touch": ("TARGET", "Record that the tool's tip rests on a target."),
@@ -25,6 +24,7 @@ def register(app: typer.Typer) -> None:
     record.command("start")(record_start)
     record.command("stop")(record_stop)
     app.add_typer(record, name="record")
+    app.command("undo")(undo)
     for op, text in _PLAIN.items():
         _plain(app, op, text)
     for op, (argument, text) in _NAMED.items():
@@ -38,12 +38,15 @@ def record_start(
     session: Annotated[
         str | None, typer.Option(help="Name; by default the date and time.")
     ] = None,
+    harvest: Annotated[
+        bool, typer.Option(help="Plan joint: rests become looks and spins unasked.")
+    ] = True,
     config: ConfigOption = None,
     socket: SocketOption = None,
     json_to: JsonOption = None,
 ) -> None:
     """Start recording a session."""
-    result = ask(config, socket, "record.start", plan=plan, session=session)
+    result = ask(config, socket, "record.start", plan=plan, session=session, harvest=harvest)
     print_result(result, json_to, show_fields("recording"))
 
 
@@ -52,6 +55,21 @@ def record_stop(
 ) -> None:
     """End the session and close its files."""
     print_result(ask(config, socket, "record.stop"), json_to, show_fields("recorded"))
+
+
+def undo(
+    kind: Annotated[
+        str | None,
+        typer.Argument(
+            help="look, spin, touch, point, verify or harvested; by default the last asked for."
+        ),
+    ] = None,
+    config: ConfigOption = None,
+    socket: SocketOption = None,
+    json_to: JsonOption = None,
+) -> None:
+    """Take back the last sample, of a kind or harvested where that is said."""
+    print_result(ask(config, socket, "undo", kind=kind), json_to, show_fields("undo"))
 
 
 def _plain(app: typer.Typer, op: str, text: str) -> None:

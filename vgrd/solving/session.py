@@ -75,6 +75,7 @@ def solve_session(
         "calibration": name,
         **summary(calibration),
         "insertions": insertion_sentences(calibration, stored.recording, policy),
+        "harvested": {kind.value: count for kind, count in stored.harvested.items()},
         "blind_spots": _blind_spots(calibration, stored.recording, stability),
         "holes": {"seen": len(holes.sightings), "unseen": dict(holes.unseen)},
         **drawn,

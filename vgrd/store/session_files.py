@@ -11,6 +11,7 @@
 """
 
 import re
+from collections.abc import Mapping
 from dataclasses import dataclass
 from enum import StrEnum
 from pathlib import Path
@@ -56,11 +57,15 @@ class SessionHeader:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class StoredSession:
-    """A session as found on the disk; warnings tell what was left out or not tidied up."""
+    """A session as found on the disk; warnings tell what was left out or not tidied up.
+
+    harvested: how many of the samples nobody asked for, by kind.
+    """
 
     header: SessionHeader
     recording: Recording
     warnings: tuple[str, ...]
+    harvested: Mapping[SampleKind, int]
 
 
 def session_directory(state_dir: Path, name: str) -> Path:

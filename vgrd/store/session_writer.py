@@ -3,10 +3,10 @@
 import shutil
 import threading
 from collections import Counter
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from contextlib import suppress
 from pathlib import Path
-from typing import Self
+from typing import NamedTuple, Self
 
 from vgrd.clock import Clock
 from vgrd.devices import CameraImage, FlangeReading
@@ -31,6 +31,15 @@ from vgrd.store.session_files import (
 from vgrd.store.topics import Topic, pose_in_frame
 
 _NS = 1_000_000_000  # in a second
+
+
+class Taught(NamedTuple):
+    """A sample of the session being recorded; harvested: nobody asked for it."""
+
+    sequence: int
+    kind: SampleKind
+    value: Observation | Touch
+    harvested: bool
 
 
 class SessionWriter:
@@ -66,14 +75,19 @@ class SessionWriter:
             self._lock.release()
             shutil.rmtree(self.path, ignore_errors=True)
             raise
-        self._taught: list[tuple[int, SampleKind]] = []
+        self._taught: list[Taught] = []
         self._segments = SegmentWriter(self.path, clock)
         self._teaching, self._recording = threading.Lock(), threading.Lock()
 
     @property
     def counts(self) -> Mapping[SampleKind, int]:
-        """Samples taught so far, undone ones left out."""
-        return Counter(kind for _, kind in self._taught)
+        """Samples so far, harvested ones too, undone ones left out."""
+        return Counter(sample.kind for sample in self._taught)
+
+    @property
+    def harvested(self) -> Mapping[SampleKind, int]:
+        """Those that nobody asked for."""
+        return Counter(sample.kind for sample in self._taught if sample.harvested)
 
     @property
     def dropped(self) -> tuple[int, int]:
@@ -98,28 +112,48 @@ class SessionWriter:
         encoded = encode_image(image) if isinstance(image, CameraImage) else image
         return self._write(Topic.IMAGE, encoded.stamp_s, encoded.data)
 
-    def sample(self, kind: SampleKind, value: Observation | Touch) -> int:
-        """Write a taught sample to the disk and return its sequence number."""
+    def sample(
+        self, kind: SampleKind, value: Observation | Touch, *, harvested: bool = False
+    ) -> int:
+        """Write a sample to the disk and return its sequence number."""
         if not isinstance(value, kind.value_type):
             raise InputError(
                 f"a {kind} is a {kind.value_type.__name__}, not a {type(value).__name__}"
             )
         record = {"kind": kind.value, "value": encode(value, kind.value)}
+        if harvested:  # readers that know no mark take it for a sample that was asked for
+            record["harvested"] = True
         with self._teaching:
             sequence = self._samples.append(record)
-            self._taught.append((sequence, kind))
+            self._taught.append(Taught(sequence, kind, value, harvested))
         # The sample is safe; what ails the segment is raised by the next pose or picture.
         with self._recording, suppress(StoreError):
             self._segments.sync()
         return sequence
 
-    def undo(self) -> tuple[int, SampleKind]:
-        """Take back the last sample; its number and kind. InputError when there is none."""
+    def undo(self, kind: SampleKind | None = None, *, harvested: bool | None = None) -> Taught:
+        """Take back the last sample of a kind, asked for or harvested; None: either.
+
+        InputError when there is none.
+        """
         with self._teaching:
-            if not self._taught:
-                raise InputError("nothing to undo: no sample has been taught in this session")
-            self._samples.append({"kind": "undo", "value": self._taught[-1][0]})
-            return self._taught.pop()
+            for sample in reversed(self._taught):
+                if kind in (None, sample.kind) and harvested in (None, sample.harvested):
+                    self._take_back(sample)
+                    return sample
+            what = "sample" if kind is None else kind.value
+            how = "has been harvested" if harvested else "has been taught"
+            raise InputError(f"nothing to undo: no {what} {how} in this session")
+
+    def give_back(self, values: Collection[Observation]) -> None:
+        """Take back harvested samples that others make superfluous; those undone before are left."""
+        with self._teaching:
+            for sample in [s for s in self._taught if any(s.value is value for value in values)]:
+                self._take_back(sample)
+
+    def _take_back(self, sample: Taught) -> None:
+        self._samples.append({"kind": "undo", "value": sample.sequence})
+        self._taught.remove(sample)
 
     def tick(self) -> None:
         """Keep the promise of `flange` while nothing is recorded; call every 50 ms or so."""

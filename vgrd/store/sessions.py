@@ -1,5 +1,6 @@
 """Teaching sessions on the disk: this module reads them, and is the door to their files and writer."""
 
+from collections import Counter
 from collections.abc import Collection, Iterator
 from pathlib import Path
 from typing import TypeVar
@@ -27,7 +28,7 @@ from vgrd.store.session_files import (
     session_directory,
     session_lock,
 )
-from vgrd.store.session_writer import SessionWriter
+from vgrd.store.session_writer import SessionWriter, Taught
 from vgrd.store.topics import Topic
 
 __all__ = [
@@ -36,6 +37,7 @@ __all__ = [
     "SessionHeader",
     "SessionWriter",
     "StoredSession",
+    "Taught",
     "iterate_flanges",
     "iterate_images",
     "iterate_observations",
@@ -63,13 +65,13 @@ def load_session(directory: Path) -> StoredSession:
     header = _read_header(directory)
     content = read_journal(directory / SAMPLES)
     _check_complete(directory, len(content.records))
-    recording = _recording(header, content.records, directory / SAMPLES)
+    recording, harvested = _recording(header, content.records, directory / SAMPLES)
     warnings = [content.warning] if content.warning else []
     try:
         recover_session(directory)
     except StoreError as error:
         warnings.append(str(error))
-    return StoredSession(header, recording, tuple(warnings))
+    return StoredSession(header, recording, tuple(warnings), harvested)
 
 
 def recover_session(directory: Path) -> tuple[Path, ...]:
@@ -149,15 +151,22 @@ def _check_complete(directory: Path, lines: int) -> None:
         )
 
 
-def _recording(header: SessionHeader, records: tuple[Json, ...], path: Path) -> Recording:
+def _recording(
+    header: SessionHeader, records: tuple[Json, ...], path: Path
+) -> tuple[Recording, Counter[SampleKind]]:
+    """What was taught, and how many of it by kind was harvested."""
     taught: dict[int, tuple[SampleKind, Observation | Touch]] = {}
+    harvested: dict[int, SampleKind] = {}
     for number, record in enumerate(records, 1):
         where = f"{path}, line {number}"
         if record["kind"] == "undo":
             if taught.pop(record["value"], None) is None:
                 raise Corrupt(f"{where}: undoes sample {record['value']}, which is not there")
+            harvested.pop(record["value"], None)
             continue
         kind = SampleKind(record["kind"])
+        if record.get("harvested"):
+            harvested[number] = kind
         taught[number] = kind, decode(kind.value_type, migrations.sample(record["value"]), where)
 
     def of(kind: SampleKind, value_type: type[T]) -> tuple[T, ...]:
@@ -165,7 +174,7 @@ def _recording(header: SessionHeader, records: tuple[Json, ...], path: Path) -> 
             value for k, value in taught.values() if k is kind and isinstance(value, value_type)
         )
 
-    return Recording(
+    recording = Recording(
         session=header.name,
         plan=header.plan,
         facts=header.facts,
@@ -175,3 +184,4 @@ def _recording(header: SessionHeader, records: tuple[Json, ...], path: Path) -> 
         points=of(SampleKind.POINT, Touch),
         verifications=of(SampleKind.VERIFY, Touch),
     )
+    return recording, Counter(harvested.values())

@@ -124,6 +124,16 @@ def optional_text(arguments: Arguments, name: str) -> str | None:
     return None if arguments.get(name) is None else text_argument(arguments, name)
 
 
+def flag_argument(arguments: Arguments, name: str, *, default: bool) -> bool:
+    """True or false; the default where it is left out, ControlError for another type."""
+    value = arguments.get(name)
+    if value is None:
+        return default
+    if not isinstance(value, bool):
+        raise ControlError(f"argument {name!r} must be true or false, got {shown(value)}")
+    return value
+
+
 def optional_number(arguments: Arguments, name: str) -> float | None:
     """A finite number, also written as a text, or None where it is left out; else ControlError."""
     value = arguments.get(name)

@@ -13,7 +13,13 @@ import numpy as np
 from vgrd.calibration.adoption import link_called
 from vgrd.calibration.calibration import expected_coordinate
 from vgrd.calibration.insertion import insertion_of
-from vgrd.cell.control.lines import Arguments, optional_number, optional_text, text_argument
+from vgrd.cell.control.lines import (
+    Arguments,
+    flag_argument,
+    optional_number,
+    optional_text,
+    text_argument,
+)
 from vgrd.cell.control.server import Operation
 from vgrd.cell.feeds import GateFeed
 from vgrd.cell.measuring import Measuring
@@ -71,9 +77,11 @@ class Operations:
             "status": Operation(self._status),
             "record.start": Operation(
                 lambda a: teaching.start(
-                    text_argument(a, "plan", "joint"), optional_text(a, "session")
+                    text_argument(a, "plan", "joint"),
+                    optional_text(a, "session"),
+                    harvest=flag_argument(a, "harvest", default=True),
                 ),
-                ("plan", "session"),
+                ("plan", "session", "harvest"),
             ),
             "record.stop": Operation(lambda _: teaching.stop()),
             "look": Operation(lambda _: teaching.look()),
@@ -83,7 +91,7 @@ class Operations:
             ),
             "verify": Operation(self._verify, ("target",)),
             "point": Operation(lambda a: teaching.point(text_argument(a, "name")), ("name",)),
-            "undo": Operation(lambda _: teaching.undo()),
+            "undo": Operation(lambda a: teaching.undo(optional_text(a, "kind")), ("kind",)),
             "advise": Operation(self._advise, ("policy", "tilt_deg", "yaw_deg")),
             "solve": Operation(self._solve, ("session",)),
             "activate": Operation(self._activate, ("calibration", "by")),

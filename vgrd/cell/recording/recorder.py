@@ -11,6 +11,7 @@ from typing import TypeVar
 import numpy as np
 import structlog
 
+from vgrd.calibration.harvest import Harvested
 from vgrd.cell.measuring import Sight
 from vgrd.clock import Clock
 from vgrd.devices import FlangeReading
@@ -20,7 +21,7 @@ from vgrd.geometry import Array, Pose
 from vgrd.model import CellFacts, Plan
 from vgrd.niceness import give_way
 from vgrd.store.images import encode_image
-from vgrd.store.sessions import SessionWriter
+from vgrd.store.sessions import SampleKind, SessionWriter
 
 BACKLOG = 200  # writes, of which 50 to 175 come a second; chosen: a disk may stall for a second
 SAME_PLACE_MM = 0.1  # chosen: twice the limit of rest (0.05 mm)
@@ -83,6 +84,20 @@ class Recorder:
         self._thinning.want(now_s - SAMPLE_S, now_s)
         self._places = []  # the picture after a sample is kept: a hand may have been in the first
         return await self._in_thread(lambda: write(writer))
+
+    def harvest(self, sample: Harvested) -> None:
+        """Write a sample that nobody waits for, and take back those that it makes superfluous."""
+        writer = self.writer
+        if writer is None or self.paused:
+            return
+        kind, seen = SampleKind(sample.kind.value), sample.observation
+        self._thinning.want(seen.stamp_s, seen.stamp_s)
+
+        def write() -> None:
+            writer.sample(kind, seen, harvested=True)
+            writer.give_back(sample.given_back)
+
+        self._queue(write)
 
     def on_readings(self, readings: Sequence[FlangeReading]) -> None:
         """Record flange poses: at the robot's rate while it moves and around pictures, else few."""

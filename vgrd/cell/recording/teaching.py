@@ -2,29 +2,29 @@
 
 import time
 from collections import Counter
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-import numpy as np
 import structlog
 
 from vgrd.calibration.checks import check_plan
-from vgrd.cell.measuring import ROBOT_LOST_S, Measuring
+from vgrd.calibration.harvest import STEADY_PX, Harvest, shift_px
+from vgrd.cell.measuring import ROBOT_LOST_S, Measuring, Sight
 from vgrd.cell.recording.recorder import Recorder
 from vgrd.cell.serving.faults import tcp_difference
 from vgrd.devices import FlangeReading
 from vgrd.errors import ControlError, DeviceUnavailable, InputError, NotSteady, TagNotSeen, TooOld
-from vgrd.model import CellFacts, Observation, Plan, Stability, TagObservation, Touch
+from vgrd.model import CellFacts, Observation, Plan, Stability, Touch
 from vgrd.solving.advisor import Advisor
-from vgrd.store.sessions import SampleKind, SessionWriter
+from vgrd.store.sessions import SampleKind, SessionWriter, Taught
 
 if TYPE_CHECKING:
     from vgrd.config.cell_file import TouchSection
 
 PICTURE_TIMEOUT_S = 5.0  # chosen: a device that was lost serves again within 5 s
-STEADY_PX = 0.5  # of a corner: the noise of a good tag is a tenth of it
 PICTURES_AT_MOST = 4  # chosen: with three more tries a busy machine covers one with readings
 WANTED: Mapping[Plan, Mapping[SampleKind, int]] = {  # chosen; fewer looks are solved too
     Plan.UNIVERSAL: {SampleKind.LOOK: 8, SampleKind.TOUCH: 6},
@@ -34,12 +34,16 @@ WANTED: Mapping[Plan, Mapping[SampleKind, int]] = {  # chosen; fewer looks are s
     Plan.SPHERE: {SampleKind.LOOK: 8, SampleKind.POINT: 16, SampleKind.TOUCH: 6},
     Plan.JOINT: {SampleKind.LOOK: 8, SampleKind.SPIN: 4, SampleKind.TOUCH: 8},
 }
+HARVESTED = "harvested"  # instead of a kind of sample
 
 log = structlog.get_logger()
 
 
 class Teaching:
-    """The operator's session: started, filled sample by sample, stopped."""
+    """The operator's session: started, filled sample by sample, stopped.
+
+    A session of plan joint harvests: rests of arm and object become looks and spins unasked.
+    """
 
     def __init__(
         self,
@@ -58,15 +62,23 @@ class Teaching:
         self.now_name = now_name
         self.last_session: Path | None = None
         self.last_touch: Touch | None = None
+        self.harvest: Harvest | None = None
+        self._pressed = 0
 
-    async def start(self, plan: str, session: str | None) -> dict[str, object]:
-        """Open a session; the active TCP of the pendant is noted in it."""
+    async def start(
+        self, plan: str, session: str | None, *, harvest: bool = True
+    ) -> dict[str, object]:
+        """Open a session; the active TCP of the pendant is noted in it.
+
+        harvest: whether rests become looks and spins unasked, in a session of plan joint.
+        """
         if plan not in list(Plan):
             raise InputError(f"plan {plan!r}: choose one of {', '.join(Plan)}")
         check_plan(Plan(plan), self.facts)
         name = session or self.now_name()
         facts = replace(self.facts, wrist_from_tcp=self._reading().wrist_from_tcp)
         await self.recorder.start(name, Plan(plan), facts)
+        self.harvest = Harvest(facts) if harvest and plan == Plan.JOINT else None
         if self.advisor is not None:
             await self.advisor.start()
         return {
@@ -78,6 +90,7 @@ class Teaching:
     async def stop(self) -> dict[str, object]:
         """Close the session."""
         counts = self._counts()
+        self.harvest = None
         self.last_session = await self.recorder.stop()
         if self.advisor is not None:
             await self.advisor.close()
@@ -90,38 +103,59 @@ class Teaching:
 
     async def look(self) -> dict[str, object]:
         """Record a hand-eye sample: robot at rest, tag A seen."""
-        observation = await self._observe()
-        if observation.tag_a is None:
-            raise TagNotSeen("tag A at the flange is not in the picture: turn it to the camera")
-        return await self._store(SampleKind.LOOK, observation)
+        with self._asked():
+            observation = await self._observe()
+            if observation.tag_a is None:
+                raise TagNotSeen(
+                    "tag A at the flange is not in the picture: turn it to the camera"
+                )
+            return await self._store(SampleKind.LOOK, observation)
 
     async def spin(self) -> dict[str, object]:
         """Record the object as it stands now: robot at rest, tag B seen."""
-        observation = await self._observe()
-        if observation.tag_b is None:
-            raise TagNotSeen("tag B on the object is not in the picture: move the arm aside")
-        return await self._store(SampleKind.SPIN, observation)
+        with self._asked():
+            observation = await self._observe()
+            if observation.tag_b is None:
+                raise TagNotSeen("tag B on the object is not in the picture: move the arm aside")
+            return await self._store(SampleKind.SPIN, observation)
 
     async def touch(self, target: str, kind: SampleKind) -> dict[str, object]:
         """Record that the tip rests on a target (kind touch or verify)."""
         if target not in self.facts.object.targets:
             names = ", ".join(self.facts.object.targets)
             raise InputError(f"unknown target {target!r}; the cell file has: {names}")
-        self.last_touch = self._touch(target, await self._observe())
-        return await self._store(kind, self.last_touch)
+        with self._asked():
+            self.last_touch = self._touch(target, await self._observe())
+            return await self._store(kind, self.last_touch)
 
     async def point(self, name: str) -> dict[str, object]:
         """Record a touch beside the object, of a fixed point, a plane or a ball; no picture is needed."""
         self._check_tcp()
-        pose = await self.measuring.rest()
-        sigma = self.touch_sigma
-        touch = Touch(name, pose, sigma.lateral_sigma_mm, sigma.axial_sigma_mm)
-        return await self._store(SampleKind.POINT, touch)
+        with self._asked():
+            pose = await self.measuring.rest()
+            sigma = self.touch_sigma
+            touch = Touch(name, pose, sigma.lateral_sigma_mm, sigma.axial_sigma_mm)
+            return await self._store(SampleKind.POINT, touch)
 
-    async def undo(self) -> dict[str, object]:
-        """Take back the last sample."""
-        sequence, kind = await self.recorder.call(lambda writer: writer.undo())
-        return {"undone": kind.value, "sample": sequence, **self._counts(), **await self._advice()}
+    def on_sight(self, sight: Sight) -> None:
+        """Harvest the rest that a picture shows, unless somebody just takes a sample of it."""
+        reading = self.measuring.robot.newest(ROBOT_LOST_S)
+        if self.harvest is None or sight.base_from_wrist is None or reading is None:
+            return
+        if self._pressed or self.recorder.paused or self._tcp_trouble(reading):
+            return
+        harvested = self.harvest.consider(sight.observation())
+        if harvested is not None:
+            self.recorder.harvest(harvested)
+
+    async def undo(self, which: str | None = None) -> dict[str, object]:
+        """Take back the last sample that was asked for, of a kind if one is named, or harvested."""
+        undone = await self.recorder.call(_undoing(which))
+        seen = undone.value if isinstance(undone.value, Observation) else undone.value.observation
+        if self.harvest is not None and seen is not None:
+            self.harvest.refuse(seen)
+        result = {"undone": undone.kind.value, "was_harvested": undone.harvested}
+        return {**result, "sample": undone.sequence, **self._counts(), **await self._advice()}
 
     async def advise(self, **limits: str | float) -> Mapping[str, object]:
         """What the session, open or last, is worth and needs; limits: policy, tilt_deg, yaw_deg."""
@@ -157,8 +191,17 @@ class Teaching:
         )
 
     async def _store(self, kind: SampleKind, value: Observation | Touch) -> dict[str, object]:
-        sequence = await self.recorder.call(lambda writer: writer.sample(kind, value))
         observation = value if isinstance(value, Observation) else value.observation
+        replaced: tuple[Observation, ...] = ()
+        if self.harvest is not None and observation is not None:
+            replaced = self.harvest.note(observation)
+
+        def store(writer: SessionWriter) -> int:
+            number = writer.sample(kind, value)
+            writer.give_back(replaced)
+            return number
+
+        sequence = await self.recorder.call(store)
         tags = [
             name for name in ("tag_a", "tag_b") if getattr(observation, name, None) is not None
         ]
@@ -178,10 +221,10 @@ class Teaching:
         await self.measuring.rest()
         first, second = await self._paired(), await self._paired()
         for name in ("tag_a", "tag_b"):
-            shift_px = _shift_px(getattr(first, name), getattr(second, name))
-            if shift_px > STEADY_PX:
+            moved_px = shift_px(getattr(first, name), getattr(second, name))
+            if moved_px > STEADY_PX:
                 raise NotSteady(
-                    f"{name.replace('_', ' ')} moved {shift_px:.1f} px between two pictures: "
+                    f"{name.replace('_', ' ')} moved {moved_px:.1f} px between two pictures: "
                     "wait until everything stands still"
                 )
         return second
@@ -207,10 +250,22 @@ class Teaching:
         return reading
 
     def _check_tcp(self) -> None:
-        session_tcp = self._session().header.facts.wrist_from_tcp
-        trouble = tcp_difference(session_tcp, self._reading().wrist_from_tcp)
-        if trouble:
+        if trouble := self._tcp_trouble(self._reading()):
             raise ControlError(f"not recorded: {trouble}")
+
+    def _tcp_trouble(self, reading: FlangeReading) -> str:
+        """How the active TCP differs from the session's; empty when it does not."""
+        session_tcp = self._session().header.facts.wrist_from_tcp
+        return tcp_difference(session_tcp, reading.wrist_from_tcp)
+
+    @contextmanager
+    def _asked(self) -> Iterator[None]:
+        """While somebody takes a sample of a rest it is not harvested."""
+        self._pressed += 1
+        try:
+            yield
+        finally:
+            self._pressed -= 1
 
     def _session(self) -> SessionWriter:
         return self.recorder.open_session()
@@ -222,10 +277,19 @@ class Teaching:
         if writer.header.facts.camera_stability is Stability.MOVABLE:
             wanted.pop(SampleKind.LOOK.value, None)  # there a picture of tag A alone tells nothing
         missing = {kind: n - have[kind] for kind, n in wanted.items() if have[kind] < n}
-        return {"have": dict(have), "missing": missing}
+        harvested = {kind.value: count for kind, count in writer.harvested.items()}
+        return {"have": dict(have), HARVESTED: harvested, "missing": missing}
 
 
-def _shift_px(first: TagObservation | None, second: TagObservation | None) -> float:
-    if first is None or second is None:
-        return 0.0
-    return float(np.abs(first.corners_px - second.corners_px).max())
+def _undoing(which: str | None) -> Callable[[SessionWriter], Taught]:
+    """What takes back the last sample of that name; InputError for a name that there is not."""
+    if which is None:
+        return lambda writer: writer.undo(harvested=False)
+    if which == HARVESTED:
+        return lambda writer: writer.undo(harvested=True)
+    if which not in list(SampleKind):
+        raise InputError(
+            f"nothing undone: {which!r} is no kind of sample: choose one of "
+            f"{', '.join(SampleKind)}, {HARVESTED}"
+        )
+    return lambda writer: writer.undo(SampleKind(which))

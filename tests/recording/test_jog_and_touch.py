@@ -1,0 +1,234 @@
+"""`vgrd record start --plan joint`, jog, `vgrd touch`: a whole teaching, and what undo does to it."""
+
+import asyncio
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from fakes.studies.sessions import TILT_RAD
+from fakes.testing import ManualClock
+from fakes.world.simulation import WORK_ROTATION, Simulation
+from vgrd.calibration.calibration import expected_coordinate
+from vgrd.calibration.solve import calibrate_system
+from vgrd.cell.measuring import Sight
+from vgrd.cell.recording.recorder import Recorder
+from vgrd.cell.recording.teaching import Teaching
+from vgrd.config.cell_file import TouchSection
+from vgrd.devices import CameraImage, FlangeReading
+from vgrd.errors import InputError, NotSteady
+from vgrd.geometry import Pose
+from vgrd.model import Observation, Policy, Stability
+from vgrd.solving.session import solve_session
+from vgrd.store.sessions import SampleKind, load_session
+
+PIXELS = np.zeros((4, 6), np.uint8)
+TURNS = (1.2, 2.4, 3.6, 4.8)
+
+
+class Bench:
+    """The cell as a teaching session meets it: an arm of the simulation, its pictures as they come."""
+
+    def __init__(self, folder, cell=None, **facts):
+        self.cell = cell or Simulation(8)
+        self.recorder = Recorder(folder, ManualClock())
+        facts = replace(self.cell.facts(), **facts)
+        self.teaching = Teaching(self, self.recorder, facts, TouchSection())
+        self.robot = self
+        self.tool = Pose.identity()
+        self.now: Observation | None = None
+
+    def newest(self, within_s):
+        return FlangeReading(Pose.identity(), self.tool, 1000.0, 1000.0)
+
+    async def rest(self):
+        return self.now.base_from_wrist
+
+    async def fresh(self, timeout_s):
+        self.show(self.now)  # the measuring loop tells every picture to all who listen
+        return self.sight(self.now)
+
+    def sight(self, seen):
+        image = CameraImage(PIXELS, seen.stamp_s, 0)
+        return Sight(image, seen.tag_a, seen.tag_b, seen.base_from_wrist, None, seen.rest_since_s)
+
+    def show(self, seen):
+        self.now = seen
+        self.teaching.on_sight(self.sight(seen))
+
+    def stop(self, pose, angle_rad=0.0):
+        """The arm stands for two pictures."""
+        for seen in self.cell.watch(pose, angle_rad, 2):
+            self.show(seen)
+
+    def above(self, target, R):
+        """A place of the flange on the way to a target."""
+        return Pose(R, self.cell.flange(target, 0.0, R) + np.array([5.0, -8.0, 80.0]))
+
+    async def touch(self, target, R=WORK_ROTATION):
+        self.stop(self.above(target, R))
+        seen = self.cell.touch(target, R).observation
+        self.show(replace(seen, rest_since_s=seen.stamp_s))
+        self.show(self.now)
+        return await self.teaching.touch(target, SampleKind.TOUCH)
+
+    async def counts(self):
+        """What the session holds, once all that was harvested is written."""
+        await self.recorder.call(lambda _: None)
+        return self.teaching.status()
+
+
+def session_of(bench, steps, **options):
+    """Record a session of plan joint; its folder."""
+
+    async def run():
+        await bench.teaching.start("joint", "jogged", **options)
+        await steps()
+        await bench.recorder.call(lambda _: None)
+        return await bench.teaching.stop()
+
+    asyncio.run(run())
+    return bench.teaching.last_session
+
+
+def test_jog_and_touch_alone_is_a_teaching_that_serves(tmp_path):
+    bench = Bench(tmp_path)
+    cell = bench.cell
+
+    async def steps():
+        bench.stop(cell.standing)
+        for angle in TURNS:
+            bench.stop(cell.standing, angle)
+        wrists = [WORK_ROTATION] * 3 + [cell.wrist(TILT_RAD) for _ in range(3)]
+        for k, R in enumerate(wrists):
+            reply = await bench.touch(f"P{k + 1}", R)
+        assert reply["have"]["touch"] == 6
+        assert reply["harvested"]["spin"] == len(TURNS)
+        assert reply["have"]["look"] == reply["harvested"]["look"] >= 4
+
+    folder = session_of(bench, steps)
+    result = solve_session(folder)
+    assert result["verdict"]["ok"], result["verdict"]
+    assert result["harvested"]["spin"] == len(TURNS)
+
+    calibration = calibrate_system(load_session(folder).recording)
+    misses = []
+    for _ in range(20):
+        request = cell.request()
+        served = expected_coordinate(
+            calibration, request.target, request.seen.tag_b, Policy.FIXED
+        ).base_from_wrist
+        misses.append(float(np.linalg.norm(cell.miss(request, served))))
+    assert np.median(misses) < 0.4
+
+
+def test_a_rest_that_is_touched_counts_once(tmp_path):
+    bench = Bench(tmp_path)
+
+    async def steps():
+        seen = bench.cell.touch("P1", WORK_ROTATION).observation
+        seen = replace(seen, rest_since_s=seen.stamp_s)
+        bench.show(seen)
+        bench.show(seen)
+        assert (await bench.counts())["have"] == {"look": 1}
+        reply = await bench.teaching.touch("P1", SampleKind.TOUCH)
+        assert reply["have"] == {"touch": 1}
+        assert reply["harvested"] == {}
+        bench.show(seen)
+        bench.show(seen)
+        assert (await bench.counts())["have"] == {"touch": 1}
+
+    session = load_session(session_of(bench, steps))
+    assert (len(session.recording.looks), len(session.recording.touches)) == (0, 1)
+    assert session.harvested == {}
+
+
+def test_undo_takes_back_what_was_asked_for_unless_another_kind_is_named(tmp_path):
+    bench = Bench(tmp_path)
+
+    async def steps():
+        bench.stop(bench.cell.standing)
+        bench.stop(bench.cell.standing, 1.0)
+        await bench.counts()
+        with pytest.raises(InputError, match="no sample has been taught"):
+            await bench.teaching.undo()
+        await bench.touch("P1")
+        bench.stop(bench.above("P4", WORK_ROTATION))
+        assert (await bench.counts())["harvested"] == {"look": 3, "spin": 1}
+        undone = await bench.teaching.undo()
+        assert (undone["undone"], undone["harvested"]["look"]) == ("touch", 3)
+        assert undone["was_harvested"] is False
+        undone = await bench.teaching.undo("spin")
+        assert (undone["undone"], undone["was_harvested"]) == ("spin", True)
+        undone = await bench.teaching.undo("harvested")
+        assert (undone["undone"], undone["have"]) == ("look", {"look": 2})
+        with pytest.raises(InputError, match="choose one of look, spin, touch"):
+            await bench.teaching.undo("looks")
+        with pytest.raises(InputError, match="no point has been taught"):
+            await bench.teaching.undo("point")
+
+    session = load_session(session_of(bench, steps))
+    assert session.harvested == {"look": 2}
+    assert len(session.recording.looks) == 2
+
+
+def test_nothing_is_harvested_where_nobody_wants_it(tmp_path):
+    for name, options in (("off", {"harvest": False}), ("on", {})):
+        bench = Bench(tmp_path / name)
+
+        async def steps(bench=bench):
+            bench.stop(bench.cell.standing)
+
+        session = load_session(session_of(bench, steps, **options))
+        assert len(session.recording.looks) == (name == "on")
+
+    bench = Bench(tmp_path / "special")
+
+    async def special():
+        await bench.teaching.start("special", "s")
+        bench.stop(bench.cell.standing)
+        assert (await bench.counts())["have"] == {}
+        await bench.teaching.stop()
+        bench.stop(bench.cell.standing)  # nobody records
+
+    asyncio.run(special())
+
+
+def test_nothing_is_harvested_with_another_tcp_nor_while_the_disk_is_full(tmp_path):
+    bench = Bench(tmp_path)
+
+    async def steps():
+        bench.tool = Pose.from_rotvec((0, 0, 0), (0, 0, 5.0))
+        bench.stop(bench.cell.standing)
+        bench.tool = Pose.identity()
+        bench.recorder.paused = "the disk is full"
+        bench.stop(bench.cell.standing)
+        assert (await bench.counts())["have"] == {}
+        bench.recorder.paused = ""
+        bench.stop(bench.cell.standing)
+        assert (await bench.counts())["have"] == {"look": 1}
+
+    session_of(bench, steps)
+
+
+def test_pictures_of_a_moving_arm_are_no_rest(tmp_path):
+    bench = Bench(tmp_path)
+
+    async def steps():
+        for seen in bench.cell.watch(bench.cell.standing, 0.0, 2):
+            moving = replace(bench.sight(seen), base_from_wrist=None, unpaired=NotSteady("moved"))
+            bench.teaching.on_sight(moving)
+        assert (await bench.counts())["have"] == {}
+
+    session_of(bench, steps)
+
+
+def test_a_movable_camera_is_taught_by_jogging_too(tmp_path):
+    bench = Bench(tmp_path, camera_stability=Stability.MOVABLE)
+
+    async def steps():
+        bench.stop(bench.cell.standing)
+        bench.stop(bench.cell.standing, 1.0)
+        assert (await bench.counts())["have"] == {"spin": 2}
+
+    session_of(bench, steps)
