@@ -32,6 +32,7 @@ from fakes.studies.robustness import (
     moved_camera,
     moved_links,
     moved_teaching,
+    time_offset,
 )
 from fakes.studies.study import Study
 from vgrd.errors import InputError
@@ -67,6 +68,7 @@ STUDIES: Mapping[str, Study] = MappingProxyType(
             moved_camera,
             moved_links,
             moved_teaching,
+            time_offset,
         )
     }
 )

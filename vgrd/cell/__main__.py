@@ -67,6 +67,7 @@ class Cell:
             clock,
             camera.rate_hz,
             camera.watch_rate_hz,
+            1e-3 * camera.delay_ms,
         )
         self.recorder = Recorder(state, clock)
         recording = config.recording

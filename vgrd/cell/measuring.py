@@ -14,6 +14,7 @@ from vgrd.cell.feeds import CameraFeed, HealthFeed, RobotFeed
 from vgrd.cell.schedule import PictureSchedule
 from vgrd.clock import Clock
 from vgrd.devices import CameraImage, FlangeReading
+from vgrd.devices.passing import passing_pose
 from vgrd.devices.rate import catch_up_s, reading_period_s, silence_limit_s
 from vgrd.devices.rests import Rests
 from vgrd.devices.stillness import RestLimits, is_covered, rest_pose, rest_pose_since
@@ -38,7 +39,9 @@ log = structlog.get_logger()
 class Sight:
     """One evaluated picture: the tags in it, and where the flange stood or why that is not known.
 
-    rest_since_s: when the arm came to the rest in which the picture was taken.
+    rest_since_s: when the arm came to the rest in which the picture was taken. passing: where the
+    flange passed, of an arm that was not at rest, None where that is not known. delay_s: so much after
+    its stamp the picture was taken, by the clock of the poses.
     """
 
     image: CameraImage
@@ -47,6 +50,8 @@ class Sight:
     base_from_wrist: Pose | None
     unpaired: ObservationError | None
     rest_since_s: float | None = None
+    passing: Pose | None = None
+    delay_s: float = 0.0
 
     @property
     def stamp_s(self) -> float:
@@ -82,6 +87,8 @@ class Measuring:
     `sight` is the newest evaluated whole picture, `sight_of_object` the newest one that shows tag B.
     While `watching`, pictures of the region around tag B are taken at the watch rate too; a camera that
     sends no regions takes whole ones. `on_watch` is called with every picture, `on_sight` with whole ones.
+    delay_s: pictures were taken so much after their stamps, by the clock of the poses; only what pairs
+    both goes by it, the age of a picture does not.
     """
 
     def __init__(
@@ -92,7 +99,9 @@ class Measuring:
         clock: Clock,
         rate_hz: float,
         watch_rate_hz: float,
+        delay_s: float = 0.0,
     ) -> None:
+        self.delay_s = delay_s
         self.robot = RobotFeed(runtime_dir, clock)
         self.camera = CameraFeed(runtime_dir, clock)
         self.health = {name: HealthFeed(runtime_dir, name, clock) for name in ("robot", "camera")}
@@ -258,7 +267,7 @@ class Measuring:
             )
             self._last_tags = tags if image.region is None else {**self._last_tags, **tags}
             if image.region is None:
-                await self._readings_after(image.stamp_s)
+                await self._readings_after(image.stamp_s + self.delay_s)
             self._unusable = ""
             self._announce(self._pair(image, tags))
         except InputError as err:
@@ -276,14 +285,19 @@ class Measuring:
             await asyncio.sleep(LOOP_S)
 
     def _pair(self, image: CameraImage, tags: dict[int, TagObservation]) -> Sight:
-        pose, unpaired = None, None
+        pose, passing = None, None
+        unpaired: ObservationError | None = None
+        taken_s = image.stamp_s + self.delay_s
         try:
-            pose = rest_pose(self.robot.readings, image.stamp_s, self.limits)
+            pose = rest_pose(self.robot.readings, taken_s, self.limits)
+        except NotSteady as err:
+            unpaired, passing = err, passing_pose(self.robot.readings, taken_s)
         except ObservationError as err:
             unpaired = err
         tag_a = tags.get(self.facts.tag_a.id) if self.facts.tag_a else None
-        since_s = self.rests.since_s(image.stamp_s)
-        return Sight(image, tag_a, tags.get(self.facts.tag_b.id), pose, unpaired, since_s)
+        since_s = self.rests.since_s(taken_s)
+        tag_b = tags.get(self.facts.tag_b.id)
+        return Sight(image, tag_a, tag_b, pose, unpaired, since_s, passing, self.delay_s)
 
     def _announce(self, sight: Sight) -> None:
         self.schedule.note(sight.tag_b, whole=sight.is_whole)

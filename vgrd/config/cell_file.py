@@ -97,6 +97,12 @@ class CameraSection(Table):
     stability_mrad: Positive = Field(  # the same at 1 m
         default=0.5, description="fixed: how far it may have turned since, 1 sigma per axis"
     )
+    delay_ms: float = Field(  # `timing.offset` looks for no more than that
+        default=0.0,
+        ge=-250,
+        le=250,
+        description="pictures were taken so much after their stamps, by the robot's clock: `vgrd solve` tells it",
+    )
     bits: Literal[8, 16] = Field(  # 16 take twice the link
         default=8, description="of a pixel: 16 for Mono10 to Mono16"
     )

@@ -149,6 +149,11 @@ OF_A_SESSION: Mapping[str, Kind] = MappingProxyType(
             "it was followed by tag A, and the answers hold; fasten it",
             "pictures before against after, tag A seen in both: 1 in 1,000 good sessions",
         ),
+        "picture_delay": Kind(
+            "pictures were taken earlier or later than their stamps say, by the robot's clock",
+            "set [camera] delay_ms to what is told; samples at rest do not suffer",
+            "tag A in pictures of the moving arm: 4 sigma and 10 ms",
+        ),
         "noisy": Kind(
             "the samples scatter more than robot, camera and touch promise",
             "check intrinsics, tag sizes, CAD points and the targets that the touches name, and that "

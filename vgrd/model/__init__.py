@@ -36,7 +36,14 @@ from vgrd.model.links import (
     SlipEstimate,
     place_in,
 )
-from vgrd.model.session import Observation, Plan, Recording, TagObservation, Touch
+from vgrd.model.session import (
+    MovingSight,
+    Observation,
+    Plan,
+    Recording,
+    TagObservation,
+    Touch,
+)
 
 __all__ = [
     "UNMOVED",
@@ -53,6 +60,7 @@ __all__ = [
     "LinkReport",
     "Motion",
     "Mount",
+    "MovingSight",
     "ObjectSpec",
     "Observation",
     "PictureSeries",

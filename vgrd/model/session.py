@@ -62,6 +62,26 @@ class Observation:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+class MovingSight:
+    """Tags in a picture that was taken while the arm moved; no sample.
+
+    base_from_wrist: the flange `delay_s` after the picture's stamp, between the poses that the robot
+    told; delay_s: as configured for the camera, so much later it was taken by the robot's clock.
+    """
+
+    base_from_wrist: Pose
+    stamp_s: float
+    tag_a: TagObservation | None = None
+    tag_b: TagObservation | None = None
+    delay_s: float = 0.0
+
+    @property
+    def taken_s(self) -> float:
+        """When it was taken by the robot's clock, as far as that is known."""
+        return self.stamp_s + self.delay_s
+
+
+@dataclass(frozen=True, slots=True, eq=False)
 class Touch:
     """The tool's tip rests on `target`; sigma across and along the tool axis, infinite allowed.
 

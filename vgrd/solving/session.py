@@ -29,6 +29,7 @@ from vgrd.solving.hole_pictures import draw_searched
 from vgrd.solving.hole_sightings import HolesSeen, Report, holes_of, see_holes
 from vgrd.solving.insertions import insertion_sentences
 from vgrd.solving.servable import places_without_cad, unservable
+from vgrd.solving.timing import late_pictures, time_offset_of
 from vgrd.store.calibrations import CalibrationStore
 from vgrd.store.retention import in_use
 from vgrd.store.sessions import iterate_images, iterate_observations, load_session
@@ -66,7 +67,9 @@ def solve_session(
         calibration = calibrate_system(
             stored.recording, tolerance_mm, policy, holes.sightings, stability
         )
-        verdict = Verdict((*calibration.verdict.findings, *unservable(calibration, policy)))
+        offset = time_offset_of(folder, stored.recording, calibration)
+        findings = (*calibration.verdict.findings, *late_pictures(offset))
+        verdict = Verdict((*findings, *unservable(calibration, policy)))
         calibration = replace(calibration, created_unix_s=clock.wall(), verdict=verdict)
         name = None
         if state_dir is not None and calibration.verdict.ok:
@@ -76,6 +79,7 @@ def solve_session(
         **summary(calibration),
         "insertions": insertion_sentences(calibration, stored.recording, policy),
         "harvested": {kind.value: count for kind, count in stored.harvested.items()},
+        "time_offset": offset.to_json(),
         "blind_spots": _blind_spots(calibration, stored.recording, stability),
         "holes": {"seen": len(holes.sightings), "unseen": dict(holes.unseen)},
         **drawn,

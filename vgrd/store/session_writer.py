@@ -11,7 +11,7 @@ from typing import NamedTuple, Self
 from vgrd.clock import Clock
 from vgrd.devices import CameraImage, FlangeReading
 from vgrd.errors import InputError, StoreError
-from vgrd.model import CellFacts, Observation, Plan, Touch
+from vgrd.model import CellFacts, MovingSight, Observation, Plan, Touch
 from vgrd.permissions import make_folder
 from vgrd.store.encoding import canonical, encode
 from vgrd.store.files import guarded, write_document
@@ -103,6 +103,10 @@ class SessionWriter:
         """Record what was seen in one picture."""
         data = canonical(encode(observation, "observation"))
         self._write(Topic.OBSERVATION, observation.stamp_s, data)
+
+    def moving(self, sight: MovingSight) -> None:
+        """Record what was seen in a picture that no sample can be of."""
+        self._write(Topic.MOVING, sight.stamp_s, canonical(encode(sight, "moving")))
 
     def image(self, image: CameraImage | EncodedImage) -> bool:
         """Record a picture without loss; False when it was left out since the disk is behind.

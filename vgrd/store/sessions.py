@@ -9,7 +9,7 @@ from filelock import Timeout
 
 from vgrd.devices import CameraImage, FlangeReading
 from vgrd.errors import Corrupt, StoreError
-from vgrd.model import Observation, Recording, Touch
+from vgrd.model import MovingSight, Observation, Recording, Touch
 from vgrd.store import migrations
 from vgrd.store.encoding import Json, decode, parse
 from vgrd.store.files import guarded, migrated, read_document, read_sealed
@@ -40,6 +40,7 @@ __all__ = [
     "Taught",
     "iterate_flanges",
     "iterate_images",
+    "iterate_moving",
     "iterate_observations",
     "list_sessions",
     "load_recording",
@@ -108,6 +109,12 @@ def iterate_observations(directory: Path) -> Iterator[Observation]:
         yield decode(
             Observation, migrations.observation(parse(message.data, str(path))), str(path)
         )
+
+
+def iterate_moving(directory: Path) -> Iterator[MovingSight]:
+    """Yield what was seen while the arm moved, as written; damaged chunks are left out."""
+    for path, message in _messages(directory, Topic.MOVING):
+        yield decode(MovingSight, parse(message.data, str(path)), str(path))
 
 
 def iterate_images(

@@ -1,4 +1,4 @@
-"""What is in a segment: three topics, two of them JSON that Foxglove opens."""
+"""What is in a segment: four topics, three of them JSON that Foxglove opens."""
 
 from enum import IntEnum
 from typing import IO, NamedTuple
@@ -19,6 +19,7 @@ class Topic(IntEnum):
     FLANGE = 1  # recordings hold these numbers: none is ever changed
     OBSERVATION = 2  # idem
     IMAGE = 3  # idem
+    MOVING = 4  # idem; versions that know three leave it out
 
 
 class _Channel(NamedTuple):
@@ -55,6 +56,7 @@ _CHANNELS = {
     Topic.FLANGE: _Channel("/flange", "json", "foxglove.PoseInFrame", _POSE_IN_FRAME),
     Topic.OBSERVATION: _Channel("/observation", "json", "vgrd.Observation", {"type": "object"}),
     Topic.IMAGE: _Channel("/image", "vgrd-image-1", "", None),
+    Topic.MOVING: _Channel("/moving", "json", "vgrd.MovingSight", {"type": "object"}),
 }
 
 

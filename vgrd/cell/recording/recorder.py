@@ -13,6 +13,7 @@ import structlog
 
 from vgrd.calibration.harvest import Harvested
 from vgrd.cell.measuring import Sight
+from vgrd.cell.recording.passing import PassingSights
 from vgrd.clock import Clock
 from vgrd.devices import FlangeReading
 from vgrd.devices.thinning import PoseThinning
@@ -51,6 +52,7 @@ class Recorder:
         self._pending = 0
         self._counting = threading.Lock()
         self._places: list[RestPlace] = []
+        self._passing = PassingSights()
 
     async def start(self, session: str, plan: Plan, facts: CellFacts) -> None:
         """Open a new session; ControlError when one is open already."""
@@ -59,6 +61,7 @@ class Recorder:
                 f"session {self.writer.header.name} is being recorded: stop it first (vgrd record stop)"
             )
         self.trouble, self.dropped, self._places = "", 0, []
+        self._passing = PassingSights()
         self._thinning, self.opened_s = PoseThinning(), self.clock.monotonic()
         self.writer = await self._in_thread(
             lambda: SessionWriter(self.state_dir, session, plan, facts, self.clock)
@@ -123,9 +126,15 @@ class Recorder:
             self._queue(self.writer.tick)
 
     def on_sight(self, sight: Sight) -> None:
-        """Record the first picture of each rest: one that shows tags from a place not recorded yet."""
+        """Record the first picture of each rest: one that shows tags from a place not recorded yet.
+
+        Of an arm that moves the tags are recorded, and of a picture without tags a few as they are.
+        """
         writer, pose = self.writer, sight.base_from_wrist
-        if writer is None or self.paused or pose is None or not (sight.tag_a or sight.tag_b):
+        if writer is None or self.paused:
+            return
+        if pose is None or not (sight.tag_a or sight.tag_b):
+            self._record_passing(writer, sight)
             return
         place = RestPlace(pose, sight.tag_b.corners_px if sight.tag_b else None)
         if any(place.is_same(other) for other in self._places):
@@ -135,6 +144,15 @@ class Recorder:
         self._places = [*self._places[-PLACES + 1 :], place]
         self._thinning.want(sight.stamp_s, sight.stamp_s)
         self._queue(lambda: self._write_sight(writer, sight))
+
+    def _record_passing(self, writer: SessionWriter, sight: Sight) -> None:
+        """Record a picture that no sample can be of, few of them and as small as will do."""
+        kept = self._passing.kept(sight)
+        if kept is None:
+            return
+        self._queue(lambda: writer.moving(kept))
+        if kept.tag_a is None and kept.tag_b is None:
+            self._queue(lambda: writer.image(encode_image(sight.image)))
 
     def _finish(self, writer: SessionWriter, last: Sequence[FlangeReading]) -> None:
         try:

@@ -1,0 +1,8 @@
+"""When pictures were taken, by the clock of the poses: found from pictures of the moving arm.
+
+May import geometry, model and judging.
+"""
+
+from vgrd.calibration.timing.offset import TimeOffset, find_time_offset
+
+__all__ = ["TimeOffset", "find_time_offset"]
