@@ -11,12 +11,13 @@ from fakes.testing import ManualClock
 from fakes.world.simulation import WORK_ROTATION, Simulation
 from vgrd.calibration.calibration import expected_coordinate
 from vgrd.calibration.solve import calibrate_system
+from vgrd.cell.control.lines import flag_argument
 from vgrd.cell.measuring import Sight
 from vgrd.cell.recording.recorder import Recorder
 from vgrd.cell.recording.teaching import Teaching
 from vgrd.config.cell_file import TouchSection
 from vgrd.devices import CameraImage, FlangeReading
-from vgrd.errors import InputError, NotSteady
+from vgrd.errors import ControlError, InputError, NotSteady
 from vgrd.geometry import Pose
 from vgrd.model import Observation, Policy, Stability
 from vgrd.solving.session import solve_session
@@ -172,6 +173,13 @@ def test_undo_takes_back_what_was_asked_for_unless_another_kind_is_named(tmp_pat
     assert len(session.recording.looks) == 2
 
 
+def test_whether_to_harvest_is_true_or_false():
+    assert flag_argument({}, "harvest", default=True) is True
+    assert flag_argument({"harvest": False}, "harvest", default=True) is False
+    with pytest.raises(ControlError, match="'harvest' must be true or false, got 'no'"):
+        flag_argument({"harvest": "no"}, "harvest", default=True)
+
+
 def test_nothing_is_harvested_where_nobody_wants_it(tmp_path):
     for name, options in (("off", {"harvest": False}), ("on", {})):
         bench = Bench(tmp_path / name)
@@ -232,3 +240,28 @@ def test_a_movable_camera_is_taught_by_jogging_too(tmp_path):
         assert (await bench.counts())["have"] == {"spin": 2}
 
     session_of(bench, steps)
+
+
+def test_an_object_that_was_lifted_by_hand_is_harvested_and_left_out_by_the_estimate(tmp_path):
+    bench = Bench(tmp_path)
+    cell = bench.cell
+
+    async def steps():
+        bench.stop(cell.standing)
+        for angle in TURNS:
+            bench.stop(cell.standing, angle)
+        for seen in cell.watch(cell.standing, 2.0, 2):
+            lift = Pose.from_rotvec((0.02, 0, 0), (0, 0, -15.0))
+            lifted = replace(seen.tag_b, camera_from_tag=lift @ seen.tag_b.camera_from_tag)
+            bench.show(replace(seen, tag_b=lifted))
+        for k in range(6):
+            await bench.touch(f"P{k + 1}", cell.wrist(TILT_RAD))
+
+    recording = load_session(session_of(bench, steps)).recording
+    assert len(recording.spins) == len(TURNS) + 1
+    calibration = calibrate_system(recording)
+    named = [f.message for f in calibration.verdict.findings if f.code == "spin_outlier"]
+    assert any("spin 5 was left out" in message for message in named), calibration.verdict
+    request = cell.request()
+    served = expected_coordinate(calibration, request.target, request.seen.tag_b, Policy.FIXED)
+    assert np.linalg.norm(cell.miss(request, served.base_from_wrist)) < 1.0
