@@ -4,6 +4,9 @@ BIN := .venv/bin
 export OMP_NUM_THREADS ?= 1
 export OPENBLAS_NUM_THREADS ?= 1
 
+# Which fake cell: default, or one of the paper's two, sampler and fruit.
+CELL ?= default
+
 .PHONY: demo cell test test-robust soak lint bench run format clean
 
 .venv: pyproject.toml constraints.txt
@@ -14,10 +17,10 @@ export OPENBLAS_NUM_THREADS ?= 1
 	touch .venv
 
 demo: .venv
-	$(BIN)/python -m fakes demo
+	$(BIN)/python -m fakes demo --cell $(CELL)
 
 cell: .venv
-	$(BIN)/python -m fakes cell
+	$(BIN)/python -m fakes cell --cell $(CELL)
 
 run: .venv
 	$(BIN)/vgrd run $(CONFIG)

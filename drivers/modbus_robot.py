@@ -1,4 +1,4 @@
-"""Robots that show their pose in registers of their own Modbus TCP server, read by a profile.
+"""Robots that show their pose in registers of their own Modbus server, TCP or RTU, read by a profile.
 
 Such registers carry no time. A reading is stamped with the middle of the request less half of the
 robot's refresh period; it is right only while the robot stands still. Where pose and TCP need two
@@ -8,7 +8,7 @@ requests, the pose is read again after the TCP, and both poses must be equal.
 import logging
 from dataclasses import dataclass
 
-from pymodbus.client import ModbusTcpClient
+from pymodbus.client import ModbusSerialClient, ModbusTcpClient
 from pymodbus.exceptions import ModbusException
 
 from drivers import robot_profile
@@ -22,6 +22,8 @@ from vgrd.geometry import Pose
 _SHORTEST_PERIOD_S = 0.01  # chosen: 100 readings a second, where a profile names no refresh
 _SHORTEST_WAIT_S = 0.001  # chosen: a time limit of 0 would not wait at all
 _READ_HOLDING_REGISTERS = 3  # Modbus function code; the other one is 4, input registers
+_SOURCE = "settings of driver modbus_robot"
+_PARITIES = ("N", "E", "O")
 _OFFSET_NUMBERS = 6  # x y z and a rotation vector
 
 
@@ -29,13 +31,18 @@ _OFFSET_NUMBERS = 6  # x y z and a rotation vector
 class ModbusSettings:
     """`profile`: a name in config/robots or a TOML file; port and unit: instead of the profile's.
 
+    host: of a robot on the network (Modbus TCP). serial_port: path of the port that a robot hangs at
+    (Modbus RTU), with its baud and parity ("N", "E" or "O"); 8 data bits, 1 stop bit.
     tcp_offset: x y z (mm) and rotation vector (rad) of the active TCP in the flange, for robots
     that show their TCP but not its offset. timeout_s: of `open`.
     """
 
-    host: str
     profile: str
+    host: str | None = None
     port: int | None = None
+    serial_port: str | None = None
+    baud: int = 115200  # what robots' serial ports are set to by default, where they have one
+    parity: str = "N"
     unit: int | None = None
     tcp_offset: tuple[float, ...] | None = None
     timeout_s: float = driver_settings.OPEN_TIMEOUT_S
@@ -47,7 +54,10 @@ def open(settings: Settings, clock: Clock) -> Robot:  # noqa: A001 - the name of
     Raises ConfigError, DeviceUnavailable (nobody there, silent), DeviceRefused (the robot has no
     such registers, or shows its TCP and nothing tells the offset).
     """
-    options = driver_settings.parse(ModbusSettings, settings, "settings of driver modbus_robot")
+    options = driver_settings.parse(ModbusSettings, settings, _SOURCE)
+    faults = _faults(options)
+    if faults:
+        raise ConfigError(_SOURCE, faults)
     profile = robot_profile.load(options.profile)
     offset = _given_offset(options)
     if profile.frame == "tcp" and profile.tcp_block is None and offset is None:
@@ -69,14 +79,45 @@ def open(settings: Settings, clock: Clock) -> Robot:  # noqa: A001 - the name of
     return robot
 
 
+def _faults(options: ModbusSettings) -> list[str]:
+    faults = []
+    if (options.host is None) == (options.serial_port is None):
+        faults.append("give host (Modbus TCP) or serial_port (Modbus RTU), one of them")
+    if options.serial_port is not None and options.port is not None:
+        faults.append("port: of Modbus TCP; a serial port is named by serial_port")
+    if options.parity not in _PARITIES:
+        faults.append(f"parity: {options.parity!r} is none of {', '.join(_PARITIES)}")
+    if options.baud <= 0:
+        faults.append(f"baud: {options.baud} bits per second")
+    return faults
+
+
 def _given_offset(options: ModbusSettings) -> Pose | None:
     values = options.tcp_offset
     if values is None:
         return None
     if len(values) != _OFFSET_NUMBERS:
         fault = f"tcp_offset: expected {_OFFSET_NUMBERS} numbers, got {len(values)}"
-        raise ConfigError("settings of driver modbus_robot", [fault])
+        raise ConfigError(_SOURCE, [fault])
     return Pose.from_rotvec(values[3:], values[:3])
+
+
+def _client(
+    profile: RobotProfile, options: ModbusSettings
+) -> tuple[ModbusTcpClient | ModbusSerialClient, str]:
+    """A client that is not connected yet, and where to."""
+    if options.serial_port is not None:
+        line = ModbusSerialClient(
+            options.serial_port,
+            baudrate=options.baud,
+            parity=options.parity,
+            timeout=options.timeout_s,
+            retries=0,
+        )
+        return line, options.serial_port
+    port = profile.port if options.port is None else options.port
+    network = ModbusTcpClient(options.host or "", port=port, timeout=options.timeout_s, retries=0)
+    return network, f"{options.host}:{port}"
 
 
 class ModbusRobot:
@@ -85,17 +126,15 @@ class ModbusRobot:
     def __init__(
         self, profile: RobotProfile, options: ModbusSettings, offset: Pose | None, clock: Clock
     ) -> None:
-        port = profile.port if options.port is None else options.port
         self._profile = profile
         self._unit = profile.unit if options.unit is None else options.unit
         self._offset = offset
         self._clock = clock
-        self._where = f"{profile.name} at {options.host}:{port}"
+        self._client: ModbusTcpClient | ModbusSerialClient | None
+        self._client, place = _client(profile, options)
+        self._where = f"{profile.name} at {place}"
         self._period_s = max(_SHORTEST_PERIOD_S, profile.update_period_s)
         self._next_s = clock.monotonic()
-        self._client: ModbusTcpClient | None = ModbusTcpClient(
-            options.host, port=port, timeout=options.timeout_s, retries=0
-        )
         if not self._client.connect():  # type: ignore[no-untyped-call]
             raise DeviceUnavailable(f"cannot connect to {self._where}; is its Modbus server on?")
 

@@ -27,6 +27,13 @@ def free_loopback(port: int) -> str:
     raise OSError(f"no free loopback address for port {port}")
 
 
+def free_port(host: str = "127.0.0.1") -> int:
+    """Find a TCP port that nobody listens on."""
+    with socket.socket() as probe:
+        probe.bind((host, 0))
+        return int(probe.getsockname()[1])
+
+
 def _loopback(number: int) -> str:
     low = number % (64 * 256 * 254)
     return f"127.{64 + low // (256 * 254)}.{low // 254 % 256}.{1 + low % 254}"

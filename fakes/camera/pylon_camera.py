@@ -16,6 +16,7 @@ import cv2
 from drivers import pylon
 from drivers import settings as driver_settings
 from fakes.camera.scene import Draw, pictures
+from fakes.world.cells import DEFAULT, cell_called
 from vgrd.clock import Clock
 from vgrd.devices import Camera, CameraImage, Region, Settings
 from vgrd.errors import DeviceUnavailable, RingUnavailable
@@ -25,9 +26,13 @@ _EMULATOR = "0815-0000"  # serial of the first camera that PYLON_CAMEMU makes
 
 @dataclass(frozen=True, slots=True)
 class EmulatorSettings:
-    """`snapshots`: ring of the world; without it a world of its own in which nothing moves."""
+    """`snapshots`: ring of the world; without it a world of its own in which nothing moves.
+
+    cell: whose layout is seen.
+    """
 
     snapshots: str | None = None
+    cell: str = DEFAULT
 
 
 def open(settings: Settings, clock: Clock) -> Camera:  # noqa: A001 - the name of every driver's entry
@@ -36,7 +41,8 @@ def open(settings: Settings, clock: Clock) -> Camera:  # noqa: A001 - the name o
         EmulatorSettings, settings, "settings of driver fakes.camera.pylon_camera"
     )
     try:
-        draw = pictures(Path(options.snapshots) if options.snapshots else None)
+        layout = cell_called(options.cell).layout()
+        draw = pictures(Path(options.snapshots) if options.snapshots else None, layout)
     except RingUnavailable as error:
         raise DeviceUnavailable(str(error)) from error
     return EmulatedCamera(draw, clock)

@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 
 from fakes.camera.sensor import Picture, PixelRegion, light, quantised, with_noise
-from fakes.world.layout import DISC_RADIUS_MM, Layout
+from fakes.world.layout import Layout
 from fakes.world.visibility import Body
 from vgrd.geometry import Array, Pose
 
@@ -123,12 +123,12 @@ class Scenery:
         picture: Picture = np.asarray(
             cv2.add(cloudy, cv2.resize(grain, (width, height))), np.uint8
         )
-        table = self._layout.base_from_table
+        table, disc_mm = self._layout.base_from_table, self._layout.disc_radius_mm
         for radius, height_mm, shade in (
-            (DISC_RADIUS_MM + 9, -14.0, 44),
-            (DISC_RADIUS_MM + 2, -6.0, 60),
-            (DISC_RADIUS_MM, 0.0, 152),
-            (DISC_RADIUS_MM - 3, 0.0, 166),
+            (disc_mm + 9, -14.0, 44),
+            (disc_mm + 2, -6.0, 60),
+            (disc_mm, 0.0, 152),
+            (disc_mm - 3, 0.0, 166),
         ):
             self._fill(picture, table.apply(_circle(np.array([0, 0, height_mm]), radius)), shade)
         tip = self._layout.fixed_point_in_base

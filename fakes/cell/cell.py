@@ -1,8 +1,7 @@
-"""A whole fake cell on the wire: one world, a UR controller, a camera, and the cell file that describes them."""
+"""A whole fake cell on the wire: one world, a controller, a camera, and the cell file that describes them."""
 
 import asyncio
 import contextlib
-import socket
 import threading
 import time
 from collections.abc import Callable
@@ -12,11 +11,13 @@ from typing import Self
 from fakes.camera.cameras import Choice, choose
 from fakes.camera.gige_camera import PORT as CAMERA_PORT
 from fakes.camera.scene import SnapshotWriter
-from fakes.controllers.rtde import PORT as RTDE_PORT
+from fakes.cell.robot_link import Driver, RobotLink
 from fakes.controllers.rtde import RtdeServer, RtdeState
 from fakes.testing import FakeProcess, free_loopback
+from fakes.world.cells import CELLS, DEFAULT, CellKind
 from fakes.world.layout import Layout
 from fakes.world.world import World
+from vgrd.model import Motion
 
 CAMERA_PACKET_BYTES = 16000  # loopback carries them; fewer than jumbo frames (9000) make
 SNAPSHOT_RING = "world.ring"
@@ -26,21 +27,28 @@ START_TIMEOUT_S = (
 )
 
 
-def free_port(host: str = "127.0.0.1") -> int:
-    """Find a TCP port that nobody listens on."""
-    with socket.socket() as probe:
-        probe.bind((host, 0))
-        return int(probe.getsockname()[1])
-
-
 class FakeCell:
-    """Starts on `with`: controller and camera answer, `folder/cell.toml` tells the daemon where."""
+    """Starts on `with`: controller and camera answer, `folder/cell.toml` tells the daemon where.
 
-    def __init__(self, world: World, folder: Path, port: int, camera: str | None = None) -> None:
+    camera: a driver, None for what this machine has. kind: what `world` is a world of. robot: None for a
+    link as `kind` says. `digital_inputs` of the controller may be set at any time.
+    """
+
+    def __init__(
+        self,
+        world: World,
+        folder: Path,
+        port: int,
+        camera: str | None = None,
+        kind: CellKind = CELLS[DEFAULT],
+        robot: RobotLink | None = None,
+    ) -> None:
         self.world = world
         self.folder = folder
         self.port = port
-        self.robot_host = free_loopback(RTDE_PORT)
+        self.kind = kind
+        self.robot = robot or RobotLink.free(kind.controller)
+        self.digital_inputs = 0
         self.camera, self.camera_reason = Choice(camera, "as asked for") if camera else choose()
         self.cell_file = folder / "cell.toml"
         self._loop = asyncio.new_event_loop()
@@ -51,7 +59,7 @@ class FakeCell:
         self._resources = contextlib.ExitStack()
         self._camera: FakeProcess | None = None
         self._unplugged = False
-        self._controller: RtdeServer | None = None
+        self._controller: object = None
 
     def __enter__(self) -> Self:
         self.folder.mkdir(parents=True, exist_ok=True)
@@ -66,8 +74,10 @@ class FakeCell:
                 raise TimeoutError(f"the controller did not start within {START_TIMEOUT_S:.0f} s")
             if self._error is not None:
                 raise self._error
-            settings = self._start_camera(undo)
-            self.cell_file.write_text(self._cell_text(settings), encoding="utf-8")
+            camera = self._start_camera(undo)
+            robot = self.robot.driver(self.world.arm.wrist_from_tcp)
+            text = cell_text(self.world.layout, robot=robot, camera=camera, port=self.port)
+            self.cell_file.write_text(text, encoding="utf-8")
             self._resources = undo.pop_all()
         return self
 
@@ -75,10 +85,10 @@ class FakeCell:
         self._resources.close()
 
     def disturb(self, act: Callable[[RtdeServer], None]) -> None:
-        """Let `act` do something to the controller (faults, drop), in its own loop; wait until it is done."""
+        """Let `act` do something to the RTDE controller (faults, drop), in its own loop; wait until it is done."""
 
         async def perform() -> None:
-            if self._controller is not None:
+            if isinstance(self._controller, RtdeServer):
                 act(self._controller)
 
         asyncio.run_coroutine_threadsafe(perform(), self._loop).result(START_TIMEOUT_S)
@@ -102,15 +112,15 @@ class FakeCell:
             raise LookupError(f"{self.camera} runs inside the daemon and cannot be told anything")
         self._camera.type(line)
 
-    def _start_camera(self, undo: contextlib.ExitStack) -> dict[str, str | int]:
-        """Start the camera where it is a process of its own; returns its settings in the cell file."""
+    def _start_camera(self, undo: contextlib.ExitStack) -> Driver:
+        """Start the camera where it is a process of its own; returns what the cell file says of it."""
         ring = str((self.folder / SNAPSHOT_RING).resolve())
         if self.camera != "aravis":
-            return {"snapshots": ring}
+            return Driver(self.camera, {"snapshots": ring, "cell": self.kind.name})
         host = free_loopback(CAMERA_PORT)
-        fake = FakeProcess("camera", "--host", host, "--snapshots", ring)
-        self._camera = undo.enter_context(fake)
-        return {"address": host, "packet_bytes": CAMERA_PACKET_BYTES}
+        of_world = ("--snapshots", ring, "--cell", self.kind.name)
+        self._camera = undo.enter_context(FakeProcess("camera", "--host", host, *of_world))
+        return Driver(self.camera, {"address": host, "packet_bytes": CAMERA_PACKET_BYTES})
 
     def _end_controller(self) -> None:
         if self._thread.is_alive():
@@ -125,7 +135,7 @@ class FakeCell:
             self._ready.set()
 
     async def _run(self) -> None:
-        async with RtdeServer(self._controller_state, self.robot_host) as self._controller:
+        async with self.robot.controller(self._controller_state) as self._controller:
             self._ready.set()
             while not self._stop.is_set():
                 self._publish()
@@ -133,40 +143,32 @@ class FakeCell:
 
     def _controller_state(self, now_s: float) -> RtdeState:
         arm = self.world.arm
-        return RtdeState(self.world.reported_flange(now_s), arm.wrist_from_tcp)
+        return RtdeState(
+            self.world.reported_flange(now_s),
+            arm.wrist_from_tcp,
+            digital_inputs=self.digital_inputs,
+        )
 
     def _publish(self) -> None:
         now = time.monotonic()
         self._snapshots.publish(self.world.snapshot(now), now)
 
-    def _cell_text(self, camera_settings: dict[str, str | int]) -> str:
-        return cell_text(
-            self.world.layout,
-            robot_host=self.robot_host,
-            camera=self.camera,
-            camera_settings=camera_settings,
-            port=self.port,
-        )
 
-
-def cell_text(
-    layout: Layout,
-    *,
-    robot_host: str,
-    camera: str,
-    camera_settings: dict[str, str | int],
-    port: int,
-) -> str:
+def cell_text(layout: Layout, *, robot: Driver, camera: Driver, port: int) -> str:
     """The cell file of a fake cell."""
     optics = layout.optics
     fx, fy = optics.matrix[0, 0], optics.matrix[1, 1]
     cx, cy = optics.matrix[0, 2], optics.matrix[1, 2]
-    settings = "\n".join(f"{key} = {value!r}" for key, value in camera_settings.items())
+    robot_settings, camera_settings = (
+        "\n".join(f"{key} = {value!r}" for key, value in driver.settings.items())
+        for driver in (robot, camera)
+    )
     targets = "\n".join(
         f'[[object.targets]]\nid = {t.id}\nname = "{t.name}"\n'
         f"point_mm = {t.cad.tolist()}\nhole_diameter_mm = {t.hole_diameter_mm}\n"
         for t in layout.targets.values()
     )
+    center = "center_mm = [0.0, 0.0, 0.0]\n" if layout.motion is Motion.TURNTABLE else ""
     return f"""# The fake cell of `python -m fakes`; units are part of the keys.
 [cell]
 name = "fake-cell"
@@ -175,21 +177,21 @@ runtime_dir = "run"
 simulation = true
 
 [robot]
-driver = "ur_rtde"
-id = "fake-ur"
+driver = "{robot.name}"
+id = "{robot.id}"
 sigma_mm = 0.1
 [robot.settings]
-host = "{robot_host}"
+{robot_settings}
 
 [camera]
-driver = "{camera}"
+driver = "{camera.name}"
 id = "fake-camera"
 rate_hz = 1.0
 matrix = {[float(x) for x in (fx, fy, cx, cy)]}
 distortion = {optics.distortion.tolist()}
 size_px = {list(optics.size_px)}
 [camera.settings]
-{settings}
+{camera_settings}
 
 [tags.a]
 family = "{layout.tag_a.family}"
@@ -216,6 +218,5 @@ policy = "fixed"
 hidden_tag = "hold"
 
 [object]
-motion = "turntable"
-center_mm = [0.0, 0.0, 0.0]
-{targets}"""
+motion = "{layout.motion.value}"
+{center}{targets}"""

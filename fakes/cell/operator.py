@@ -104,7 +104,7 @@ class Operator:
 
     def _spin(self, angle_rad: float) -> Step:
         def step() -> None:
-            arrival = self.world.move_flange(retracted_pose(), time.monotonic())
+            arrival = self.world.move_flange(retracted_pose(self.world.layout), time.monotonic())
             self._wait(max(arrival, self.world.turn_table(angle_rad, time.monotonic())))
             self._sample("spin")
 

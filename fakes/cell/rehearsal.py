@@ -11,6 +11,7 @@ import numpy as np
 from fakes.camera.render import Renderer
 from fakes.camera.sensor import Picture
 from fakes.cell.cell import cell_text
+from fakes.cell.robot_link import Driver
 from fakes.world.layout import FIXED_POINT
 from fakes.world.poses import (
     WORK_ROTATION,
@@ -27,14 +28,15 @@ from vgrd.geometry import Array, Pose, exp_rotation
 from vgrd.model import CellFacts, Observation, Plan, Recording, Touch
 from vgrd.vision.tags.tag_finder import TagDetector
 
+# Where nobody listens: for cell files from which only the facts are read.
+NO_ROBOT = Driver("ur_rtde", {"host": "127.0.0.2"})
+NO_CAMERA = Driver("aravis", {"address": "127.0.0.3"})
+
 
 def facts_of(world: World, folder: Path) -> CellFacts:
     """Facts of the fake cell, by way of its cell file (written into `folder`)."""
     path = folder / "cell.toml"
-    settings: dict[str, str | int] = {"address": "127.0.0.3"}
-    text = cell_text(
-        world.layout, robot_host="127.0.0.2", camera="aravis", camera_settings=settings, port=1502
-    )
+    text = cell_text(world.layout, robot=NO_ROBOT, camera=NO_CAMERA, port=1502)
     path.write_text(text, encoding="utf-8")
     return cell_facts(load_config(path), world.arm.wrist_from_tcp)
 
@@ -106,7 +108,7 @@ class Rehearsal:
         layout, seed = self.world.layout, self.world.seed
         look_observations = [self._after(pose) for pose in look_poses(layout, looks, seed=seed)]
         angles = np.linspace(0, 2 * np.pi, spins, endpoint=False)
-        self.stand(retracted_pose())
+        self.stand(retracted_pose(self.world.layout))
         spin_observations = []
         for angle in angles:
             self.turn(float(angle))

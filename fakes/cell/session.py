@@ -51,7 +51,7 @@ def work(world: World, daemon: Daemon, host: str, port: int) -> None:
     if solved["calibration"] is None:
         raise ValueError(f"no calibration was accepted: {solved['verdict']}")
     operator.press("activate", calibration=solved["calibration"], by="test")
-    operator.jog(retracted_pose())
+    operator.jog(retracted_pose(world.layout))
     check_served(world, host, port)
     for process in ("cell", "robot", "camera"):
         victim = daemon.pid_of(process)

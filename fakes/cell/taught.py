@@ -5,12 +5,13 @@ import time
 from pathlib import Path
 from typing import Self
 
-from fakes.cell.cell import FakeCell, free_port
+from fakes.cell.cell import FakeCell
 from fakes.cell.daemon import Daemon, has_devices
 from fakes.cell.operator import SPEED_MM_S, TURN_RAD_S, Operator
 from fakes.cell.rehearsal import Rehearsal, facts_of
 from fakes.controllers.robot_program import RobotProgram
 from fakes.controllers.rtde import RtdeFaults, RtdeServer
+from fakes.testing import free_port
 from fakes.world.layout import Layout
 from fakes.world.poses import retracted_pose
 from fakes.world.world import World
@@ -75,7 +76,7 @@ class TaughtCell:
         self.world.cover()
         self.world.arm.wrist_from_tcp = self.wrist_from_tcp
         now = time.monotonic()
-        arrival = self.world.move_flange(retracted_pose(), now)
+        arrival = self.world.move_flange(retracted_pose(self.world.layout), now)
         arrival = max(arrival, self.world.turn_table(0.0, now))
         daemon.wait_until(has_devices)
         with contextlib.suppress(ControlError):

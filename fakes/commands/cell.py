@@ -16,7 +16,7 @@ from fakes.cell.operator import SPEED_MM_S, TURN_RAD_S, Operator
 from fakes.commands.console import Action, numbers, until_stopped, what_can_be_typed, word
 from fakes.commands.demo import set_up_table
 from fakes.demo.show import Show
-from fakes.world.layout import Layout
+from fakes.world.cells import CELL_HELP, DEFAULT, cell_called
 from fakes.world.poses import retracted_pose
 from fakes.world.world import World
 from vgrd.geometry import Pose
@@ -28,9 +28,10 @@ def main(
     ] = 1502,  # as in the cell file
     seed: Annotated[int, typer.Option(help="of noise, arm and scripted operator")] = 1,
     folder: Annotated[
-        Path, typer.Option(help="where state stays from one run to the next")
-    ] = Path("build/fake-cell"),
+        Path | None, typer.Option(help="where state stays from one run to the next")
+    ] = None,
     camera: Annotated[str | None, typer.Option(help="aravis or fakes.camera.pylon_camera")] = None,
+    cell: Annotated[str, typer.Option(help=CELL_HELP)] = DEFAULT,
 ) -> None:
     """Run fake robot, fake camera and the daemon with an active calibration until Ctrl-C.
 
@@ -38,28 +39,31 @@ def main(
     flange and tcp with x y z (mm) and a rotation vector (rad), camera the same in its own frame (a
     knock; zeros put it back), slip X Y RAD (tag B on the object), miss TARGET.
     """
-    console = Console()
-    world = World(Layout(), seed, speed_mm_s=SPEED_MM_S, turn_rad_s=TURN_RAD_S)
+    console, kind = Console(), cell_called(cell)
+    world = kind.world(seed, SPEED_MM_S, TURN_RAD_S)
+    place = folder or Path("build") / (
+        "fake-cell" if kind.name == DEFAULT else f"fake-cell-{kind.name}"
+    )
     with contextlib.ExitStack() as stack:
-        cell = stack.enter_context(FakeCell(world, folder, port, camera))
-        console.print(set_up_table(world, cell))
-        daemon = stack.enter_context(Daemon(cell.cell_file, folder / "vgrd.log"))
-        _teach_once(console, world, daemon, port)
-        world.move_flange(retracted_pose(), time.monotonic())
+        fake = stack.enter_context(FakeCell(world, place, port, camera, kind))
+        console.print(set_up_table(world, fake))
+        daemon = stack.enter_context(Daemon(fake.cell_file, place / "vgrd.log"))
+        _teach_once(console, fake, daemon)
+        world.move_flange(retracted_pose(world.layout), time.monotonic())
         console.print(f"registers on 127.0.0.1:{port}, map in docs/registers.md")
-        console.print(f"vgrd status --config {cell.cell_file}")
+        console.print(f"vgrd status --config {fake.cell_file}")
         actions = world_actions(world)
         ready = f"type: {what_can_be_typed(actions)}; Ctrl-C ends"
         asyncio.run(until_stopped(ready, actions))
 
 
-def _teach_once(console: Console, world: World, daemon: Daemon, port: int) -> None:
+def _teach_once(console: Console, fake: FakeCell, daemon: Daemon) -> None:
     status = daemon.control.call("status")
     if status["calibration"] is not None:
         console.print(f"calibration {status['calibration']} of an earlier run is active")
         return
-    operator = Operator(world, daemon.control, world.seed)
-    show = Show(world, operator, daemon, port, console)
+    operator = Operator(fake.world, daemon.control, fake.world.seed)
+    show = Show(fake, operator, daemon, console)
     show.teach(time.strftime("teaching-%Y%m%d-%H%M%S"))
     show.calibrate()
 

@@ -11,7 +11,7 @@ import typer
 from rich.console import Console
 from rich.table import Table
 
-from fakes.cell.cell import FakeCell, free_port
+from fakes.cell.cell import FakeCell
 from fakes.cell.daemon import Daemon
 from fakes.cell.memory import pss_mib, tree_pss_mib
 from fakes.cell.operator import SPEED_MM_S, TURN_RAD_S, Operator
@@ -19,8 +19,9 @@ from fakes.controllers.robot_program import Stopped
 from fakes.demo.comparison import misses_by_method
 from fakes.demo.report import Report
 from fakes.demo.show import Show
-from fakes.world.layout import Layout
-from fakes.world.world import CellNoise, World
+from fakes.testing import free_port
+from fakes.world.cells import CELL_HELP, DEFAULT, RTDE, cell_called
+from fakes.world.world import World
 from vgrd.errors import VgrdError
 
 
@@ -31,19 +32,27 @@ def main(
     ] = 30,  # as in the README's table
     folder: Annotated[Path | None, typer.Option(help="where to leave the files")] = None,
     camera: Annotated[str | None, typer.Option(help="aravis or fakes.camera.pylon_camera")] = None,
+    cell: Annotated[str, typer.Option(help=CELL_HELP)] = DEFAULT,
     *,
     perfect: Annotated[bool, typer.Option(help="no touch noise, no arm errors")] = False,
     faults: Annotated[bool, typer.Option(help="show the live faults")] = True,
 ) -> None:
     """Teach, solve, activate and serve on the fake cell; exit 1 when a figure is not reached."""
     console = Console()
-    console.print("vgrd demo: simulated robot and images; real ur-rtde and Modbus", style="bold")
-    started = time.monotonic()
-    noise = CellNoise.none() if perfect else CellNoise()
-    world = World(Layout(), seed, noise, speed_mm_s=SPEED_MM_S, turn_rad_s=TURN_RAD_S)
+    started, kind = time.monotonic(), cell_called(cell)
+    robot = "ur-rtde and Modbus" if kind.controller == RTDE else "Modbus on both sides"
+    console.print(f"vgrd demo: simulated robot and images; real {robot}", style="bold")
+    world = kind.world(seed, SPEED_MM_S, TURN_RAD_S, perfect=perfect)
     place = folder or Path(tempfile.mkdtemp(prefix="demo-", dir=Path.cwd()))
     try:
-        good = _perform(console, world, place, requests, camera, started, perfect, faults)
+        good = _perform(
+            console,
+            FakeCell(world, place, free_port(), camera, kind),
+            requests,
+            started,
+            perfect,
+            faults,
+        )
     except Stopped as stop:
         console.print(f"the robot program stopped: {stop.reason}", style="bold red")
         good = False
@@ -58,20 +67,18 @@ def main(
 
 def _perform(
     console: Console,
-    world: World,
-    place: Path,
+    fake: FakeCell,
     requests: int,
-    camera: str | None,
     started: float,
     perfect: bool,
     faults: bool,
 ) -> bool:
-    port = free_port()
-    with FakeCell(world, place, port, camera) as cell:
+    world, place = fake.world, fake.folder
+    with fake as cell:
         console.print(set_up_table(world, cell))
         with Daemon(cell.cell_file, place / "vgrd.log") as daemon:
             operator = Operator(world, daemon.control, world.seed)
-            show = Show(world, operator, daemon, port, console)
+            show = Show(cell, operator, daemon, console)
             show.teach("teaching")
             show.calibrate()
             show.requests(requests, world.seed)
@@ -86,6 +93,7 @@ def _perform(
     method_misses = misses_by_method(world, teaching, asking, show.shown.requests)
     report = Report(console, show.shown, perfect=perfect)
     report.methods(method_misses)
+    report.insertions(method_misses, fake.kind.fit)
     calibration = f"{show.shown.calibration['calibration']}.json"
     report.serving(world.layout, place / "state" / "calibrations" / calibration)
     report.tags(operator)
@@ -106,7 +114,10 @@ def set_up_table(world: World, cell: FakeCell) -> Table:
         ("camera", f"{cell.camera} ({cell.camera_reason})"),
         ("picture", f"{width} x {height} px, f {layout.optics.matrix[0, 0]:.0f} px, oblique"),
         ("tags", f"A {sizes[0]} mm at the flange, B {sizes[1]} mm on the object"),
-        ("controller", f"RTDE at {cell.robot_host}:30004, a non-zero TCP active"),
+        ("arm's axes", f"{layout.arm_axes}"),
+        ("object", f"{len(layout.targets)} holes, {layout.motion.value}"),
+        ("plan", cell.kind.plan.value),
+        ("controller", f"{cell.robot}, a non-zero TCP active"),
         ("touches", f"sigma {noise.touch_sigma_mm} mm per axis, within {noise.touch_limit_mm}"),
         ("arm", f"repeats to {noise.repeatability_mm} mm, error field to {noise.field_mm} mm"),
         ("intrinsics", "known exactly"),

@@ -3,13 +3,16 @@
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from itertools import islice
+from typing import Annotated
 
 import numpy as np
+import typer
 from rich.console import Console
 from rich.table import Table
 
 from fakes.world import layout as written
 from fakes.world import poses
+from fakes.world.cells import CELL_HELP, DEFAULT, cell_called
 from fakes.world.layout import Layout
 from fakes.world.visibility import TAG_NAMES, Visibility, visible
 from fakes.world.world import TagName
@@ -22,7 +25,7 @@ def scripted(layout: Layout) -> dict[str, list[Shot]]:
     """List the poses and table angles of all that the operator and the robot program do."""
     targets = list(layout.targets)
     angles = np.linspace(0, 2 * np.pi, 24, endpoint=False).tolist()
-    tilts = list(islice(poses.tilt_candidates(0, 15, 25), 20))
+    tilts = list(islice(poses.tilt_candidates(layout, 0, 15, 25), 20))
     touch = poses.touch_pose
     return {
         "hand-eye looks": [(pose, 0.0) for pose in poses.look_poses(layout, 12)],
@@ -37,15 +40,17 @@ def scripted(layout: Layout) -> dict[str, list[Shot]]:
         "touches, table turned": [
             (touch(layout, name, angle), angle) for name in targets for angle in angles
         ],
-        "requests and spins": [(poses.retracted_pose(), angle) for angle in angles],
+        "requests and spins": [(poses.retracted_pose(layout), angle) for angle in angles],
         "spike": [(pose, 0.0) for pose in poses.fixed_point_poses(layout, 10)],
     }
 
 
-def main() -> None:
+def main(cell: Annotated[str, typer.Option(help=CELL_HELP)] = DEFAULT) -> None:
     """Print the layout and how often each tag is in view, how tilted and how sharp."""
-    layout = Layout()
+    kind = cell_called(cell)
+    layout = kind.layout()
     print(written.__doc__)
+    print(f"{kind.name}: {kind.purpose}")
     table = Table(
         title="what the camera sees",
         caption="tilt: deg to the line of sight; blur: px; any tilt: all ways, 15-25 deg",

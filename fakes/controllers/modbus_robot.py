@@ -1,4 +1,4 @@
-"""A robot's own Modbus TCP server, by a profile of `config/robots`, on pymodbus's server."""
+"""A robot's own Modbus server, TCP or RTU, by a profile of `config/robots`, on pymodbus's server."""
 
 import asyncio
 import time
@@ -7,10 +7,11 @@ from dataclasses import dataclass
 from typing import Protocol
 
 from pymodbus.constants import ExcCodes
-from pymodbus.server import ModbusTcpServer
+from pymodbus.server import ModbusSerialServer, ModbusTcpServer
 from pymodbus.simulator import DataType, SimData, SimDevice
 
 from drivers.robot_profile import RobotProfile
+from fakes.controllers.serial_line import BAUD
 from vgrd.geometry import Pose
 
 
@@ -39,6 +40,7 @@ class ModbusFaults:
 class ModbusRobotServer:
     """A robot at `host:port`; `state_source(now_s)` tells its state at a time of CLOCK_MONOTONIC.
 
+    serial_port: the path of one, where the robot answers instead, by RTU.
     `async with` starts and stops it. Its registers refresh with the profile's period.
     """
 
@@ -48,17 +50,23 @@ class ModbusRobotServer:
         profile: RobotProfile,
         host: str,
         port: int,
+        serial_port: str | None = None,
     ) -> None:
         self.faults = ModbusFaults()
         self._source = state_source
         self._profile = profile
         self._address = (host, port)
+        self._serial_port = serial_port
         self._shown: dict[int, int] = {}
         self._refreshed_s = -1.0
 
     async def __aenter__(self) -> "ModbusRobotServer":
         device = SimDevice(id=self._profile.unit, simdata=self._space(), action=self._show)
-        self._server = ModbusTcpServer(device, address=self._address)
+        self._server = (
+            ModbusTcpServer(device, address=self._address)
+            if self._serial_port is None
+            else ModbusSerialServer(device, port=self._serial_port, baudrate=BAUD)
+        )
         await self._server.serve_forever(background=True)
         return self
 

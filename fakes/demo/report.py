@@ -10,6 +10,7 @@ from rich.table import Table
 
 from fakes.cell.operator import Operator
 from fakes.demo.show import Shown, true_tip_error_mm
+from fakes.world.cells import Fit
 from fakes.world.layout import Layout
 from vgrd.geometry import Array
 
@@ -18,6 +19,7 @@ PERFECT_XY_BAR_MM = 0.05  # 0.001 is measured: more is a mistake in a formula, n
 GATE_BAR_MIB = 40.0  # as tests/gate ask: a gate that imports nothing heavy
 TREE_BAR_MIB = 1536.0  # a guess: a computer of 2 GB has room for the whole cell
 KNOCKED_BAR = 1.5  # one miss beside its 95 % radius: beyond it is one in 5,000
+_WENT = "served (robot really went there)"
 
 
 class Report:
@@ -31,16 +33,31 @@ class Report:
 
     def methods(self, method_misses: Mapping[str, Array]) -> None:
         """True misses of the served coordinates, and of the paper's methods at the same requests."""
-        served = np.array([request.miss for request in self.shown.requests])
+        served = self._served()
         table = self._table(
             f"true EC miss, mm, {len(served)} requests at new table angles",
             "method", "xy mean", "xy 95 %", "xy max", "z mean", "3D mean", "3D max",
         )  # fmt: skip
         for method, misses in method_misses.items():
             table.add_row(method, *_miss_figures(misses))
-        table.add_row("served (robot really went there)", *_miss_figures(served), style="bold")
+        table.add_row(_WENT, *_miss_figures(served), style="bold")
         self.console.print(table)
         self._judge("mean xy miss, mm", float(_xy(served).mean()), self.bar_mm)
+
+    def insertions(self, method_misses: Mapping[str, Array], fit: Fit | None) -> None:
+        """How many requests would have put what the tool holds into its hole, by true miss."""
+        if fit is None:
+            return
+        table = self._table(
+            f"insertions: clean within {fit.clean_mm} mm, goes in within {fit.enters_mm} mm",
+            "method", "clean", "touches the rim", "failed",
+        )  # fmt: skip
+        for method, misses in {**method_misses, _WENT: self._served()}.items():
+            table.add_row(method, *(str(count) for count in fit.count(misses)))
+        self.console.print(table)
+
+    def _served(self) -> Array:
+        return np.array([request.miss for request in self.shown.requests])
 
     def serving(self, layout: Layout, calibration_file: Path) -> None:
         """Ages, latencies, uncertainties, and the TCP."""
@@ -108,9 +125,8 @@ class Report:
 
     def write(self, path: Path, method_misses: Mapping[str, Array]) -> None:
         """Write the figures as JSON for tests."""
-        served = np.array([request.miss for request in self.shown.requests])
         figures = {name: m.tolist() for name, m in method_misses.items()} | {
-            "served": served.tolist()
+            "served": self._served().tolist()
         }
         path.write_text(json.dumps({"good": self.good, "misses_mm": figures}), encoding="utf-8")
 

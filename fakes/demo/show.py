@@ -9,13 +9,14 @@ import numpy as np
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 
+from fakes.cell.cell import FakeCell
 from fakes.cell.daemon import Daemon
 from fakes.cell.operator import Operator, Step
 from fakes.controllers.robot_program import RobotProgram, Stopped
 from fakes.world.layout import Layout
 from fakes.world.poses import retracted_pose
-from fakes.world.world import World
 from vgrd.geometry import Array, Pose
+from vgrd.model import Motion, Plan
 from vgrd.store.calibrations import CalibrationStore
 
 LOOKS, SPINS, FIXED_POINTS = 8, 10, 10  # as the paper's operator (table 4)
@@ -56,24 +57,29 @@ class Show:
     """Runs the acts one after the other against a daemon over its real interfaces."""
 
     def __init__(
-        self, world: World, operator: Operator, daemon: Daemon, port: int, console: Console
+        self, cell: FakeCell, operator: Operator, daemon: Daemon, console: Console
     ) -> None:
-        self.world = world
+        self.cell = cell
+        self.world = cell.world
         self.operator = operator
         self.daemon = daemon
-        self.port = port
         self.console = console
         self.shown = Shown()
 
     def teach(self, session: str) -> None:
-        """Record a session: looks, spins, touches with constant and tilted wrist, a fixed point."""
-        operator, names = self.operator, list(self.world.targets)
-        operator.press("record.start", plan="joint", session=session)
+        """Record a session: looks, spins, touches with constant and tilted wrist, a fixed point.
+
+        What the plan of the cell has no use for is left out; the fixed point is for comparison.
+        """
+        operator, names, plan = self.operator, list(self.world.targets), self.cell.kind.plan
+        operator.press("record.start", plan=plan.value, session=session)
+        turns = SPINS if self.world.layout.motion is Motion.TURNTABLE else 0
+        tilted = [] if plan is Plan.SPECIAL else names[:TILTED_TOUCHES]
         acts: Sequence[tuple[str, list[Step]]] = (
             ("hand-eye looks", operator.looks(LOOKS)),
-            ("turning the table", operator.spins(SPINS)),
+            ("turning the table", operator.spins(turns)),
             ("touches, constant wrist", operator.touches(names, tilted=False)),
-            ("touches, tilted wrist", operator.touches(names[:TILTED_TOUCHES], tilted=True)),
+            ("touches, tilted wrist", operator.touches(tilted, tilted=True)),
             ("fixed point (for comparison)", operator.points(FIXED_POINTS)),
         )
         with self._progress() as progress:
@@ -98,7 +104,8 @@ class Show:
         rng = np.random.default_rng((seed, 21))
         angles = np.linspace(0, 2 * np.pi, count, endpoint=False) + rng.uniform(0, 0.2, count)
         names = list(self.world.targets)
-        self.operator.press("record.start", plan="joint", session="requests")
+        plan = self.cell.kind.plan
+        self.operator.press("record.start", plan=plan.value, session="requests")
         with self._progress() as progress, self._program() as program:
             for k in progress.track(rng.permutation(count), description="robot requests"):
                 name = names[int(k) % len(names)]
@@ -123,7 +130,8 @@ class Show:
                 time.sleep(0.3)
                 self.daemon.confirm()
 
-            self._fault("TCP changed on the pendant", program, change_tcp, restore_tcp)
+            if self.cell.robot.tells_tcp:
+                self._fault("TCP changed on the pendant", program, change_tcp, restore_tcp)
             self._fault(
                 "cell process killed", program, lambda: self.daemon.kill("cell"), lambda: None
             )
@@ -177,7 +185,7 @@ class Show:
         return self._ask_and_touch(program, target, angle_rad)
 
     def _ask_and_touch(self, program: RobotProgram, target: str, angle_rad: float) -> ShownRequest:
-        arrival = self.world.move_flange(retracted_pose(), time.monotonic())
+        arrival = self.world.move_flange(retracted_pose(self.world.layout), time.monotonic())
         stop_s = self.world.turn_table(angle_rad, time.monotonic())
         time.sleep(max(0.0, max(arrival, stop_s) - time.monotonic()) + 0.08)
         asked = time.monotonic()
@@ -241,10 +249,10 @@ class Show:
         return float("inf")
 
     def _retract(self) -> None:
-        self.operator.jog(retracted_pose())
+        self.operator.jog(retracted_pose(self.world.layout))
 
     def _program(self) -> RobotProgram:
-        return RobotProgram(self.world, "127.0.0.1", self.port)
+        return RobotProgram(self.world, "127.0.0.1", self.cell.port)
 
     def _progress(self) -> Progress:
         columns = (

@@ -16,11 +16,7 @@ from vgrd.geometry import Array, Pose, exp_rotation
 
 _T = TypeVar("_T")
 WORK_ROTATION = np.diag([1.0, -1.0, -1.0])  # the tool points straight down
-_LOOK_CENTRE = np.array([428.0, 0.0, 224.0])  # above the table, tag A in the picture
-_RETRACTED = np.array([424.0, -118.0, 232.0])  # aside: hides no tag at any angle of the table
-_LOOK_RANGE_MM = np.array(
-    [60.0, 60.0, 60.0]
-)  # 87 % of the poses so drawn show both tags, at 120 mm 71 %
+_FREE_WRIST = 6  # axes of an arm whose wrist turns about any axis
 _LEAST_TILT_RAD = np.radians(12)  # below it a tag's pose is ambiguous (a guess)
 _MOST_TILT_RAD = np.radians(65)  # short of where a tag is not found (_STEEPEST_RAD)
 
@@ -40,9 +36,12 @@ def readable(layout: Layout, base_from_wrist: Pose, angle_rad: float = 0.0) -> d
     }
 
 
-def retracted_pose() -> Pose:
-    """Stand aside with the work orientation: both tags in view at every table angle."""
-    return Pose(WORK_ROTATION, _RETRACTED)
+def retracted_pose(layout: Layout | None = None) -> Pose:
+    """Stand aside with the work orientation: both tags in view at every table angle.
+
+    layout: None for the default one.
+    """
+    return Pose(WORK_ROTATION, (layout or Layout()).aside_mm)
 
 
 def touch_pose(
@@ -59,25 +58,32 @@ def touch_pose(
 
 def look_poses(layout: Layout, n: int, *, seed: int = 0) -> list[Pose]:
     """List `n` poses for hand-eye looks: turned by 20 to 30 deg, moved by up to 60 mm, both tags seen."""
-    poses = (Pose(exp_rotation(t) @ WORK_ROTATION, p) for t, p in look_candidates(seed))
+    poses = (Pose(exp_rotation(t) @ WORK_ROTATION, p) for t, p in _look_candidates(layout, seed))
     return _first(n, poses, lambda pose: all(readable(layout, pose).values()))
 
 
-def look_candidates(seed: int) -> Iterator[tuple[Array, Array]]:
+def _look_candidates(layout: Layout, seed: int) -> Iterator[tuple[Array, Array]]:
     """Draw tilts (3,) rad and flange positions (3,) mm without end, readable or not."""
     rng = np.random.default_rng((seed, 11))
+    middle, reach = layout.looks_around_mm
     while True:
-        tilt = _direction(rng) * np.radians(rng.uniform(20, 30))
-        yield tilt, _LOOK_CENTRE + rng.uniform(-1, 1, 3) * _LOOK_RANGE_MM
+        tilt = _possible(layout, _direction(rng)) * np.radians(rng.uniform(20, 30))
+        yield tilt, middle + rng.uniform(-1, 1, 3) * reach
 
 
-def tilt_candidates(seed: int, low_deg: float, high_deg: float) -> Iterator[Array]:
+def tilt_candidates(layout: Layout, seed: int, low_deg: float, high_deg: float) -> Iterator[Array]:
     """Draw wrist deviations (3,) rad, lean and yaw, of a size in degrees, without end."""
     rng = np.random.default_rng((seed, 12))
     while True:
         lean = rng.uniform(0, 2 * np.pi)
         axis = np.array([np.cos(lean), np.sin(lean), rng.uniform(-0.5, 0.5)])
+        axis = _possible(layout, axis)
         yield axis / np.linalg.norm(axis) * np.radians(rng.uniform(low_deg, high_deg))
+
+
+def _possible(layout: Layout, axis: Array) -> Array:
+    """The axis (3,) about which the wrist turns: an arm of four axes has the vertical one only."""
+    return axis if layout.arm_axes == _FREE_WRIST else np.array([0.0, 0.0, np.sign(axis[2])])
 
 
 def touch_tilts(layout: Layout, targets: list[str], *, seed: int = 0) -> list[Array]:
@@ -85,7 +91,7 @@ def touch_tilts(layout: Layout, targets: list[str], *, seed: int = 0) -> list[Ar
     return [
         _first(
             1,
-            tilt_candidates(seed + i, 15, 25),
+            tilt_candidates(layout, seed + i, 15, 25),
             lambda tilt, name=target: all(  # type: ignore[misc]
                 readable(layout, touch_pose(layout, name, 0.0, tilt)).values()
             ),
@@ -96,7 +102,9 @@ def touch_tilts(layout: Layout, targets: list[str], *, seed: int = 0) -> list[Ar
 
 def fixed_point_poses(layout: Layout, n: int, *, seed: int = 0) -> list[Pose]:
     """List `n` poses with the true tip on the spike, wrists turned by 15 to 40 deg, tag A seen."""
-    poses = (touch_pose(layout, FIXED_POINT, 0.0, t) for t in tilt_candidates(seed, 15, 40))
+    poses = (
+        touch_pose(layout, FIXED_POINT, 0.0, t) for t in tilt_candidates(layout, seed, 15, 40)
+    )
     return _first(n, poses, lambda pose: readable(layout, pose)["a"])
 
 

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 from fakes.cell.cell import cell_text
+from fakes.cell.rehearsal import NO_CAMERA, NO_ROBOT
 from fakes.world.layout import Layout
 from fakes.world.noise import Vision
 from fakes.world.simulation import WORK_ROTATION, Simulation
@@ -31,13 +32,7 @@ def cell_file(tmp_path: Path) -> Path:
 
 def write_cell(folder: Path, port: int) -> Path:
     path = folder / "cell.toml"
-    text = cell_text(
-        Layout(),
-        robot_host="127.0.0.2",
-        camera="aravis",
-        camera_settings={"address": "127.0.0.3"},
-        port=port,
-    )
+    text = cell_text(Layout(), robot=NO_ROBOT, camera=NO_CAMERA, port=port)
     path.write_text(text, encoding="utf-8")
     return path
 

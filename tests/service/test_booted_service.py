@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 import pytest
 
-from fakes.cell.cell import FakeCell, free_port
+from fakes.cell.cell import FakeCell
 from fakes.cell.session import work
 from fakes.confinement.booted import Booted, Unbootable
 from fakes.confinement.confined import (
@@ -23,7 +23,7 @@ from fakes.confinement.confined import (
     take_folders_from_unit,
 )
 from fakes.controllers.raw_modbus import RawModbus
-from fakes.testing import free_loopback
+from fakes.testing import free_loopback, free_port
 from fakes.world.world import World
 
 pytestmark = [pytest.mark.system, pytest.mark.timeout(900)]

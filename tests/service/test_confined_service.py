@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from fakes.cell.cell import FakeCell, free_port
+from fakes.cell.cell import FakeCell
 from fakes.cell.session import work
 from fakes.confinement.confined import (
     PROJECT,
@@ -19,6 +19,7 @@ from fakes.confinement.confined import (
     take_folders_from_unit,
     visible,
 )
+from fakes.testing import free_port
 from fakes.world.world import World
 from vgrd.orphans import dying_with_us
 

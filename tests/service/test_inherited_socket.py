@@ -10,8 +10,8 @@ from pathlib import Path
 
 import pytest
 
-from fakes.cell.cell import free_port
 from fakes.controllers.raw_modbus import RawModbus
+from fakes.testing import free_port
 from vgrd.orphans import dying_with_us
 
 pytestmark = pytest.mark.system

@@ -11,10 +11,10 @@ from typing import NamedTuple
 
 import pytest
 
-from fakes.cell.cell import free_port
 from fakes.cell.processes import descendants, is_alive
 from fakes.controllers.raw_modbus import RawModbus
 from fakes.controllers.robot_program import RobotProgram
+from fakes.testing import free_port
 from fakes.world.layout import Layout
 from fakes.world.world import World
 from vgrd.calibration.calibration import Calibration

@@ -7,7 +7,8 @@ from pathlib import Path
 import pytest
 
 from fakes.camera.scene import SnapshotWriter
-from fakes.cell.cell import FakeCell, free_port
+from fakes.cell.cell import FakeCell
+from fakes.testing import free_port
 from fakes.world.layout import Layout
 from fakes.world.world import World
 

@@ -9,7 +9,7 @@ from tempfile import TemporaryDirectory
 import numpy as np
 
 from fakes.cell.cell import cell_text
-from fakes.cell.rehearsal import Rehearsal
+from fakes.cell.rehearsal import NO_CAMERA, NO_ROBOT, Rehearsal
 from fakes.world.layout import Layout
 from fakes.world.noise import COARSE
 from tests.invariant.simulation.plant import SEED, Plant
@@ -48,14 +48,7 @@ VARIANTS = tuple(
 
 def resolved(variant: Variant, folder: Path) -> Resolved:
     """The cell file of a variant, checked as `vgrd run` checks it; folders are in `folder`."""
-    settings: dict[str, str | int] = {"address": "127.0.0.3"}
-    text = cell_text(
-        Layout(),
-        robot_host="127.0.0.2",
-        camera="aravis",
-        camera_settings=settings,
-        port=PORT,
-    )
+    text = cell_text(Layout(), robot=NO_ROBOT, camera=NO_CAMERA, port=PORT)
     for old, new in (
         ('motion = "turntable"', f'motion = "{variant.motion.value}"'),
         ('hidden_tag = "hold"', f'hidden_tag = "{variant.hidden_tag}"'),
