@@ -135,7 +135,7 @@ class ModbusRobot:
         self._where = f"{profile.name} at {place}"
         self._period_s = max(_SHORTEST_PERIOD_S, profile.update_period_s)
         self._next_s = clock.monotonic()
-        if not self._client.connect():  # type: ignore[no-untyped-call]
+        if not self._client.connect():
             raise DeviceUnavailable(f"cannot connect to {self._where}; is its Modbus server on?")
 
     def read_flange(self, timeout_s: float) -> FlangeReading:

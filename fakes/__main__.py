@@ -14,7 +14,10 @@ COMMANDS = {
         "the whole job of the daemon on a fake cell, with true errors",
     ),
     "layout": ("fakes.commands.layout", "the fake cell in words, and what its camera sees"),
-    "modbus-robot": ("fakes.commands.modbus_robot", "robot that shows its pose over Modbus TCP"),
+    "modbus-robot": (
+        "fakes.commands.modbus_robot",
+        "robot that shows its pose over Modbus TCP or RTU",
+    ),
     "rtde": ("fakes.commands.rtde", "Universal Robots controller, RTDE on port 30004"),
 }
 

@@ -9,6 +9,7 @@ from fakes.cell.cell import FakeCell
 from fakes.cell.daemon import Daemon, has_devices
 from fakes.cell.operator import SPEED_MM_S, TURN_RAD_S, Operator
 from fakes.cell.rehearsal import Rehearsal, facts_of
+from fakes.cell.robot_link import RobotLink
 from fakes.controllers.robot_program import RobotProgram
 from fakes.controllers.rtde import RtdeFaults, RtdeServer
 from fakes.testing import free_port
@@ -31,15 +32,20 @@ def rehearse(folder: Path) -> Calibration:
 
 
 class TaughtCell:
-    """A `FakeCell` in `folder` with an active calibration; the daemon is started apart."""
+    """A `FakeCell` in `folder` with an active calibration; the daemon is started apart.
 
-    def __init__(self, folder: Path, calibration: Calibration) -> None:
+    robot: how its arm is read, None by RTDE.
+    """
+
+    def __init__(
+        self, folder: Path, calibration: Calibration, robot: RobotLink | None = None
+    ) -> None:
         self.folder = folder
         self.state = folder / "state"
         self.port = free_port()
         self.world = World(Layout(), SEED, speed_mm_s=SPEED_MM_S, turn_rad_s=TURN_RAD_S)
         self.wrist_from_tcp = self.world.arm.wrist_from_tcp
-        self.fake = FakeCell(self.world, folder, self.port)
+        self.fake = FakeCell(self.world, folder, self.port, robot=robot)
         store = CalibrationStore(self.state)
         self.calibration = store.save(calibration)
         store.activate(self.calibration, by="rehearsal")

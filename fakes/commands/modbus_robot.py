@@ -1,4 +1,4 @@
-"""A fake robot with a Modbus server on its own, holding a pose or moving gently."""
+"""A fake robot with a Modbus server on its own, TCP or RTU, holding a pose or moving gently."""
 
 import asyncio
 from collections.abc import Sequence
@@ -26,11 +26,10 @@ def _actions(arm: ScriptedArm, server: ModbusRobotServer) -> dict[str, Action]:
     }
 
 
-async def _serve(arm: ScriptedArm, profile: str, host: str, port: int) -> None:
-    loaded = robot_profile.load(profile)
-    async with ModbusRobotServer(arm.state, loaded, host, port) as server:
+async def _serve(arm: ScriptedArm, server: ModbusRobotServer, name: str) -> None:
+    async with server:
         actions = _actions(arm, server)
-        ready = f"{loaded.name} at {host}:{port}; type: {what_can_be_typed(actions)}"
+        ready = f"{name}; type: {what_can_be_typed(actions)}"
         await until_stopped(ready, actions)
 
 
@@ -40,6 +39,9 @@ def main(
     port: Annotated[
         int, typer.Option(help="Modbus wants 502, which needs privileges")
     ] = 5020,  # this one needs none
+    serial_port: Annotated[
+        str | None, typer.Option(help="answer there by Modbus RTU, not on the network")
+    ] = None,
     circle_mm: Annotated[float, typer.Option(help="radius of a gentle motion")] = 0.0,
 ) -> None:
     """Fake robot whose own Modbus server shows its pose, until Ctrl-C; type at it, a line each.
@@ -47,4 +49,7 @@ def main(
     pose and tcp take x y z (mm) and a rotation vector (rad); silent and refuse take on or off;
     reset undoes all.
     """
-    asyncio.run(_serve(ScriptedArm(circle_mm), profile, host, port))
+    loaded, arm = robot_profile.load(profile), ScriptedArm(circle_mm)
+    server = ModbusRobotServer(arm.state, loaded, host, port, serial_port)
+    place = f"{host}:{port}" if serial_port is None else serial_port
+    asyncio.run(_serve(arm, server, f"{loaded.name} at {place}"))

@@ -99,7 +99,8 @@ class Layout:
     workspace_mm: (2, 3) lower and upper corner of where the flange goes. arm_axes: 6, or 4 for a wrist
     that turns about the vertical only. motion: how the object moves. looks_around_mm: (2, 3) middle and
     half size of where the flange goes for hand-eye looks. aside_mm: (3,) the flange, hiding no tag at any
-    angle of the table. disc_radius_mm: of what the holes are in.
+    angle of the table. disc_radius_mm: of what the holes are in. touch_turn_rad: how far the wrist is turned
+    about the tool too in varied touches, tag A then turned away; 0 keeps both tags in view.
     """
 
     base_from_camera: Pose = field(default_factory=_base_from_camera)
@@ -145,6 +146,7 @@ class Layout:
     )
     aside_mm: Array = field(default_factory=lambda: frozen_array((424, -118, 232), 3))
     disc_radius_mm: float = DISC_RADIUS_MM
+    touch_turn_rad: float = 0.0
 
     def base_from_object(self, angle_rad: float) -> Pose:
         """Place the CAD frame in the base, turntable at `angle_rad`."""
@@ -203,5 +205,7 @@ def fruit() -> Layout:
         ),
         targets=_holes(places, 20.0),
         motion=Motion.PLANAR,
+        # Without a turntable the TCP tells where a turned tray's holes are: tilts alone leave it 1 mm open.
+        touch_turn_rad=np.pi / 2,
         disc_radius_mm=86.0,
     )

@@ -12,7 +12,7 @@ import numpy as np
 from fakes.world.layout import FIXED_POINT, Layout
 from fakes.world.visibility import TAG_NAMES, visible
 from fakes.world.world import WorldSnapshot
-from vgrd.geometry import Array, Pose, exp_rotation
+from vgrd.geometry import Array, Pose, exp_rotation, log_rotation
 
 _T = TypeVar("_T")
 WORK_ROTATION = np.diag([1.0, -1.0, -1.0])  # the tool points straight down
@@ -87,17 +87,30 @@ def _possible(layout: Layout, axis: Array) -> Array:
 
 
 def touch_tilts(layout: Layout, targets: list[str], *, seed: int = 0) -> list[Array]:
-    """Pick for each target a wrist deviation of 15 to 25 deg under which both tags are seen."""
+    """Pick for each target a wrist deviation of 15 to 25 deg under which both tags are seen.
+
+    Where the layout asks for it the wrist is turned about the tool besides, one way and the other; then
+    tag B is.
+    """
+    needed = ("b",) if layout.touch_turn_rad else TAG_NAMES
     return [
         _first(
             1,
-            tilt_candidates(layout, seed + i, 15, 25),
+            _turned(tilt_candidates(layout, seed + i, 15, 25), (-1) ** i * layout.touch_turn_rad),
             lambda tilt, name=target: all(  # type: ignore[misc]
-                readable(layout, touch_pose(layout, name, 0.0, tilt)).values()
+                readable(layout, touch_pose(layout, name, 0.0, tilt))[tag] for tag in needed
             ),
         )[0]
         for i, target in enumerate(targets)
     ]
+
+
+def _turned(tilts: Iterator[Array], turn_rad: float) -> Iterator[Array]:
+    """Wrist deviations (3,) rad with a turn about the tool before each."""
+    if not turn_rad:
+        return tilts
+    turn = exp_rotation(np.array([0.0, 0.0, turn_rad]))
+    return (log_rotation(exp_rotation(tilt) @ turn) for tilt in tilts)
 
 
 def fixed_point_poses(layout: Layout, n: int, *, seed: int = 0) -> list[Pose]:

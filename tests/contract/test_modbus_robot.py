@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 
 from drivers import modbus_robot, robot_profile
+from fakes.controllers.serial_line import SerialLine
 from fakes.testing import FakeProcess, free_loopback
 from vgrd.clock import SystemClock
-from vgrd.errors import BadReading, ConfigError, DeviceRefused
+from vgrd.errors import BadReading, ConfigError, DeviceRefused, DeviceUnavailable
 from vgrd.geometry import Pose
 
 CLOCK = SystemClock()
@@ -112,3 +113,42 @@ def test_another_profile_than_the_robots_is_refused_at_open_and_busy_is_one_bad_
         process.type("refuse off")
         assert robot.read_flange(0.5).running
         robot.close()
+
+
+def test_a_robot_on_a_serial_port_is_read_by_rtu_and_its_silence_is_a_lost_link():
+    wrist = Pose.from_rotvec((0.3, -1.1, 0.6), (412.3, -87.6, 301.2))
+    with SerialLine() as line:
+        robot_end, our_end = line.ends
+        with FakeProcess("modbus-robot", "--profile", "ur", "--serial-port", robot_end) as process:
+            process.type("tcp 0 0 100 0 0 0")
+            process.type("pose 412.3 -87.6 301.2 0.3 -1.1 0.6")
+            settings = {"serial_port": our_end, "baud": 115200, "profile": "ur"}
+            robot = modbus_robot.open(settings, CLOCK)
+            reading = [robot.read_flange(2.0) for _ in range(20)][-1]
+            mm, rad = reading.base_from_wrist.distance(wrist)
+            assert rad < 0.002
+            assert mm < 0.1 + 100 * rad
+            process.type("silent on")
+            with pytest.raises(DeviceUnavailable, match=r"Universal Robots.* at /dev/pts.*answer"):
+                robot.read_flange(0.3)
+            robot.close()
+
+
+def test_a_serial_port_that_is_not_there_is_unavailable_with_its_name():
+    with pytest.raises(DeviceUnavailable, match="/dev/no-such-port"):
+        modbus_robot.open({"serial_port": "/dev/no-such-port", "profile": "ur"}, CLOCK)
+
+
+@pytest.mark.parametrize(
+    ("settings", "fault"),
+    [
+        ({}, "give host .* or serial_port"),
+        ({"host": "127.0.0.4", "serial_port": "/dev/ttyS0"}, "one of them"),
+        ({"serial_port": "/dev/ttyS0", "port": 502}, "named by serial_port"),
+        ({"serial_port": "/dev/ttyS0", "parity": "X"}, "none of N, E, O"),
+        ({"serial_port": "/dev/ttyS0", "baud": 0}, "bits per second"),
+    ],
+)
+def test_network_and_serial_port_are_not_mixed_up(settings, fault):
+    with pytest.raises(ConfigError, match=fault):
+        modbus_robot.open({"profile": "ur", **settings}, CLOCK)
