@@ -16,6 +16,7 @@ from vgrd.cell.control.server import ControlServer
 from vgrd.cell.detector import Detector
 from vgrd.cell.measuring import Measuring
 from vgrd.cell.recording.housekeeping import Housekeeping
+from vgrd.cell.recording.pedal import FootTouches
 from vgrd.cell.recording.recorder import Recorder
 from vgrd.cell.recording.teaching import Teaching
 from vgrd.cell.serving.activation import Activation
@@ -112,8 +113,11 @@ class Cell:
             resolved,
         )
         self.operations.disk = self.housekeeping.status
+        self.pedal = FootTouches(teaching, runtime, clock, config.pedal.robot_input)
+        self.operations.pedal = self.pedal.status
         self.control = ControlServer(runtime / CONTROL_SOCKET, self.operations.table())
         self.measuring.on_readings.append(self.recorder.on_readings)
+        self.measuring.on_readings.append(self.pedal.on_readings)
         self.measuring.on_sight.append(self.recorder.on_sight)
         self.measuring.on_sight.append(teaching.on_sight)
 
@@ -126,6 +130,7 @@ class Cell:
             tasks.create_task(self.serving.run())
             tasks.create_task(self.latches.run())
             tasks.create_task(self.advisor.run())
+            tasks.create_task(self.pedal.run())
             tasks.create_task(self.control.serve())
             tasks.create_task(self.housekeeping.run())
             tasks.create_task(self._tell_health())

@@ -257,6 +257,17 @@ class TouchSection(Table):
     axial_sigma_mm: Annotated[float, Field(gt=0)] = 0.25  # as across: the paper tells one
 
 
+class PedalSection(Table):
+    """What records a touch of the next target when a foot presses it: a pedal, an input of the robot."""
+
+    driver: str = Field(default="", description="`serial_pedal`, a pedal on a serial port")
+    robot_input: Annotated[int, Field(ge=0, le=63)] | None = Field(
+        default=None,
+        description="number of a digital input of the robot (driver `ur_rtde` tells them)",
+    )
+    settings: Settings = Field(default={})
+
+
 class RecordingSection(Table):
     """Sessions on the disk: how much they may take, and what must stay free."""
 
@@ -331,6 +342,7 @@ class CellConfig(Table):
     tool: ToolSection = ToolSection()
     object: ObjectSection
     touch: TouchSection = TouchSection()
+    pedal: PedalSection = PedalSection()
     recording: RecordingSection = RecordingSection()
     serving: ServingSection = ServingSection()
 

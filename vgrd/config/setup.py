@@ -114,6 +114,9 @@ def process_table(resolved: Resolved, path: Path) -> dict[str, object]:
             "hang_s": DEVICE_HANG_S,
         }
 
+    camera = device("camera", config.camera.driver, config.camera.settings, picture_bytes)
+    pedal = config.pedal
+    pedals = [device("pedal", pedal.driver, pedal.settings, 0)] if pedal.driver else []
     return {
         "cell": config.cell.name,
         "loaded_unix_s": resolved.loaded_unix_s,
@@ -127,7 +130,8 @@ def process_table(resolved: Resolved, path: Path) -> dict[str, object]:
         },
         "processes": [
             device("robot", config.robot.driver, config.robot.settings, 0),
-            device("camera", config.camera.driver, config.camera.settings, picture_bytes),
+            camera,
+            *pedals,
             {
                 "name": "cell",
                 "kind": "cell",

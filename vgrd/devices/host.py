@@ -1,6 +1,6 @@
 """The process around one driver: opens it, publishes into a ring, ends when the driver fails.
 
-    python -m vgrd.devices.host robot|camera RUNTIME_DIR DRIVER SETTINGS_JSON
+    python -m vgrd.devices.host robot|camera|pedal RUNTIME_DIR DRIVER SETTINGS_JSON
 
 One connection per life of the process: the gate starts it again, by type of error (exit code).
 """
@@ -16,7 +16,7 @@ import structlog
 
 from vgrd import logs
 from vgrd.clock import Clock, SystemClock
-from vgrd.devices import Camera, Robot, Settings, wire
+from vgrd.devices import Camera, Pedal, Robot, Settings, wire
 from vgrd.devices.checks import FlangeCheck, FrameCheck
 from vgrd.errors import (
     BadReading,
@@ -32,6 +32,7 @@ from vgrd.ipc.ring import Message, RingReader, RingWriter
 
 READ_TIMEOUT_S = 0.5  # chosen: two periods of the slowest robot (5 Hz), the second one late
 GRAB_TIMEOUT_S = 2.0  # no request waits longer for its picture
+PRESS_TIMEOUT_S = 0.5  # as of readings: the process shows that it lives
 TRIGGER_POLL_S = 0.001  # chosen: delays a picture of 30 ms and more by less than a thirtieth
 BAD_READINGS_IN_A_ROW = 50  # chosen: 0.4 s of a robot at 125 Hz, then its connection is made anew
 BAD_PICTURES_IN_A_ROW = 5  # chosen: fewer than readings, since a slow picture takes a second
@@ -129,6 +130,21 @@ def host_camera(
         ring.publish(wire.pack_image_header(image), image.pixels.data, stamp_s=image.stamp_s)
 
 
+def host_pedal(pedal: Pedal, runtime_dir: Path, health: HealthReporter) -> None:
+    """Publish presses until the driver fails."""
+    ring = RingWriter.create(
+        runtime_dir / wire.PEDAL_RING,
+        slots=wire.PEDAL_SLOTS,
+        slot_bytes=wire.PEDAL_BYTES,
+        kind=wire.PEDAL_KIND,
+    )
+    while True:
+        stamp_s = pedal.wait_press(PRESS_TIMEOUT_S)
+        if stamp_s is not None:
+            ring.publish(stamp_s=stamp_s)
+        health.progress("ok")
+
+
 class _Triggers:
     """The cell's wish for a picture: a counter in a ring, of which only the newest counts."""
 
@@ -163,6 +179,8 @@ def run(kind: str, runtime_dir: Path, driver: str, settings: Settings, picture_b
         log.info("device_open", driver=driver)
         if kind == "robot":
             host_robot(device, runtime_dir, health, clock)
+        elif kind == "pedal":
+            host_pedal(device, runtime_dir, health)
         else:
             host_camera(device, runtime_dir, health, clock, picture_bytes)
     except DeviceUnavailable as err:

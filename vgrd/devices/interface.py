@@ -110,3 +110,18 @@ class Camera(Protocol):
     def close(self) -> None:
         """Release the camera; may be called more than once."""
         ...
+
+
+class Pedal(Protocol):
+    """Something that an operator presses while both hands are at the robot."""
+
+    def wait_press(self, timeout_s: float) -> float | None:
+        """Block for a press; the time of it (cell clock), None when there was none within `timeout_s`.
+
+        Raises DeviceUnavailable on a lost link.
+        """
+        ...
+
+    def close(self) -> None:
+        """Release the pedal; may be called more than once."""
+        ...

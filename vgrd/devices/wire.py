@@ -1,4 +1,4 @@
-"""How flange readings and pictures lie in the rings: fixed binary layouts, little-endian."""
+"""How flange readings, pictures and presses lie in the rings: fixed binary layouts, little-endian."""
 
 import struct
 
@@ -11,10 +11,14 @@ from vgrd.geometry import Pose
 FLANGE_RING = "robot.ring"
 IMAGE_RING = "camera.ring"
 TRIGGER_RING = "camera.trigger.ring"
+PEDAL_RING = "pedal.ring"
 FLANGE_KIND = "flange"
 IMAGE_KIND = "image"
 TRIGGER_KIND = "trigger"
+PEDAL_KIND = "pedal"
 FLANGE_SLOTS = 256  # chosen: the cell may be held up for half a second of a robot of 500 Hz
+PEDAL_SLOTS = 4  # a press that nobody took in time is none
+PEDAL_BYTES = 8  # a press is its stamp; a slot needs some room
 IMAGE_SLOTS = 4  # the writer overwrites a picture three pictures later, see `vgrd.ipc.ring`
 
 _FLANGE = struct.Struct("<dd12d?12dQ?dd")

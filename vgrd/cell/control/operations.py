@@ -68,6 +68,7 @@ class Operations:
         self.resolved = resolved
         self.gate = GateFeed(runtime_dir, clock)
         self.disk: Callable[[], Mapping[str, Any]] = dict
+        self.pedal: Callable[[], Mapping[str, Any]] = dict
 
     def table(self) -> Mapping[str, Operation]:
         """Operations by name."""
@@ -122,6 +123,7 @@ class Operations:
             "cell_file": self.resolved.source,
             "cell_file_loaded_unix_s": self.resolved.loaded_unix_s,
             "disk": self.disk(),
+            "pedal": self.pedal(),
             "processes": self._processes(),
         }
 

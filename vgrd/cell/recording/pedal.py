@@ -1,0 +1,88 @@
+"""Touches by foot: a press of a pedal, or of a robot's digital input, records the next target.
+
+Both hands hold the robot while a tip is put onto a target. The next target is the one with the fewest touches
+in the open session, in the order of the cell file; so `vgrd touch` and `vgrd undo` have their say.
+"""
+
+import asyncio
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import structlog
+
+from vgrd.cell.feeds import RingFeed
+from vgrd.cell.recording.teaching import Teaching
+from vgrd.clock import Clock
+from vgrd.devices import FlangeReading, wire
+from vgrd.errors import VgrdError
+from vgrd.store.sessions import SampleKind, load_recording
+
+LOOK_S = 0.05  # nobody notices so late a reaction of a foot's press
+
+log = structlog.get_logger()
+
+
+class FootTouches:
+    """Turns presses into touches, one after the other; what was pressed meanwhile is dropped.
+
+    robot_input: number of the robot's digital input that counts as a pedal, None for none.
+    """
+
+    def __init__(
+        self, teaching: Teaching, runtime_dir: Path, clock: Clock, robot_input: int | None
+    ) -> None:
+        self.teaching = teaching
+        self.robot_input = robot_input
+        self._pedal = RingFeed(runtime_dir / wire.PEDAL_RING, wire.PEDAL_KIND, clock)
+        self._since_s = clock.monotonic()
+        self._clock = clock
+        self._is_down: bool | None = None
+        self._is_wanted = False
+        self._last = ""
+
+    def on_readings(self, readings: Sequence[FlangeReading]) -> None:
+        """Watch the robot's input: a press is where it comes on; one that is on at first was not pressed."""
+        if self.robot_input is None:
+            return
+        for reading in readings:
+            is_down = bool(reading.digital_inputs >> self.robot_input & 1)
+            self._is_wanted |= is_down and self._is_down is False
+            self._is_down = is_down
+
+    async def run(self) -> None:
+        """Record a touch at each press, until cancelled."""
+        while True:
+            if self._pressed():
+                await self._touch()
+                self._pressed()
+            await asyncio.sleep(LOOK_S)
+
+    def status(self) -> Mapping[str, Any]:
+        """What the last press led to, for `vgrd status`."""
+        return {"last": self._last or None}
+
+    def _pressed(self) -> bool:
+        """Whether there was a press since the last call; one for an earlier life of this process is none."""
+        fresh = [one for one in self._pedal.poll() if one.stamp_s >= self._since_s]
+        wanted, self._is_wanted = self._is_wanted, False
+        return wanted or bool(fresh)
+
+    async def _touch(self) -> None:
+        name = ""
+        try:
+            name = await self._next_target()
+            reply = await self.teaching.touch(name, SampleKind.TOUCH)
+        except VgrdError as err:
+            self._last = f"{name or 'no target'}: not recorded: {err}"
+            log.warning("pedal_not_recorded", target=name, reason=str(err))
+        else:
+            self._last = f"{name}: sample {reply['sample']}"
+            log.info("pedal_touch", target=name, sample=reply["sample"])
+
+    async def _next_target(self) -> str:
+        folder = self.teaching.recorder.open_session().path
+        recording = await asyncio.to_thread(load_recording, folder)
+        touched = Counter(touch.target for touch in recording.touches)
+        return min(self.teaching.facts.object.targets, key=lambda name: touched[name])
