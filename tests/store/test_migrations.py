@@ -115,6 +115,16 @@ def test_targets_of_schema_3_tell_no_clearance(tmp_path):
     assert decode(CellFacts, header, "facts").object.targets.keys() == read.taught.keys()
 
 
+def test_the_robot_of_schema_3_told_no_steps():
+    facts = encode(Samples(3).facts())
+    del facts["robot_step_mm"], facts["robot_step_rad"]
+    for migrate in (migrations.session_header, migrations.calibration):
+        moved = decode(CellFacts, migrate(3, {"facts": facts})["facts"], "facts")
+        assert (moved.robot_step_mm, moved.robot_step_rad) == (0.0, 0.0)
+    kept = encode(replace(Samples(3).facts(), robot_step_mm=0.1))
+    assert migrations.session_header(4, {"facts": kept})["facts"] == kept
+
+
 def test_early_special_calibrations_do_not_tell_where_tag_a_was(tmp_path):
     store, name = loaded("special", tmp_path)
     body = encode(store.load(name))

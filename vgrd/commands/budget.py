@@ -1,5 +1,6 @@
 """The command that tells which link of the chain the error comes from."""
 
+import math
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -10,6 +11,10 @@ from vgrd.errors import InputError
 
 if TYPE_CHECKING:
     from vgrd.calibration.planning import Budget
+
+# Steps of a robot that told none while teaching, guesses: two and three decimals; some robots tell one
+# (docs/decisions/0013).
+_STEP_MM, _STEP_DEG = 0.01, 0.001
 
 
 def register(app: typer.Typer) -> None:
@@ -41,11 +46,13 @@ def budget(
         float, typer.Option(min=0, help="Sigma of what moved since.")
     ] = 0.02,  # as `Systematic.of`
     quantum_mm: Annotated[
-        float, typer.Option(min=0, help="Step to which the robot rounds positions.")
-    ] = 0.01,  # a guess: two decimals; some robots tell one (docs/decisions/0013)
+        float | None,
+        typer.Option(min=0, help="Step to which the robot rounds positions; none: as it told."),
+    ] = None,
     quantum_deg: Annotated[
-        float, typer.Option(min=0, help="Step to which the robot rounds angles.")
-    ] = 0.001,  # a guess: three decimals; some robots tell one (docs/decisions/0013)
+        float | None,
+        typer.Option(min=0, help="Step to which the robot rounds angles; none: as it told."),
+    ] = None,
     png: Annotated[Path | None, typer.Option(help="Draw it into this file.")] = None,
     json_to: JsonOption = None,
 ) -> None:
@@ -58,8 +65,13 @@ def budget(
     if policy not in list(Policy):
         raise InputError(f"--policy {policy!r}: choose one of {', '.join(Policy)}")
     recording = load_recording(session)
+    facts = recording.facts
+    if quantum_mm is None:
+        quantum_mm = facts.robot_step_mm or _STEP_MM
+    if quantum_deg is None:
+        quantum_deg = math.degrees(facts.robot_step_rad) or _STEP_DEG
     systematic = Systematic.of(
-        recording.facts,
+        facts,
         print_share=print_percent / 100,
         focal_share=focal_percent / 100,
         center_px=center_px,

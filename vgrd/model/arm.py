@@ -27,10 +27,11 @@ class ArmModel:
     quantum_rad: float = 0.0
 
     @classmethod
-    def of(cls, robot_sigma_mm: float) -> "ArmModel":
-        """An arm of which only one figure is known: repeatability is the lesser part of it."""
+    def of(cls, robot_sigma_mm: float, step_mm: float = 0.0, step_rad: float = 0.0) -> "ArmModel":
+        """An arm of which one figure is known, repeatability being the lesser part of it, and its steps."""
         repeats = _REPEATABILITY * robot_sigma_mm
-        return cls(repeats, float(np.sqrt(robot_sigma_mm**2 - repeats**2)))
+        field_mm = float(np.sqrt(robot_sigma_mm**2 - repeats**2))
+        return cls(repeats, field_mm, quantum_mm=step_mm, quantum_rad=step_rad)
 
     @property
     def is_exact(self) -> bool:
@@ -89,11 +90,15 @@ class ArmKnowledge:
         """Most likely deviation (6,) at a flange position (3,), derivative (6, n), covariance (6, 6)."""
         return self.deviations(flange[None])
 
-    def deviations(self, flanges: Array) -> tuple[Array, Array, Array]:
-        """The same of p stands at flange positions (p, 3): (6 p,), (6 p, n), (6 p, 6 p)."""
+    def deviations(self, flanges: Array, sent: int = 0) -> tuple[Array, Array, Array]:
+        """The same of p stands at flange positions (p, 3): (6 p,), (6 p, n), (6 p, 6 p).
+
+        sent: at the last so many the arm is sent to a pose; nobody reads one there, so none is rounded.
+        """
         squares, p = self.model.scales() ** 2, len(flanges)
-        one = np.diag(self.model.variances() - self.model.field_mm**2 * squares)
-        here = np.einsum("pq,ij->piqj", np.eye(p), one)
+        own = np.tile(self.model.variances() - self.model.field_mm**2 * squares, (p, 1))
+        own[p - sent :] -= self.model.rounding() ** 2
+        here = np.einsum("pq,ij,pi->piqj", np.eye(p), np.eye(6), own)
         here += np.einsum("pq,ij->piqj", self.model.field(flanges, flanges), np.diag(squares))
         here = here.reshape(6 * p, 6 * p)
         near = self.model.field(flanges, self.flange_at)

@@ -4,8 +4,11 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from enum import StrEnum
 
+import numpy as np
+
 from vgrd.errors import InputError
 from vgrd.geometry import Array, Pose
+from vgrd.model.arm import ArmModel
 from vgrd.model.arrays import frozen_array
 
 
@@ -111,7 +114,8 @@ class CellFacts:
 
     camera_matrix: (3, 3) px; distortion: OpenCV order; robot_sigma_mm: repeatability and error field of the arm;
     wrist_from_tcp: the TCP that is active on the pendant, None where the robot does not tell. camera_stability:
-    while teaching, too.
+    while teaching, too. robot_step_mm, robot_step_rad: steps in which the robot told its flange while
+    teaching, per axis; 0 where they do not matter.
     """
 
     mount: Mount
@@ -127,3 +131,15 @@ class CellFacts:
     camera_id: str = ""
     wrist_from_tcp: Pose | None = None
     camera_stability: Stability = Stability.FIXED
+    robot_step_mm: float = 0.0
+    robot_step_rad: float = 0.0
+
+    @property
+    def arm(self) -> ArmModel:
+        """How the arm differs from what it tells, rounding included."""
+        return ArmModel.of(self.robot_sigma_mm, self.robot_step_mm, self.robot_step_rad)
+
+    @property
+    def flange_sigma_mm(self) -> float:
+        """Sigma per axis of a flange position that the robot tells, rounding included."""
+        return float(np.sqrt(self.arm.variances()[0]))

@@ -8,7 +8,7 @@ import numpy as np
 from vgrd.calibration.joint import calibrate_joint
 from vgrd.calibration.planning import Budget, Systematic, error_budget, picture_of
 from vgrd.geometry import exp_rotation
-from vgrd.model import ArmModel, Policy, Recording
+from vgrd.model import Policy, Recording
 
 
 def session_budget(
@@ -26,7 +26,7 @@ def session_budget(
     which the robot rounds its poses. Raises InputError and what `calibrate_joint` raises.
     """
     arm = replace(
-        ArmModel.of(recording.facts.robot_sigma_mm),
+        recording.facts.arm,
         quantum_mm=quanta[0],
         quantum_rad=float(np.radians(quanta[1])),
     )

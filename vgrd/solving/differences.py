@@ -20,6 +20,8 @@ MAY_CHANGE: Mapping[str, str] = {
         "no fact of the cell file but what the pendant said while teaching; it is compared with the "
         "live value all the time (404)"
     ),
+    "robot_step_mm": "no fact of the cell file but how finely the robot told its poses while teaching",
+    "robot_step_rad": "as robot_step_mm: how finely the robot told its poses while teaching",
     "camera_stability": (
         "teaching followed the camera as its recording said, and every answer follows it as the cell "
         "file says today"

@@ -8,9 +8,9 @@ from typing import Any
 
 Json = Any
 
-# Since 2: steps, holes, chi2 of a tag; 3: camera's stability; 4: clearances, bare targets.
+# Since 2: steps of readings, holes, chi2 of a tag; 3: camera's stability; 4: clearances, bare targets, steps as facts.
 SESSION_SCHEMA = 4
-# Since 2: solution in a table; 3: stability, adopted slips; 4: clearances, bare targets.
+# Since 2: solution in a table; 3: stability, adopted slips; 4: clearances, bare targets, steps.
 CALIBRATION_SCHEMA = 4
 _ZERO = 0.0
 
@@ -36,8 +36,11 @@ def session_header(schema: int, body: Json) -> Json:
 
 
 def _fixed(facts: Json) -> Json:
-    """CellFacts up to schema 2: a camera was taken to stand still while it was taught."""
-    return {"camera_stability": "fixed", **facts}
+    """CellFacts of early schemas: up to 2 a camera was taken to stand still while it was taught.
+
+    Up to 3 the steps of the robot's poses are not told.
+    """
+    return {"camera_stability": "fixed", "robot_step_mm": _ZERO, "robot_step_rad": _ZERO, **facts}
 
 
 def _facts_up_to_3(facts: Json) -> Json:

@@ -13,7 +13,7 @@ from vgrd.calibration.joint.expected import expected_by_joint
 from vgrd.calibration.solve import calibrate_system
 from vgrd.errors import InputError, NotObservable
 from vgrd.geometry import exp_rotation
-from vgrd.model import Plan, Policy
+from vgrd.model import ArmKnowledge, ArmModel, Plan, Policy
 from vgrd.store.calibrations import CalibrationStore
 
 
@@ -133,3 +133,24 @@ def test_an_unknown_target_and_a_missing_orientation_are_refused() -> None:
         expected_coordinate(calibration, "P9", seen, Policy.FIXED)
     with pytest.raises(InputError, match="needs the orientation"):
         expected_coordinate(calibration, "P1", seen, Policy.REQUESTED)
+
+
+def test_steps_of_the_robot_widen_what_is_stated_but_not_where_it_is_sent() -> None:
+    """An arm that is exact but for its steps: at the answer nobody reads a pose, so none is rounded."""
+    told = ArmKnowledge(
+        ArmModel(quantum_mm=0.6, quantum_rad=0.006),
+        *(np.zeros(n) for n in ((0, 3), 0, (0, 1), (0, 0))),
+    )
+    read, sent = np.array([400.0, 0.0, 200.0]), np.array([450.0, 50.0, 250.0])
+    covariance = told.deviations(np.array([read, sent]), sent=1)[2]
+    of_rounding = np.array([0.6] * 3 + [0.006] * 3) ** 2 / 12  # uniform over a step
+    np.testing.assert_allclose(np.diag(covariance)[:6], of_rounding, rtol=1e-12)
+    np.testing.assert_allclose(covariance[6:], 0.0, atol=1e-15)
+
+    sim = world()
+    recording = recorded(sim, tilted(sim))
+    coarse = replace(recording, facts=replace(recording.facts, robot_step_mm=1.0))
+    key = "predicted_u95_mm"
+    assert (
+        calibrate_system(coarse).residuals[key] > 1.1 * calibrate_system(recording).residuals[key]
+    )

@@ -39,7 +39,7 @@ def calibrate_joint(
 ) -> JointFit:
     """Most likely values of all unknowns; verifications are held out.
 
-    sightings: holes that the camera saw. arm: None takes `ArmModel.of(facts.robot_sigma_mm)`.
+    sightings: holes that the camera saw. arm: None takes `facts.arm`.
     turntable: how well CAD knows the axis of turning. refine: tag sizes and intrinsics to estimate
     too. robust: samples that the others contradict are left out and named, and a fixed camera that was
     knocked meanwhile is followed. Raises InputError, TooFewObservations, NotObservable or DidNotConverge.

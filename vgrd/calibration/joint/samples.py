@@ -100,7 +100,7 @@ def gather(
         center=_center(recording) if turned else None,
         turntable=turntable or Turntable(),
         flange_at=np.array([pose.translation for pose in poses]),
-        arm=arm or ArmModel.of(facts.robot_sigma_mm),
+        arm=arm or facts.arm,
         names={
             EvidenceKind.HAND_EYE: tuple(pictures[i][0] for i in of_a),
             EvidenceKind.TOUCHES: tuple(name for name, _ in touches),

@@ -283,7 +283,7 @@ class JointSolution:
         """What the picture tells, the flange at the first guess, the arm in the picture and there."""
         model = self._model(tag_b, motion, camera)
         flange = flange_of(self.base_from_camera, self.layout, wish, model.motions)
-        arm = self._arm([*_stands(camera), flange.base_from_wrist.translation])
+        arm = self._arm([*_stands(camera), flange.base_from_wrist.translation], sent=1)
         return weigh(replace(model, arm=arm)), flange, arm
 
     def _links(self) -> Links:
@@ -296,9 +296,9 @@ class JointSolution:
             self.covariance,
         )
 
-    def _arm(self, flanges: Sequence[Array]) -> ArmPrior:
-        """The arm's deviations at flange positions (3,)."""
-        return ArmPrior(*self.arm.deviations(np.array(flanges).reshape(-1, 3)))
+    def _arm(self, flanges: Sequence[Array], sent: int = 0) -> ArmPrior:
+        """The arm's deviations at flange positions (3,), at the last `sent` of which it is sent."""
+        return ArmPrior(*self.arm.deviations(np.array(flanges).reshape(-1, 3), sent))
 
     def _block(self, part: slice) -> Array:
         unknown = self.undetermined[part]

@@ -104,7 +104,7 @@ def _hand_eye_problem(recording: Recording, allow_unobservable: int) -> HandEyeP
             f"hand-eye: tag A was seen from {len(samples)} robot poses, at least 3 are needed: "
             "record looks with tag A in view and the wrist turned about two axes"
         )
-    sigma = max(recording.facts.robot_sigma_mm, 1e-3)
+    sigma = max(recording.facts.flange_sigma_mm, 1e-3)
     return HandEyeProblem(
         mount=recording.facts.mount,
         samples=samples,

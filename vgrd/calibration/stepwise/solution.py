@@ -30,7 +30,6 @@ from vgrd.judging.thresholds import (
 )
 from vgrd.model import (
     UNMOVED,
-    ArmModel,
     CameraPlace,
     CellFacts,
     ExpectedCoordinate,
@@ -175,7 +174,7 @@ class StepwiseSolution:
             self.chain.hand_eye_covariance,
             self.wrist_from_tag_a,
             self._reference_tag_a(),
-            ArmModel.of(facts.robot_sigma_mm),
+            facts.arm,
         )
         return seen_by_taught_camera(tag_b, camera, links)
 

@@ -13,7 +13,7 @@ from vgrd.model import Recording, Touch
 
 def arm_touches(touches: Sequence[Touch], recording: Recording) -> TouchSet:
     """Touches as equations, the arm's own error added to their sigmas."""
-    arm = recording.facts.robot_sigma_mm
+    arm = recording.facts.flange_sigma_mm
     return touch_set(
         [touch.base_from_wrist for touch in touches],
         recording.facts.tool.axis_in_wrist,

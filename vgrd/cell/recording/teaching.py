@@ -68,7 +68,7 @@ class Teaching:
     async def start(
         self, plan: str, session: str | None, *, harvest: bool = True
     ) -> dict[str, object]:
-        """Open a session; the active TCP of the pendant is noted in it.
+        """Open a session; the active TCP of the pendant and the steps of the robot are noted in it.
 
         harvest: whether rests become looks and spins unasked, in a session of plan joint.
         """
@@ -76,7 +76,13 @@ class Teaching:
             raise InputError(f"plan {plan!r}: choose one of {', '.join(Plan)}")
         check_plan(Plan(plan), self.facts)
         name = session or self.now_name()
-        facts = replace(self.facts, wrist_from_tcp=self._reading().wrist_from_tcp)
+        reading = self._reading()
+        facts = replace(
+            self.facts,
+            wrist_from_tcp=reading.wrist_from_tcp,
+            robot_step_mm=reading.step_mm,
+            robot_step_rad=reading.step_rad,
+        )
         await self.recorder.start(name, Plan(plan), facts)
         self.harvest = Harvest(facts) if harvest and plan == Plan.JOINT else None
         if self.advisor is not None:
