@@ -182,7 +182,7 @@ def sampler() -> Layout:
         tcp_in_wrist=bottle_in_wrist,
         base_from_table=Pose.from_rotvec((-0.002, 0.003, 0.0), (450.0, 0.0, 60.0)),
         targets=_targets(40.0, 12.0),  # the paper's holes are 12 mm wide
-        fixed_point_in_base=frozen_array((446.0, 74.0, 78.0), 3),
+        fixed_point_in_base=frozen_array((505.0, 38.0, 72.0), 3),  # the wrist turns either way
         arm_axes=4,
         looks_around_mm=frozen_array(((432, 0, 222), (25, 30, 20)), 2, 3),
         aside_mm=frozen_array((424, -72, 226), 3),
