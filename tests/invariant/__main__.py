@@ -6,6 +6,7 @@ import time
 from collections.abc import Sequence
 
 from tests.invariant.reading.judge import Lie
+from tests.invariant.simulation.teaching import VARIANTS
 from tests.invariant.soak import HOURS, READS, Growth, soak
 
 SEED = 7
@@ -17,6 +18,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser.add_argument("--hours", type=float, default=HOURS, help="of the simulated cell")
     parser.add_argument("--reads", type=int, default=READS)
     parser.add_argument("--seed", type=int, default=SEED, help="another walk")
+    parser.add_argument("--first", type=int, default=1, help="variant of twelve to begin with")
     given = parser.parse_args(argv)
     start_s = time.monotonic()
 
@@ -24,7 +26,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         print(f"[{time.monotonic() - start_s:6.0f} s] {words}", flush=True)
 
     try:
-        total = soak(given.hours, given.reads, given.seed, tell)
+        total = soak(given.hours, given.reads, given.seed, tell, VARIANTS[given.first - 1 :])
     except (Lie, Growth) as err:
         tell("\n".join([str(err), *getattr(err, "__notes__", [])]))
         return 1

@@ -3,12 +3,12 @@
 import gc
 import resource
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 from tests.invariant.rig import Rig
-from tests.invariant.simulation.teaching import VARIANTS
+from tests.invariant.simulation.teaching import VARIANTS, Variant
 from tests.invariant.walk import Walk, walked
 
 HOURS, READS = 24.0, 10_000_000
@@ -71,7 +71,7 @@ class Watch:
     def look(self, rig: Rig) -> None:
         """After each step. Raises Growth."""
         if self.first is None and rig.awake_s > WARM_S:
-            rig.repair()
+            _raise_all(rig)
             self.first = Use.now(rig.daemon.folder)
         if time.monotonic() - self._told_s > TOLD_S:
             self._told_s = time.monotonic()
@@ -80,7 +80,7 @@ class Watch:
 
     def end(self, rig: Rig) -> None:
         """Compare. Raises Growth."""
-        rig.repair()
+        _raise_all(rig)
         last = Use.now(rig.daemon.folder)
         self.tell(
             f"{self.walk.variant}: {self.first} after {WARM_S / 60:.0f} min, {last} at the end"
@@ -89,11 +89,25 @@ class Watch:
             self.first.check(last, self.hours)
 
 
-def soak(hours: float, reads: int, seed: int, tell: Callable[[str], None]) -> Walk:
-    """Every variant for its share. Raises Lie, Growth."""
+def _raise_all(rig: Rig) -> None:
+    """Wait until every process runs: one that is just being started holds nothing yet."""
+    rig.repair()
+    while rig.daemon.cell is None:
+        rig.repair()
+    rig.repair()
+
+
+def soak(
+    hours: float,
+    reads: int,
+    seed: int,
+    tell: Callable[[str], None],
+    variants: Sequence[Variant] = VARIANTS,
+) -> Walk:
+    """Every variant for its share of what all take. Raises Lie, Growth."""
     total = Walk(VARIANTS[0], seed)
     share_h, share = hours / len(VARIANTS), reads // len(VARIANTS) + 1
-    for variant in VARIANTS:
+    for variant in variants:
         watch = Watch(Walk(variant, seed), share_h, tell)
         total.add(
             walked(
