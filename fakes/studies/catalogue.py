@@ -4,9 +4,8 @@ from collections.abc import Mapping
 from difflib import get_close_matches
 from types import MappingProxyType
 
+from fakes.studies.movement import false_alarms, moved_camera, moved_links, moved_teaching
 from fakes.studies.paper import (
-    contact_methods,
-    contact_plans,
     experiment_a,
     fig4,
     fig5,
@@ -17,6 +16,7 @@ from fakes.studies.paper import (
     table4,
     tilt,
 )
+from fakes.studies.paper.contacts import contact_methods, contact_plans
 from fakes.studies.paper.published import eq9, eq19, eq25
 from fakes.studies.robustness import (
     bare_targets,
@@ -27,12 +27,8 @@ from fakes.studies.robustness import (
     coverage,
     degenerate,
     degenerate_touches,
-    false_alarms,
     jog_and_touch,
     modbus_robot,
-    moved_camera,
-    moved_links,
-    moved_teaching,
     time_offset,
 )
 from fakes.studies.study import Study

@@ -7,7 +7,7 @@ from functools import cache
 import numpy as np
 import pytest
 
-from fakes.studies.visits import Visits
+from fakes.studies.movement.visits import Visits
 from fakes.world.arm_errors import ArmErrors
 from fakes.world.noise import FINE
 from fakes.world.simulation import WORK_ROTATION, Simulation

@@ -11,9 +11,9 @@ import numpy as np
 from numpy.random import SeedSequence
 
 from fakes.studies.cameras import FIXED, MOVABLE
+from fakes.studies.movement.visits import Visits, slipped
 from fakes.studies.sessions import Session, known_arm
 from fakes.studies.study import Figure, Parameters, Study, Trials
-from fakes.studies.visits import Visits, slipped
 from fakes.world.arm_errors import ArmErrors
 from fakes.world.noise import FINE
 from fakes.world.simulation import SimulatedRequest, Simulation
