@@ -7,7 +7,7 @@ export OPENBLAS_NUM_THREADS ?= 1
 # Which fake cell: default, or one of the paper's two, sampler and fruit.
 CELL ?= default
 
-.PHONY: demo cell test test-robust soak lint bench run format clean
+.PHONY: demo cell paper test test-robust soak lint bench run format clean
 
 .venv: pyproject.toml constraints.txt
 	$(PYTHON) -m venv .venv
@@ -21,6 +21,10 @@ demo: .venv
 
 cell: .venv
 	$(BIN)/python -m fakes cell --cell $(CELL)
+
+# Every figure and table of the paper beside ours: build/paper.html, about ten minutes on two cores.
+paper: .venv
+	$(BIN)/python -m fakes paper $(ARGS)
 
 run: .venv
 	$(BIN)/vgrd run $(CONFIG)

@@ -18,6 +18,7 @@ COMMANDS = {
         "fakes.commands.modbus_robot",
         "robot that shows its pose over Modbus TCP or RTU",
     ),
+    "paper": ("fakes.commands.paper", "the paper's data beside ours, one HTML page"),
     "rtde": ("fakes.commands.rtde", "Universal Robots controller, RTDE on port 30004"),
 }
 
