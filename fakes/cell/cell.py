@@ -166,6 +166,7 @@ def cell_text(layout: Layout, *, robot: Driver, camera: Driver, port: int) -> st
     targets = "\n".join(
         f'[[object.targets]]\nid = {t.id}\nname = "{t.name}"\n'
         f"point_mm = {t.cad.tolist()}\nhole_diameter_mm = {t.hole_diameter_mm}\n"
+        + ("" if t.clearance_mm is None else f"clearance_mm = {t.clearance_mm:.3g}\n")
         for t in layout.targets.values()
     )
     center = "center_mm = [0.0, 0.0, 0.0]\n" if layout.motion is Motion.TURNTABLE else ""

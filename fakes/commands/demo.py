@@ -93,7 +93,7 @@ def _perform(
     method_misses = misses_by_method(world, teaching, asking, show.shown.requests)
     report = Report(console, show.shown, perfect=perfect)
     report.methods(method_misses)
-    report.insertions(method_misses, fake.kind.fit)
+    report.insertions(method_misses, world.layout)
     calibration = f"{show.shown.calibration['calibration']}.json"
     report.serving(world.layout, place / "state" / "calibrations" / calibration)
     report.tags(operator)

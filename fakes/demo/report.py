@@ -10,7 +10,7 @@ from rich.table import Table
 
 from fakes.cell.operator import Operator
 from fakes.demo.show import Shown, true_tip_error_mm
-from fakes.world.cells import Fit
+from fakes.world.insertions import count_insertions
 from fakes.world.layout import Layout
 from vgrd.geometry import Array
 
@@ -44,16 +44,17 @@ class Report:
         self.console.print(table)
         self._judge("mean xy miss, mm", float(_xy(served).mean()), self.bar_mm)
 
-    def insertions(self, method_misses: Mapping[str, Array], fit: Fit | None) -> None:
+    def insertions(self, method_misses: Mapping[str, Array], layout: Layout) -> None:
         """How many requests would have put what the tool holds into its hole, by true miss."""
-        if fit is None:
+        clearance_mm = next(iter(layout.targets.values())).clearance_mm
+        if clearance_mm is None:
             return
         table = self._table(
-            f"insertions: clean within {fit.clean_mm} mm, goes in within {fit.enters_mm} mm",
+            f"insertions: a clearance of {clearance_mm:.3g} mm",
             "method", "clean", "touches the rim", "failed",
         )  # fmt: skip
         for method, misses in {**method_misses, _WENT: self._served()}.items():
-            table.add_row(method, *(str(count) for count in fit.count(misses)))
+            table.add_row(method, *map(str, count_insertions(misses, clearance_mm)))
         self.console.print(table)
 
     def _served(self) -> Array:

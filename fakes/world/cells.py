@@ -5,12 +5,9 @@ from dataclasses import dataclass
 from difflib import get_close_matches
 from types import MappingProxyType
 
-import numpy as np
-
 from fakes.world.layout import Layout, fruit, sampler
 from fakes.world.world import CellNoise, World
 from vgrd.errors import InputError
-from vgrd.geometry import Array
 from vgrd.model import Plan
 
 RTDE = "rtde"
@@ -18,26 +15,8 @@ DEFAULT = "default"
 
 
 @dataclass(frozen=True, slots=True)
-class Fit:
-    """How far off, mm across the tool, what the tool holds goes into a hole: without touching, and at all."""
-
-    clean_mm: float
-    enters_mm: float
-
-    def count(self, misses: Array) -> tuple[int, int, int]:
-        """How many of the true misses (n, 3) mm go in clean, touch the rim and go in, fail."""
-        off_mm = np.linalg.norm(misses[:, :2], axis=1)
-        clean = int((off_mm <= self.clean_mm).sum())
-        enters = int((off_mm <= self.enters_mm).sum())
-        return clean, enters - clean, len(off_mm) - enters
-
-
-@dataclass(frozen=True, slots=True)
 class CellKind:
-    """One fake cell. controller: `RTDE`, or the robot profile whose Modbus registers show the arm.
-
-    fit: None where nothing is told of what goes into the holes.
-    """
+    """One fake cell. controller: `RTDE`, or the robot profile whose Modbus registers show the arm."""
 
     name: str
     purpose: str
@@ -45,7 +24,6 @@ class CellKind:
     controller: str = RTDE
     plan: Plan = Plan.JOINT
     repeatability_mm: float = CellNoise().repeatability_mm
-    fit: Fit | None = None
 
     def world(
         self, seed: int, speed_mm_s: float, turn_rad_s: float, *, perfect: bool = False
@@ -72,9 +50,6 @@ CELLS: Mapping[str, CellKind] = MappingProxyType(
                 sampler,
                 plan=Plan.SPECIAL,
                 repeatability_mm=0.04,  # of the paper's robot
-                # Experiment B: a bottle of 11.6 mm in a hole of 12 mm; its bottom has a small arc and the
-                # clamping gives, so that it slips in from as far as 0.4 mm.
-                fit=Fit(clean_mm=0.2, enters_mm=0.4),
             ),
             CellKind(
                 "fruit",

@@ -69,15 +69,26 @@ def _wrist_from_tag_a(bracket_mm: tuple[float, float, float] = (58.3, -1.9, 47.4
     return straight.compose(Pose.from_rotvec((0.02, -0.03, 0.015)))
 
 
-def _targets(radius_mm: float, hole_mm: float) -> dict[str, Target]:
+def _targets(
+    radius_mm: float, hole_mm: float, clearance_mm: float | None = None
+) -> dict[str, Target]:
     """Six holes on a circle."""
     angles = np.radians(np.arange(30, 390, 60))
-    return _holes([(radius_mm * np.cos(a), radius_mm * np.sin(a)) for a in angles], hole_mm)
+    places = [(radius_mm * np.cos(a), radius_mm * np.sin(a)) for a in angles]
+    return _holes(places, hole_mm, clearance_mm)
 
 
-def _holes(places_mm: Sequence[tuple[float, float]], hole_mm: float) -> dict[str, Target]:
+def _holes(
+    places_mm: Sequence[tuple[float, float]], hole_mm: float, clearance_mm: float | None = None
+) -> dict[str, Target]:
     return {
-        f"P{i}": Target(i, f"P{i}", frozen_array((x, y, 0.0), 3), hole_diameter_mm=hole_mm)
+        f"P{i}": Target(
+            i,
+            f"P{i}",
+            frozen_array((x, y, 0.0), 3),
+            hole_diameter_mm=hole_mm,
+            clearance_mm=clearance_mm,
+        )
         for i, (x, y) in enumerate(places_mm, start=1)
     }
 
@@ -181,7 +192,7 @@ def sampler() -> Layout:
         ),
         tcp_in_wrist=bottle_in_wrist,
         base_from_table=Pose.from_rotvec((-0.002, 0.003, 0.0), (450.0, 0.0, 60.0)),
-        targets=_targets(40.0, 12.0),  # the paper's holes are 12 mm wide
+        targets=_targets(40.0, 12.0, 12.0 - 11.6),  # the paper's holes and its bottle
         fixed_point_in_base=frozen_array((505.0, 38.0, 72.0), 3),  # the wrist turns either way
         arm_axes=4,
         looks_around_mm=frozen_array(((432, 0, 222), (25, 30, 20)), 2, 3),

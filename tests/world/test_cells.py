@@ -7,7 +7,8 @@ import pytest
 
 from fakes.cell.rehearsal import Rehearsal, facts_of
 from fakes.commands.layout import scripted
-from fakes.world.cells import CELLS, Fit, cell_called
+from fakes.world.cells import CELLS, cell_called
+from fakes.world.insertions import count_insertions
 from fakes.world.layout import Layout
 from fakes.world.poses import (
     WORK_ROTATION,
@@ -73,7 +74,7 @@ def test_a_cell_is_chosen_by_name_and_a_wrong_one_is_told():
 
 def test_misses_are_counted_as_clean_touching_and_failed_by_their_size_across_the_tool():
     misses = np.array([(0.1, 0.1, 3.0), (0.2, 0.2, 0.0), (-0.3, 0.3, 0.0), (0.0, -0.2, 0.0)])
-    assert Fit(clean_mm=0.2, enters_mm=0.4).count(misses) == (2, 1, 1)
+    assert count_insertions(misses, 0.4) == (2, 1, 1)
 
 
 def test_the_sampler_is_taught_by_its_special_method_from_its_own_pictures(tmp_path):

@@ -21,14 +21,15 @@ from fakes.studies.paper.arms import (
 from fakes.studies.paper.baselines import CONVENTIONAL, SERVED, SPECIAL, paper_methods
 from fakes.studies.sessions import known_arm
 from fakes.studies.study import Figure, Parameters, Study, Trials
+from fakes.world.insertions import count_insertions
 from fakes.world.noise import COARSE
 from fakes.world.simulation import WORK_ROTATION, SimulatedRequest, Simulation
-from vgrd.calibration.insertion import CLEAN_SHARE, insertion_of
+from vgrd.calibration.insertion import insertion_of
 from vgrd.calibration.joint import JointFit, calibrate_joint, solution_of
 from vgrd.calibration.planning import CLEAN_WANTED, Job, PredictedError, further_touches
 from vgrd.charts import COLORS, legend, panels
 from vgrd.errors import CalibrationError
-from vgrd.geometry import Array, Pose
+from vgrd.geometry import Pose
 from vgrd.model import Plan, Policy, Recording
 
 if TYPE_CHECKING:
@@ -99,11 +100,8 @@ def _shares(
 ) -> dict[str, float]:
     """By the true misses across the tool, which points down."""
     misses = [cell.miss(request, at) for request, at in zip(requests, answers, strict=True)]
-    lateral: Array = np.linalg.norm(np.array(misses)[:, :2], axis=1)
-    return {
-        f"{name}, clean": float(np.mean(lateral <= CLEAN_SHARE * CLEARANCE_MM)),
-        f"{name}, failed": float(np.mean(lateral > CLEARANCE_MM)),
-    }
+    clean, _, failed = count_insertions(np.array(misses), CLEARANCE_MM)
+    return {f"{name}, clean": clean / len(misses), f"{name}, failed": failed / len(misses)}
 
 
 def _figures(trials: Trials) -> list[Figure]:
