@@ -60,6 +60,14 @@ def test_the_demo_goes_the_whole_way_and_reaches_its_figures(tmp_path, record_pr
         assert str(state / "sessions" / session) in output
 
 
+def test_the_paper_s_sampler_is_taught_and_asked_and_counts_bottles(tmp_path) -> None:
+    """The 4-axis arm, the special method and the camera of experiment B; `fruit` is in test_modbus_robots.py."""
+    output, misses = demo(tmp_path, "--cell", "sampler", "--no-faults")
+    assert "insertions: a clearance of 0.4 mm" in output
+    assert mean_xy_mm(misses["served"]) <= 0.2
+    assert "clearance_mm = 0.4" in (tmp_path / "cell.toml").read_text(encoding="utf-8")
+
+
 def test_without_noise_and_arm_errors_the_miss_is_nearly_nothing(
     tmp_path, record_property
 ) -> None:
