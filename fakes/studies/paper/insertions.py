@@ -166,10 +166,10 @@ def _draw(trials: Trials) -> "Drawing":
         failed = np.array([100 * _finite(trials, f"{name}, failed", arm) for name in names])
         places = np.arange(len(names))
         axes.bar(places, clean, color=COLORS[0], label="clean")
-        axes.bar(places, 100 - clean - failed, bottom=clean, color=COLORS[1], label="touching")
-        axes.bar(places, failed, bottom=100 - failed, color=COLORS[2], label="failed")
+        axes.bar(places, 100 - clean - failed, bottom=clean, color=COLORS[2], label="touching")
+        axes.bar(places, failed, bottom=100 - failed, color=COLORS[1], label="failed")
         axes.set_xticks(places, [name.replace(", ", ",\n") for name in names])
-        axes.set(title=arm, ylim=(0, 118))
+        axes.set(title=arm, ylim=(0, 100), xlim=(-0.6, len(names) + 0.7))  # room for the legend
         legend(axes, "lower right")
     return drawing
 
