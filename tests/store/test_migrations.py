@@ -119,7 +119,7 @@ def test_the_robot_of_schema_3_told_no_steps():
     facts = encode(Samples(3).facts())
     del facts["robot_step_mm"], facts["robot_step_rad"]
     for migrate in (migrations.session_header, migrations.calibration):
-        moved = decode(CellFacts, migrate(3, {"facts": facts})["facts"], "facts")
+        moved = decode(CellFacts, migrate(3, {"facts": facts, "taught": {}})["facts"], "facts")
         assert (moved.robot_step_mm, moved.robot_step_rad) == (0.0, 0.0)
     kept = encode(replace(Samples(3).facts(), robot_step_mm=0.1))
     assert migrations.session_header(4, {"facts": kept})["facts"] == kept

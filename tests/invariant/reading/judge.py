@@ -15,7 +15,7 @@ from tests.invariant.reading.desk import Desk
 from tests.invariant.reading.promises import Promises
 from tests.invariant.reading.robots import Asked
 from tests.invariant.reading.undetectable import TOLD_SIGMAS, effect_mm, expected_misfit
-from tests.invariant.simulation.pictures import Exposure, Film
+from tests.invariant.simulation.pictures import SAME, Exposure, Film
 from tests.invariant.simulation.plant import Plant
 from tests.invariant.simulation.teaching import Variant
 from vgrd.calibration.calibration import Calibration
@@ -24,6 +24,7 @@ from vgrd.geometry.rotation_formats import RotationFormat, rotation_from
 from vgrd.registers import RESPONSE, Command, Frame, RotationCode, State, Status
 from vgrd.registers.layout import crc_of
 
+REST_S = 1.0  # so long before and after it an arm that moves may count as one at rest, and the other way
 U95S = 3.0  # how many of them an answer may be off
 MAX_AGE_S, MOVED_MM = 3.0, 0.3  # as the cell file has them, until it is reloaded
 NOISE_MM = 0.4  # five sigmas of a way between two pictures, at the flange
@@ -197,11 +198,20 @@ class Judge:
         return None
 
     def _earlier(self, picture: Exposure) -> Exposure | None:
-        """The newest picture that shows tag A, of those before one that does not."""
-        if "a" in picture.errors:
+        """The newest picture of tag A and an arm at rest, of those before one that is not of both."""
+        if "a" in picture.errors and not self._arm_moved(picture):
             return None
         before = (e for e in reversed(self.film.exposures.values()) if e.stamp_s < picture.stamp_s)
-        return next((e for e in before if "a" in e.errors), None)
+        return next((e for e in before if "a" in e.errors and not self._arm_moved(e)), None)
+
+    def _arm_moved(self, picture: Exposure) -> bool:
+        """Whether it did at about that time; the cell may or may not have taken it to be at rest."""
+        at = picture.base_from_flange
+        return any(
+            max(at.distance(other.base_from_flange)) > SAME
+            for other in self.film.exposures.values()
+            if abs(other.stamp_s - picture.stamp_s) < REST_S
+        )
 
     def _check_age(self, told: Told, now_s: float) -> None:
         asked_s = told.asked.max_age_ms / 1000 or self.max_age_s

@@ -29,7 +29,7 @@ def expected_misfit(
 ) -> float:
     """Sigmas by which a picture contradicts, of the reading of it that contradicts least.
 
-    earlier: the newest picture before that shows tag A, where this one does not.
+    earlier: the newest picture before that shows tag A and an arm at rest, where this one may not.
     """
     motion = _motion_columns(variant.motion, picture, plant)
     e_b, W_b = picture.errors["b"], _weight(picture, "b")
@@ -47,7 +47,7 @@ def expected_misfit(
 def effect_mm(picture: Exposure, earlier: Exposure | None, point_in_camera: Array) -> float:
     """The most by which all that is wrong in a picture can shift a point (3,), mm in the camera."""
     errors = [picture.errors["b"], picture.camera_shift.log()]
-    if (with_tag_a := _with_tag_a(picture, earlier)) is not None:
+    for with_tag_a in _with_tag_a(picture, earlier):
         errors.append(with_tag_a.errors["a"])
         errors.append((with_tag_a.camera_shift.inverse() @ picture.camera_shift).log())
     lever = np.hstack([np.eye(3), -hat(point_in_camera)])
@@ -79,25 +79,28 @@ def _readings(
     picture: Exposure, earlier: Exposure | None, variant: Variant
 ) -> Iterator[list[tuple[Array, Array]]]:
     """Rows (residual, Jacobian by the camera's displacement) of each way to read where the camera is."""
-    seen = _with_tag_a(picture, earlier)
-    tag_a = None
-    if seen is not None:
+    rows_of_tag_a = []
+    for seen in _with_tag_a(picture, earlier):
         moved = (seen.camera_shift.inverse() @ picture.camera_shift).log()
         W = _weight(seen, "a")
-        tag_a = (W @ (seen.errors["a"] - moved), W)
+        rows_of_tag_a.append((W @ (seen.errors["a"] - moved), W))
     if variant.stability == "movable":
-        yield [] if tag_a is None else [tag_a]
+        yield from ([rows] for rows in rows_of_tag_a)
+        if not rows_of_tag_a:
+            yield []
         return
     prior = (picture.camera_shift.log() / STABILITY, np.diag(1 / STABILITY))
-    if "a" not in picture.errors:
+    if earlier is not None or "a" not in picture.errors:
         yield [prior]
-    if tag_a is not None:
+    for tag_a in rows_of_tag_a:
         yield [prior, tag_a]
         yield [tag_a]  # a camera that was knocked farther than its stability is followed
 
 
-def _with_tag_a(picture: Exposure, earlier: Exposure | None) -> Exposure | None:
-    return picture if "a" in picture.errors else earlier
+def _with_tag_a(picture: Exposure, earlier: Exposure | None) -> list[Exposure]:
+    """Pictures that may tell where the camera stands: this one, or the one that is remembered."""
+    own = [picture] if "a" in picture.errors else []
+    return own if earlier is None else [*own, earlier]
 
 
 def _motion_columns(motion: Motion, picture: Exposure, plant: Plant) -> Array:

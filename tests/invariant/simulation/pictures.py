@@ -2,7 +2,7 @@
 
 from collections import OrderedDict
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -27,7 +27,7 @@ class Exposure:
     errors: (6,) by tag that is seen, left tangent in the camera, mm and rad: how its pose in this picture, without
     noise, differs from that of a tag that sits where it was taught, on an object that moved as it may, seen by a robot
     that tells the truth. camera_shift: in the camera's frame. base_from_object: the truth. wrongs: in words, what is
-    not as it was taught.
+    not as it was taught. base_from_flange: where the arm was.
     """
 
     stamp_s: float
@@ -36,6 +36,7 @@ class Exposure:
     camera_shift: Pose
     base_from_object: Pose
     wrongs: tuple[str, ...]
+    base_from_flange: Pose = field(default_factory=Pose.identity)
 
 
 class Film:
@@ -120,6 +121,7 @@ class Film:
             plant.camera_shift,
             plant.base_from_object(stamp_s),
             tuple(wrongs),
+            plant.arm.reported_flange(stamp_s),
         )
 
     def _corners(self, camera_from_tag: Pose, size_mm: float) -> Array | None:
