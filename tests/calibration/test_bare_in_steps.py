@@ -11,7 +11,8 @@ from fakes.world.simulation import WORK_ROTATION, Simulation
 from vgrd.calibration.calibration import expected_coordinate
 from vgrd.calibration.checks import check_plan, rival_names
 from vgrd.calibration.solve import calibrate_system
-from vgrd.errors import InputError, NotObservable
+from vgrd.errors import InputError, NotObservable, TooFewObservations
+from vgrd.geometry import Pose
 from vgrd.model import Plan, Policy
 
 EVERY = tuple(f"P{i}" for i in range(1, 7))
@@ -126,3 +127,30 @@ def test_checks_of_names_look_at_the_targets_in_cad_and_number_touches_as_record
     (finding,) = [f for f in calibration.verdict.findings if f.code == "targets_swapped"]
     assert "'3 (P6)'" in finding.message
     assert "'6 (P3)'" in finding.message
+
+
+@pytest.mark.parametrize("plan", [Plan.SPECIAL, Plan.CONVENTIONAL])
+def test_touches_that_contradict_each_other_refuse_their_target(plan):
+    cell = exact(5)
+    recording = session(cell, plan, ("P5", "P6"), ("P6",) if plan is Plan.CONVENTIONAL else ())
+    if plan is Plan.SPECIAL:
+        again = cell.touch("P6", WORK_ROTATION)
+        recording = replace(recording, touches=(*recording.touches, again))
+    assert calibrate_system(recording).verdict.ok
+    last = recording.touches[-1]
+    pose = last.base_from_wrist
+    wrong = replace(
+        last, base_from_wrist=Pose(pose.rotation, np.add(pose.translation, (3.0, 0, 0)))
+    )
+    verdict = calibrate_system(
+        replace(recording, touches=(*recording.touches[:-1], wrong))
+    ).verdict
+    assert not verdict.ok
+    assert "target_contradicted" in [remark.code for remark in verdict.findings if remark.fatal]
+
+
+def test_touches_of_targets_without_cad_alone_do_not_teach_the_others():
+    recording = session(exact(6), Plan.CONVENTIONAL, ("P5", "P6"))
+    few = replace(recording, touches=recording.touches[4:])
+    with pytest.raises(TooFewObservations, match="only targets without point_mm"):
+        calibrate_system(few)

@@ -8,6 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
+from fakes.studies.robustness.bare_targets import without_cad
 from fakes.world.noise import FINE
 from fakes.world.simulation import WORK_ROTATION, Simulation
 from vgrd.calibration.calibration import expected_coordinate
@@ -112,7 +113,9 @@ def test_advice_and_answer_tell_it_of_targets_that_have_a_clearance_and_of_no_ot
     tag_b = sim.request().seen.tag_b
     odds = {
         name: insertion_of(
-            expected_coordinate(calibration, name, tag_b, Policy.FIXED), some.facts.tool
+            expected_coordinate(calibration, name, tag_b, Policy.FIXED),
+            some.facts.tool,
+            some.facts.object.targets[name].clearance_mm,
         )
         for name in ("P1", "P2")
     }
@@ -126,3 +129,12 @@ def test_a_wide_hole_needs_no_touch_more_and_the_advice_says_so():
     _, recording = taught(clearance_mm=3.0)
     words = advise_session(recording).to_json()["insertions_in_words"]
     assert words.startswith("95 % of insertions")
+
+
+def test_advice_goes_on_while_a_target_without_cad_is_not_touched_yet():
+    sim, _ = taught()
+    names = ["P1", "P2", "P3", "P4", "P5", "P1"]
+    recording = without_cad(with_clearance(sim.record(names=names), 0.4), ("P6",))
+    told = advise_session(recording).to_json()
+    assert sorted(told["insertions"]) == ["P1", "P2", "P3", "P4", "P5"]
+    assert "P6" in told["next"]["words"]

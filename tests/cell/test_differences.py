@@ -16,7 +16,13 @@ from fakes.world.layout import Layout
 from fakes.world.world import CellNoise, World
 from vgrd.geometry import Pose
 from vgrd.model import CellFacts, Motion, TagSpec, Target, frozen_array
-from vgrd.solving.differences import MAY_CHANGE, MAY_GROW, fact_differences, file_key
+from vgrd.solving.differences import (
+    MAY_CHANGE,
+    MAY_CHANGE_OF_TARGETS,
+    MAY_GROW,
+    fact_differences,
+    file_key,
+)
 from vgrd.store.encoding import decode, encode
 
 
@@ -26,7 +32,10 @@ def facts(tmp_path_factory: pytest.TempPathFactory) -> CellFacts:
     found = facts_of(World(Layout(), 5, CellNoise.none()), tmp_path_factory.mktemp("facts"))
     targets = {
         name: replace(
-            target, base_from_work=frozen_array(np.eye(3), 3, 3), hole_diameter_mm=target.id + 5.0
+            target,
+            base_from_work=frozen_array(np.eye(3), 3, 3),
+            hole_diameter_mm=target.id + 5.0,
+            clearance_mm=0.4,
         )
         for name, target in found.object.targets.items()
     }
@@ -81,7 +90,7 @@ def test_every_single_fact_that_changed_is_named_and_nothing_else(facts: CellFac
     for path, value in leaves(facts):
         other = with_leaf(facts, path, changed(value))
         told = fact_differences(facts, other)
-        if ".".join(path) in MAY_CHANGE:
+        if ".".join(path) in MAY_CHANGE or path[-1] in MAY_CHANGE_OF_TARGETS:
             assert told == []
             continue
         assert len(told) == 1, (path, told)
@@ -146,3 +155,9 @@ def test_facts_that_were_stored_and_read_are_the_same(facts: CellFacts, tmp_path
         facts, object=replace(facts.object, targets=MappingProxyType(dict(facts.object.targets)))
     )
     assert fact_differences(frozen, facts) == []
+
+
+def test_a_clearance_may_be_written_into_the_file_of_a_cell_that_serves(facts: CellFacts) -> None:
+    targets = {n: replace(t, clearance_mm=None) for n, t in facts.object.targets.items()}
+    before = replace(facts, object=replace(facts.object, targets=targets))
+    assert fact_differences(before, facts) == []

@@ -14,7 +14,7 @@ from vgrd.devices import wire
 from vgrd.errors import ControlError, NotSteady
 from vgrd.ipc.ring import RingWriter
 from vgrd.model import Plan
-from vgrd.store.sessions import SampleKind, SessionWriter
+from vgrd.store.sessions import SampleKind, SessionWriter, load_session
 
 INPUT = 5
 
@@ -40,10 +40,13 @@ class Bench:
             raise ControlError("no session is being recorded")
         return self.writer
 
-    async def touch(self, target: str, kind: SampleKind) -> dict[str, object]:
+    async def touch(
+        self, target: str, kind: SampleKind, *, by_foot: bool = False
+    ) -> dict[str, object]:
         if self.refusal is not None:
             raise self.refusal
-        return {"sample": self.open_session().sample(kind, self.samples.touch(target))}
+        touch = self.samples.touch(target)
+        return {"sample": self.open_session().sample(kind, touch, by_foot=by_foot)}
 
     def press(self, stamp_s: float | None = None) -> None:
         self.ring.publish(stamp_s=self.clock.now_s if stamp_s is None else stamp_s)
@@ -99,12 +102,28 @@ def test_a_press_from_before_this_process_is_none(bench):
     assert bench.last(lambda: bench.press(bench.clock.now_s - 5.0)) is None
 
 
-def test_what_could_not_be_recorded_is_told_and_the_next_press_tries_again(bench):
-    first = next(iter(bench.facts.object.targets))
+def test_after_a_press_that_was_not_recorded_the_pedal_waits_for_a_name(bench):
+    """Else every later touch would have the name of the one before it."""
+    first, second = list(bench.facts.object.targets)[:2]
     bench.refusal = NotSteady("the robot moved")
     assert bench.last(bench.press) == f"{first}: not recorded: the robot moved"
     bench.refusal = None
-    assert bench.last(bench.press) == f"{first}: sample 1"
+    assert f"touch {first} by its name first" in str(bench.last(bench.press))
+    assert bench.writer.counts[SampleKind.TOUCH] == 0
+    asyncio.run(bench.touch(first, SampleKind.TOUCH))
+    assert str(bench.last(bench.press)).startswith(f"{second}: sample")
     bench.writer.close()
     bench.writer = None
     assert "no session" in str(bench.last(bench.press))
+
+
+def test_the_session_tells_the_last_target_that_nobody_named(bench, tmp_path):
+    first, second = list(bench.facts.object.targets)[:2]
+    bench.last(bench.press)
+    asyncio.run(bench.touch("P1" if first != "P1" else first, SampleKind.TOUCH))
+    folder = bench.writer.path
+    assert load_session(folder).last_by_foot == first
+    bench.writer.undo()
+    bench.writer.undo()
+    assert load_session(folder).last_by_foot is None
+    assert second

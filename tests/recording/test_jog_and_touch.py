@@ -265,3 +265,60 @@ def test_an_object_that_was_lifted_by_hand_is_harvested_and_left_out_by_the_esti
     request = cell.request()
     served = expected_coordinate(calibration, request.target, request.seen.tag_b, Policy.FIXED)
     assert np.linalg.norm(cell.miss(request, served.base_from_wrist)) < 1.0
+
+
+def test_an_arm_that_left_before_the_pictures_is_no_touch(tmp_path):
+    """A foot presses and the hands move on: the place where they stop next is not the target."""
+    bench = Bench(tmp_path)
+    touch = bench.cell.touch("P1", WORK_ROTATION).observation
+    (gone,) = bench.cell.watch(bench.above("P1", WORK_ROTATION), 0.0, 1)
+    bench.now = touch
+
+    async def rest():
+        pose, bench.now = touch.base_from_wrist, gone
+        return pose
+
+    bench.rest = rest
+
+    async def steps():
+        with pytest.raises(NotSteady, match="moved on by"):
+            await bench.teaching.touch("P1", SampleKind.TOUCH)
+
+    folder = session_of(bench, steps)
+    assert not load_session(folder).recording.touches
+
+
+def test_a_second_press_in_the_same_rest_is_no_touch(tmp_path):
+    bench = Bench(tmp_path)
+
+    async def steps():
+        await bench.touch("P1")
+        with pytest.raises(NotSteady, match="has not moved since"):
+            await bench.teaching.touch("P2", SampleKind.TOUCH, by_foot=True)
+
+    folder = session_of(bench, steps)
+    assert len(load_session(folder).recording.touches) == 1
+
+
+def test_names_given_by_a_foot_need_one_that_was_said(tmp_path):
+    """One press too few names every touch wrong, which six holes on a ring cannot tell."""
+    for said in (None, "P6"):
+        bench = Bench(tmp_path / str(said))
+
+        async def steps(bench=bench, said=said):
+            bench.stop(bench.cell.standing)
+            for angle in TURNS:
+                bench.stop(bench.cell.standing, angle)
+            for k in range(6):
+                name, place = f"P{k + 1}", f"P{(k + 1) % 6 + 1}" if said is None else f"P{k + 1}"
+                bench.stop(bench.above(place, WORK_ROTATION))
+                seen = bench.cell.touch(place, WORK_ROTATION).observation
+                bench.show(replace(seen, rest_since_s=seen.stamp_s))
+                bench.show(bench.now)
+                await bench.teaching.touch(name, SampleKind.TOUCH, by_foot=True)
+            if said is not None:
+                await bench.teaching.touch(said, SampleKind.VERIFY)
+
+        result = solve_session(session_of(bench, steps))
+        codes = [one["code"] for one in result["verdict"]["findings"] if one["fatal"]]
+        assert ("names_unproven" in codes) is (said is None), codes

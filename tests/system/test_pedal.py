@@ -57,6 +57,7 @@ def test_a_pedal_and_an_input_of_the_robot_record_the_touches_one_after_the_othe
             daemon.wait_until(
                 lambda status, s=sample: status["pedal"]["last"] == s, COMES_WITHIN_S
             )
+        operator.press("verify", target="P2")
         operator.press("record.stop")
     recording = load_recording(tmp_path / "state" / "sessions" / "by-foot")
     assert [touch.target for touch in recording.touches] == ["P1", "P2"]

@@ -44,9 +44,13 @@ def mean_insertion(odds: Sequence[Insertion]) -> Insertion:
     )
 
 
-def insertion_of(expected: ExpectedCoordinate, tool: Tool) -> Insertion | None:
-    """What to expect of one expected coordinate; None for a target without a clearance."""
-    clearance_mm = expected.target.clearance_mm
+def insertion_of(
+    expected: ExpectedCoordinate, tool: Tool, clearance_mm: float | None
+) -> Insertion | None:
+    """What to expect of one expected coordinate; None for a target without a clearance.
+
+    The covariance is the flange's: where the wrist turns with the object (policy follow) the tip is better known.
+    """
     if clearance_mm is None:
         return None
     axis = expected.base_from_wrist.rotation @ np.asarray(tool.axis_in_wrist)

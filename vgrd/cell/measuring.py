@@ -278,7 +278,7 @@ class Measuring:
 
     async def _readings_after(self, stamp_s: float) -> None:
         """Let the flange readings catch up with the picture."""
-        end_s = self.clock.monotonic() + catch_up_s(self.robot.readings)
+        end_s = max(self.clock.monotonic(), stamp_s) + catch_up_s(self.robot.readings)
         while self.clock.monotonic() < end_s:
             if is_covered(self.robot.readings, stamp_s, self.limits):
                 return

@@ -99,7 +99,7 @@ class CameraSection(Table):
     )
     delay_ms: float = Field(  # `timing.offset` looks for no more than that
         default=0.0,
-        ge=-250,
+        ge=0,  # stamps that come late would make pictures look younger than they are
         le=250,
         description="pictures were taken so much after their stamps, by the robot's clock: `vgrd solve` tells it",
     )

@@ -116,6 +116,12 @@ OF_A_SESSION: Mapping[str, Kind] = MappingProxyType(
             "undo it and touch that target again",
             "leaving it out: 3.5 sigma",
         ),
+        "names_unproven": Kind(
+            "touches by foot have the names of the order in which they came; one press too many or too few "
+            "shifts them all",
+            "vgrd verify NAME at the target that was touched last by foot",
+            "no verification of that target in the session",
+        ),
         "target_contradicted": Kind(
             "the touches of a target without CAD contradict each other and none is borne out",
             "",

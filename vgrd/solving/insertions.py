@@ -37,7 +37,7 @@ def _odds(
         expected = expected_coordinate(calibration, target, picture.tag_b, policy, work, place)
     except (CalibrationError, InputError):
         return None
-    return insertion_of(expected, calibration.facts.tool)
+    return insertion_of(expected, calibration.facts.tool, expected.target.clearance_mm)
 
 
 def _in_words(odds: Insertion, clearance_mm: float) -> str:

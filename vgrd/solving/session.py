@@ -23,7 +23,8 @@ from vgrd.calibration.solve import calibrate_system
 from vgrd.clock import Clock, SystemClock
 from vgrd.errors import CalibrationError, InternalError, StoreError, VgrdError
 from vgrd.geometry import Array
-from vgrd.model import Plan, Policy, Recording, Verdict
+from vgrd.judging.findings import finding
+from vgrd.model import Finding, Plan, Policy, Recording, Verdict
 from vgrd.orphans import die_with
 from vgrd.solving.hole_pictures import draw_searched
 from vgrd.solving.hole_sightings import HolesSeen, Report, holes_of, see_holes
@@ -32,7 +33,7 @@ from vgrd.solving.servable import places_without_cad, unservable
 from vgrd.solving.timing import late_pictures, time_offset_of
 from vgrd.store.calibrations import CalibrationStore
 from vgrd.store.retention import in_use
-from vgrd.store.sessions import iterate_images, iterate_observations, load_session
+from vgrd.store.sessions import StoredSession, iterate_images, iterate_observations, load_session
 from vgrd.vision.images.drawing import folder_for_pictures
 
 log = structlog.get_logger()
@@ -68,7 +69,11 @@ def solve_session(
             stored.recording, tolerance_mm, policy, holes.sightings, stability
         )
         offset = time_offset_of(folder, stored.recording, calibration)
-        findings = (*calibration.verdict.findings, *late_pictures(offset))
+        findings = (
+            *calibration.verdict.findings,
+            *late_pictures(offset),
+            *_unproven_names(stored),
+        )
         verdict = Verdict((*findings, *unservable(calibration, policy)))
         calibration = replace(calibration, created_unix_s=clock.wall(), verdict=verdict)
         name = None
@@ -85,6 +90,15 @@ def solve_session(
         **drawn,
         "warnings": [*stored.warnings, *warnings],
     }
+
+
+def _unproven_names(stored: StoredSession) -> tuple[Finding, ...]:
+    """A pedal names its touches by their order, which CAD cannot check on a ring of holes: a name must be said."""
+    last = stored.last_by_foot
+    if last is None or any(touch.target == last for touch in stored.recording.verifications):
+        return ()
+    words = f"touches by foot were named by their order: vgrd verify {last} shows whether the names are right"
+    return (finding("names_unproven", words, fatal=True),)
 
 
 def _blind_spots(

@@ -1,17 +1,24 @@
 """The time between poses and pictures of a session, from what it recorded of the moving arm."""
 
+from bisect import bisect_left
+from collections.abc import Sequence
 from itertools import chain
 from pathlib import Path
 
+import numpy as np
+
 from vgrd.calibration.calibration import Calibration
 from vgrd.calibration.timing import TimeOffset, find_time_offset
-from vgrd.errors import InputError, StoreError
+from vgrd.errors import CalibrationError, InputError, StoreError
 from vgrd.geometry.track import PoseTrack
 from vgrd.judging.findings import finding
 from vgrd.model import Finding, Recording
 from vgrd.store.sessions import iterate_flanges, iterate_moving
 
 _SIGMAS = 4.0  # 1 in 16,000 good sessions is told of an offset
+_MOST_PICTURES = 400  # more hardly tell more: 100 give 0.1 ms
+_NEAR_S = 1.0  # of a reading to a picture: the widest offset, and what interpolation needs besides
+_MOST_DELAY_MS = 250.0  # as `delay_ms` of the cell file
 _MATTERS_S = 0.01  # half of what is covered beside an exposure: `RestLimits.half_exposure_s`
 
 
@@ -24,15 +31,24 @@ def time_offset_of(folder: Path, recording: Recording, calibration: Calibration)
         moving = list(iterate_moving(folder))
         if not moving:
             return TimeOffset(unknown="the session has no pictures of the moving arm")
-        readings = list(iterate_flanges(folder))
-        track = PoseTrack.of([r.stamp_s for r in readings], [r.base_from_wrist for r in readings])
-    except (StoreError, InputError) as err:
+        moving = moving[:: -(-len(moving) // _MOST_PICTURES)]
+        touched = (touch.observation for touch in recording.touches)
+        seen = chain(recording.looks, recording.spins, touched)
+        rests = [one for one in seen if one is not None]
+        stamps = sorted([*(one.stamp_s for one in moving), *(one.stamp_s for one in rests)])
+        near = [r for r in iterate_flanges(folder) if _is_near(r.stamp_s, stamps)]
+        track = PoseTrack.of([r.stamp_s for r in near], [r.base_from_wrist for r in near])
+        return find_time_offset(
+            recording.facts, track, moving, rests, calibration.base_from_camera, wrist_from_tag_a
+        )
+    except (StoreError, InputError, CalibrationError, np.linalg.LinAlgError) as err:
         return TimeOffset(unknown=str(err))
-    touched = (touch.observation for touch in recording.touches)
-    rests = [seen for seen in chain(recording.looks, recording.spins, touched) if seen is not None]
-    return find_time_offset(
-        recording.facts, track, moving, rests, calibration.base_from_camera, wrist_from_tag_a
-    )
+
+
+def _is_near(stamp_s: float, stamps: Sequence[float]) -> bool:
+    """Whether a reading is of use for any picture: a session may hold hours of them."""
+    i = bisect_left(stamps, stamp_s - _NEAR_S)
+    return i < len(stamps) and stamps[i] <= stamp_s + _NEAR_S
 
 
 def late_pictures(offset: TimeOffset) -> tuple[Finding, ...]:
@@ -40,11 +56,14 @@ def late_pictures(offset: TimeOffset) -> tuple[Finding, ...]:
     if offset.unknown or abs(offset.offset_s) <= max(_SIGMAS * offset.sigma_s, _MATTERS_S):
         return ()
     ms, sigma_ms = 1e3 * offset.offset_s, 1e3 * offset.sigma_s
+    delay_ms = 1e3 * offset.delay_s
+    remedy = f"set [camera] delay_ms = {delay_ms:.0f}"
+    if not 0 <= delay_ms <= _MOST_DELAY_MS:
+        remedy = "no delay_ms mends that: see to the clock or the driver of camera and robot"
     return (
         finding(
             "picture_delay",
             f"pictures show the robot {abs(ms):.1f} +- {sigma_ms:.1f} ms {'after' if ms > 0 else 'before'} "
-            f"the pose of their time; samples at rest do not suffer; set [camera] delay_ms = "
-            f"{1e3 * offset.delay_s:.0f}",
+            f"the pose of their time; samples at rest do not suffer; {remedy}",
         ),
     )

@@ -59,13 +59,15 @@ class SessionHeader:
 class StoredSession:
     """A session as found on the disk; warnings tell what was left out or not tidied up.
 
-    harvested: how many of the samples nobody asked for, by kind.
+    harvested: how many of the samples nobody asked for, by kind. last_by_foot: target of the last touch
+    whose name was taken from the order of the targets, None where every touch was named.
     """
 
     header: SessionHeader
     recording: Recording
     warnings: tuple[str, ...]
     harvested: Mapping[SampleKind, int]
+    last_by_foot: str | None = None
 
 
 def session_directory(state_dir: Path, name: str) -> Path:

@@ -117,9 +117,17 @@ class SessionWriter:
         return self._write(Topic.IMAGE, encoded.stamp_s, encoded.data)
 
     def sample(
-        self, kind: SampleKind, value: Observation | Touch, *, harvested: bool = False
+        self,
+        kind: SampleKind,
+        value: Observation | Touch,
+        *,
+        harvested: bool = False,
+        by_foot: bool = False,
     ) -> int:
-        """Write a sample to the disk and return its sequence number."""
+        """Write a sample to the disk and return its sequence number.
+
+        harvested: nobody asked for it; by_foot: nobody named its target.
+        """
         if not isinstance(value, kind.value_type):
             raise InputError(
                 f"a {kind} is a {kind.value_type.__name__}, not a {type(value).__name__}"
@@ -127,6 +135,8 @@ class SessionWriter:
         record = {"kind": kind.value, "value": encode(value, kind.value)}
         if harvested:  # readers that know no mark take it for a sample that was asked for
             record["harvested"] = True
+        if by_foot:
+            record["by_foot"] = True
         with self._teaching:
             sequence = self._samples.append(record)
             self._taught.append(Taught(sequence, kind, value, harvested))

@@ -66,13 +66,13 @@ def load_session(directory: Path) -> StoredSession:
     header = _read_header(directory)
     content = read_journal(directory / SAMPLES)
     _check_complete(directory, len(content.records))
-    recording, harvested = _recording(header, content.records, directory / SAMPLES)
+    recording, harvested, last_by_foot = _recording(header, content.records, directory / SAMPLES)
     warnings = [content.warning] if content.warning else []
     try:
         recover_session(directory)
     except StoreError as error:
         warnings.append(str(error))
-    return StoredSession(header, recording, tuple(warnings), harvested)
+    return StoredSession(header, recording, tuple(warnings), harvested, last_by_foot)
 
 
 def recover_session(directory: Path) -> tuple[Path, ...]:
@@ -160,21 +160,26 @@ def _check_complete(directory: Path, lines: int) -> None:
 
 def _recording(
     header: SessionHeader, records: tuple[Json, ...], path: Path
-) -> tuple[Recording, Counter[SampleKind]]:
-    """What was taught, and how many of it by kind was harvested."""
+) -> tuple[Recording, Counter[SampleKind], str | None]:
+    """What was taught, how many of it by kind was harvested, and the last target touched by foot."""
     taught: dict[int, tuple[SampleKind, Observation | Touch]] = {}
     harvested: dict[int, SampleKind] = {}
+    by_foot: dict[int, str] = {}
     for number, record in enumerate(records, 1):
         where = f"{path}, line {number}"
         if record["kind"] == "undo":
             if taught.pop(record["value"], None) is None:
                 raise Corrupt(f"{where}: undoes sample {record['value']}, which is not there")
             harvested.pop(record["value"], None)
+            by_foot.pop(record["value"], None)
             continue
         kind = SampleKind(record["kind"])
         if record.get("harvested"):
             harvested[number] = kind
-        taught[number] = kind, decode(kind.value_type, migrations.sample(record["value"]), where)
+        value = decode(kind.value_type, migrations.sample(record["value"]), where)
+        if record.get("by_foot") and isinstance(value, Touch):
+            by_foot[number] = value.target
+        taught[number] = kind, value
 
     def of(kind: SampleKind, value_type: type[T]) -> tuple[T, ...]:
         return tuple(
@@ -191,4 +196,4 @@ def _recording(
         points=of(SampleKind.POINT, Touch),
         verifications=of(SampleKind.VERIFY, Touch),
     )
-    return recording, Counter(harvested.values())
+    return recording, Counter(harvested.values()), next(reversed(by_foot.values()), None)

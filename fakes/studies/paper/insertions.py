@@ -86,7 +86,7 @@ def _served(
         target, tag_b = facts.object.targets[request.target], request.seen.tag_b
         expected = solution.expected_for(facts, target, tag_b, Policy.FIXED, WORK_ROTATION)
         answers.append(expected.base_from_wrist)
-        odds.append(insertion_of(expected, facts.tool))
+        odds.append(insertion_of(expected, facts.tool, CLEARANCE_MM))
     told = [each for each in odds if each is not None]
     return {
         **_shares(name, cell, requests, answers),

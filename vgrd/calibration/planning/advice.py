@@ -196,7 +196,9 @@ def _advice(
     foresight = PredictedError(result, job)
     undetermined = foresight.undetermined()
     directions = [direction.what for direction in undetermined if direction.matters]
-    trouble = f"the answers still depend on {', '.join(directions)}" if directions else ""
+    trouble = (
+        f"the answers still depend on {', '.join(dict.fromkeys(directions))}" if directions else ""
+    )
     predicted, insertions, further = {}, {}, None
     if not directions:
         predicted = foresight.target_errors_mm(foresight.covariance, job)

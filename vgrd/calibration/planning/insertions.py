@@ -6,7 +6,7 @@ from itertools import accumulate, cycle, islice
 from vgrd.calibration.insertion import Insertion, insertion_odds, mean_insertion
 from vgrd.calibration.joint import JointFit
 from vgrd.calibration.planning.predicted_error import PredictedError
-from vgrd.calibration.planning.reach import Touching, usual_wrist
+from vgrd.calibration.planning.reach import Touching, known_targets, usual_wrist
 from vgrd.geometry import Array
 
 CLEAN_WANTED = 0.95  # without contact: one bottle in twenty may touch its rim
@@ -34,7 +34,7 @@ def further_touches(
 
     Every target with a clearance must reach the share. None: more than anybody would touch.
     """
-    targets = sorted(result.recording.facts.object.targets)
+    targets = known_targets(result)
     touches = [Touching(name, usual_wrist(result.recording, name)) for name in targets]
     rows = islice(cycle(foresight.rows(touches)), _MOST_TOUCHES)
     covariances = list(accumulate(rows, foresight.with_rows, initial=foresight.covariance))

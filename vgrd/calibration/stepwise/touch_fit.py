@@ -1,7 +1,7 @@
 """What the touches teach: flange positions of all targets, the TCP where the wrists varied."""
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -43,7 +43,8 @@ class FittedTouches:
     tcp: None where the wrist was constant and nothing was touched beside the object (special method).
     pivot_in_base: as in `Pivot`. parameters: (k, k) covariance of what was fitted; per target its flange
     (3,), orientation (3, 3) and (3, k) derivative; residuals_mm (m, 3) and scores (m,) of the touches.
-    beside: what the touches beside the object gave, None where the TCP is not theirs.
+    beside: what the touches beside the object gave, None where the TCP is not theirs. bare_scores: by
+    target without CAD, of the touch that belongs least to the others, in sigmas.
     """
 
     tcp: TcpEstimate | None
@@ -54,6 +55,7 @@ class FittedTouches:
     residuals_mm: Array
     scores: Array
     beside: ContactTcp | None = None
+    bare_scores: Mapping[str, float] = field(default_factory=dict)
 
     @property
     def open_axis(self) -> Array | None:
@@ -164,6 +166,7 @@ def _with_bare(fitted: FittedTouches, recording: Recording) -> FittedTouches:
         flanges=flanges,
         residuals_mm=np.vstack([fitted.residuals_mm, *(bare.residuals_mm for bare in taught)]),
         scores=np.concatenate([fitted.scores, *(bare.scores for bare in taught)]),
+        bare_scores={bare.target.name: float(bare.scores.max()) for bare in taught},
     )
 
 
@@ -193,6 +196,10 @@ def _conventional(recording: Recording, points: Array, touches: TouchSet) -> Fit
 
     Parameters: left tangent of base_from_object, and the TCP, by which the fit shifts.
     """
+    if not len(points):
+        raise TooFewObservations(
+            "only targets without point_mm were touched: touch at least 3 targets that have one"
+        )
     beside = contact_tcp(recording, allow_open_axis=True)
     R, tcp = touches.rotations[0], beside.tcp_in_wrist
     fit = fit_cad(points, replace(touches, translations=touches.translations + R @ tcp))

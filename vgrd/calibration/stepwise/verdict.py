@@ -42,6 +42,7 @@ def judge(evidence: StepwiseEvidence) -> tuple[list[Finding], dict[str, float]]:
     findings = [
         *bad_touches(evidence.recording),
         *_bad_points(evidence),
+        *_contradicted(evidence.taught),
         *_method(evidence),
         *_hand_eye(evidence),
         *_spins(evidence),
@@ -64,6 +65,20 @@ def _bad_points(evidence: StepwiseEvidence) -> list[Finding]:
             f"{beside.misses_mm[worst]:.2f} mm, {beside.scores[worst]:.1f} sigma off",
             fatal=bool(beside.scores[worst] > WRONG_SIGMA),
         )
+    ]
+
+
+def _contradicted(taught: FittedTouches) -> list[Finding]:
+    """Targets without CAD of which one touch does not belong to the others; none is left out of the mean."""
+    return [
+        finding(
+            "target_contradicted",
+            f"the touches of {name}, which has no point_mm, contradict each other by {score:.1f} sigma: undo "
+            f"those of {name} and touch it again",
+            fatal=True,
+        )
+        for name, score in taught.bare_scores.items()
+        if score > OUTLIER_SIGMA
     ]
 
 

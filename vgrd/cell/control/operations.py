@@ -200,7 +200,10 @@ class Operations:
         expected = expected_coordinate(
             calibration, target, sight.tag_b, policy, work, self.serving.cameras.place(sight)
         )
-        pose, odds = expected.base_from_wrist, insertion_of(expected, calibration.facts.tool)
+        configured = self.teaching.facts.object.targets.get(target)
+        clearance_mm = None if configured is None else configured.clearance_mm
+        odds = insertion_of(expected, calibration.facts.tool, clearance_mm)
+        pose = expected.base_from_wrist
         return {
             "target": target,
             "policy": policy.value,

@@ -2,6 +2,10 @@
 
 Both hands hold the robot while a tip is put onto a target. The next target is the one with the fewest touches
 in the open session, in the order of the cell file; so `vgrd touch` and `vgrd undo` have their say.
+
+The foot gets no answer, and one press too many or too few gives every later touch a wrong name, which CAD cannot
+tell on a ring of holes. So a rest of the arm is one touch, a press that was not recorded stops the pedal
+until a touch is named, and such a session wants `vgrd verify NAME` at its last target.
 """
 
 import asyncio
@@ -16,7 +20,7 @@ from vgrd.cell.feeds import RingFeed
 from vgrd.cell.recording.teaching import Teaching
 from vgrd.clock import Clock
 from vgrd.devices import FlangeReading, wire
-from vgrd.errors import VgrdError
+from vgrd.errors import ControlError, VgrdError
 from vgrd.store.sessions import SampleKind, load_recording
 
 LOOK_S = 0.05  # nobody notices so late a reaction of a foot's press
@@ -41,6 +45,7 @@ class FootTouches:
         self._is_down: bool | None = None
         self._is_wanted = False
         self._last = ""
+        self._missed: tuple[str, int] | None = None  # target, and how many touches there were then
 
     def on_readings(self, readings: Sequence[FlangeReading]) -> None:
         """Watch the robot's input: a press is where it comes on; one that is on at first was not pressed."""
@@ -72,8 +77,12 @@ class FootTouches:
     async def _touch(self) -> None:
         name = ""
         try:
-            name = await self._next_target()
-            reply = await self.teaching.touch(name, SampleKind.TOUCH)
+            name, count = await self._next_target()
+            if self._missed is not None and self._missed[1] == count:
+                raise ControlError(f"touch {self._missed[0]} by its name first: vgrd touch")
+            self._missed = (name, count)
+            reply = await self.teaching.touch(name, SampleKind.TOUCH, by_foot=True)
+            self._missed = None
         except VgrdError as err:
             self._last = f"{name or 'no target'}: not recorded: {err}"
             log.warning("pedal_not_recorded", target=name, reason=str(err))
@@ -81,8 +90,10 @@ class FootTouches:
             self._last = f"{name}: sample {reply['sample']}"
             log.info("pedal_touch", target=name, sample=reply["sample"])
 
-    async def _next_target(self) -> str:
+    async def _next_target(self) -> tuple[str, int]:
+        """Its name, and how many touches there are."""
         folder = self.teaching.recorder.open_session().path
         recording = await asyncio.to_thread(load_recording, folder)
         touched = Counter(touch.target for touch in recording.touches)
-        return min(self.teaching.facts.object.targets, key=lambda name: touched[name])
+        name = min(self.teaching.facts.object.targets, key=lambda name: touched[name])
+        return name, len(recording.touches)

@@ -16,6 +16,7 @@ from vgrd.cell.measuring import ROBOT_LOST_S, Measuring, Sight
 from vgrd.cell.recording.recorder import Recorder
 from vgrd.cell.serving.faults import tcp_difference
 from vgrd.devices import FlangeReading
+from vgrd.devices.stillness import RestLimits
 from vgrd.errors import ControlError, DeviceUnavailable, InputError, NotSteady, TagNotSeen, TooOld
 from vgrd.model import CellFacts, Observation, Plan, Stability, Touch
 from vgrd.solving.advisor import Advisor
@@ -125,14 +126,22 @@ class Teaching:
                 raise TagNotSeen("tag B on the object is not in the picture: move the arm aside")
             return await self._store(SampleKind.SPIN, observation)
 
-    async def touch(self, target: str, kind: SampleKind) -> dict[str, object]:
-        """Record that the tip rests on a target (kind touch or verify)."""
+    async def touch(
+        self, target: str, kind: SampleKind, *, by_foot: bool = False
+    ) -> dict[str, object]:
+        """Record that the tip rests on a target (kind touch or verify).
+
+        by_foot: nobody named the target, so two touches of one rest of the arm are one press too many.
+        """
         if target not in self.facts.object.targets:
             names = ", ".join(self.facts.object.targets)
             raise InputError(f"unknown target {target!r}; the cell file has: {names}")
         with self._asked():
-            self.last_touch = self._touch(target, await self._observe())
-            return await self._store(kind, self.last_touch)
+            touch = self._touch(target, await self._observe())
+            if by_foot and _same_rest(touch, self.last_touch):
+                raise NotSteady("the arm has not moved since the last touch")
+            self.last_touch = touch
+            return await self._store(kind, touch, by_foot=by_foot)
 
     async def point(self, name: str) -> dict[str, object]:
         """Record a touch beside the object, of a fixed point, a plane or a ball; no picture is needed."""
@@ -196,14 +205,16 @@ class Teaching:
             observation,
         )
 
-    async def _store(self, kind: SampleKind, value: Observation | Touch) -> dict[str, object]:
+    async def _store(
+        self, kind: SampleKind, value: Observation | Touch, *, by_foot: bool = False
+    ) -> dict[str, object]:
         observation = value if isinstance(value, Observation) else value.observation
         replaced: tuple[Observation, ...] = ()
         if self.harvest is not None and observation is not None:
             replaced = self.harvest.note(observation)
 
         def store(writer: SessionWriter) -> int:
-            number = writer.sample(kind, value)
+            number = writer.sample(kind, value, by_foot=by_foot)
             writer.give_back(replaced)
             return number
 
@@ -224,8 +235,14 @@ class Teaching:
         """Pose and picture of one rest; NotSteady when robot or object still move."""
         self._session()
         self._check_tcp()
-        await self.measuring.rest()
+        pose = await self.measuring.rest()
+        spread_mm, spread_rad = RestLimits().of(self._reading())
         first, second = await self._paired(), await self._paired()
+        moved_mm, moved_rad = pose.distance(second.base_from_wrist)
+        if moved_mm > 2 * spread_mm or moved_rad > 2 * spread_rad:  # each end is known so well
+            raise NotSteady(
+                f"the arm moved on by {moved_mm:.2f} mm before both pictures were taken: let it stand longer"
+            )
         for name in ("tag_a", "tag_b"):
             moved_px = shift_px(getattr(first, name), getattr(second, name))
             if moved_px > STEADY_PX:
@@ -285,6 +302,14 @@ class Teaching:
         missing = {kind: n - have[kind] for kind, n in wanted.items() if have[kind] < n}
         harvested = {kind.value: count for kind, count in writer.harvested.items()}
         return {"have": dict(have), HARVESTED: harvested, "missing": missing}
+
+
+def _same_rest(touch: Touch, last: Touch | None) -> bool:
+    """Whether the arm has stood still from one touch to the other."""
+    if last is None or last.observation is None or touch.observation is None:
+        return False
+    since_s = touch.observation.rest_since_s
+    return since_s is not None and since_s <= last.observation.stamp_s
 
 
 def _undoing(which: str | None) -> Callable[[SessionWriter], Taught]:
