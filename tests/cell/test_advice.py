@@ -18,6 +18,7 @@ from vgrd.cell.recording.recorder import Recorder
 from vgrd.cell.recording.teaching import Teaching
 from vgrd.config.cell_file import TouchSection
 from vgrd.devices import FlangeReading
+from vgrd.devices.stillness import RestLimits
 from vgrd.errors import CalibrationError, ControlError, InputError
 from vgrd.geometry import Pose
 from vgrd.model import Observation, Policy, Recording, Stability
@@ -108,7 +109,7 @@ class Bench:
     def __init__(self, folder: Path, recording: Recording) -> None:
         self.clock = ManualClock()
         self.now: Observation | None = None
-        self.robot = self
+        self.robot, self.limits = self, RestLimits()
         self.advisor = Advisor(Policy.FIXED)
         self.recorder = Recorder(folder, self.clock)
         self.teaching = Teaching(

@@ -17,6 +17,7 @@ from vgrd.cell.recording.recorder import Recorder
 from vgrd.cell.recording.teaching import Teaching
 from vgrd.config.cell_file import TouchSection
 from vgrd.devices import CameraImage, FlangeReading
+from vgrd.devices.stillness import RestLimits
 from vgrd.errors import ControlError, InputError, NotSteady
 from vgrd.geometry import Pose
 from vgrd.model import Observation, Policy, Stability
@@ -35,7 +36,7 @@ class Bench:
         self.recorder = Recorder(folder, ManualClock())
         facts = replace(self.cell.facts(), **facts)
         self.teaching = Teaching(self, self.recorder, facts, TouchSection())
-        self.robot = self
+        self.robot, self.limits = self, RestLimits()
         self.tool = Pose.identity()
         self.now: Observation | None = None
 

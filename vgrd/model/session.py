@@ -117,3 +117,8 @@ class Recording:
     def fixed_points(self) -> tuple[Touch, ...]:
         """Touches of one fixed point; none where the plan touches a surface."""
         return () if self.plan.touches_surface else self.points
+
+    @property
+    def touch_pictures(self) -> tuple[Observation, ...]:
+        """Pictures of the touches that have one."""
+        return tuple(touch.observation for touch in self.touches if touch.observation is not None)

@@ -12,14 +12,15 @@ def insertion_sentences(
     calibration: Calibration, recording: Recording, policy: Policy
 ) -> list[str]:
     """One for each target with a clearance: the mean over the pictures of the session in which it can be told."""
-    pictures = [*(touch.observation for touch in recording.touches), *recording.spins]
-    seen = [picture for picture in pictures if picture is not None and picture.tag_b is not None]
+    pictures = (*recording.touch_pictures, *recording.spins)
     sentences = []
     for name, taught in calibration.taught.items():
         clearance_mm = taught.target.clearance_mm
         if clearance_mm is None:
             continue
-        odds = [each for picture in seen if (each := _odds(calibration, name, picture, policy))]
+        odds = [
+            each for picture in pictures if (each := _odds(calibration, name, picture, policy))
+        ]
         if odds:
             sentences.append(f"{name}: {_in_words(mean_insertion(odds), clearance_mm)}")
     return sentences

@@ -2,13 +2,12 @@
 
 from bisect import bisect_left
 from collections.abc import Sequence
-from itertools import chain
 from pathlib import Path
 
 import numpy as np
 
 from vgrd.calibration.calibration import Calibration
-from vgrd.calibration.timing import TimeOffset, find_time_offset
+from vgrd.calibration.timing import WIDEST_S, TimeOffset, find_time_offset
 from vgrd.errors import CalibrationError, InputError, StoreError
 from vgrd.geometry.track import PoseTrack
 from vgrd.judging.findings import finding
@@ -18,7 +17,6 @@ from vgrd.store.sessions import iterate_flanges, iterate_moving
 _SIGMAS = 4.0  # 1 in 16,000 good sessions is told of an offset
 _MOST_PICTURES = 400  # more hardly tell more: 100 give 0.1 ms
 _NEAR_S = 1.0  # of a reading to a picture: the widest offset, and what interpolation needs besides
-_MOST_DELAY_MS = 250.0  # as `delay_ms` of the cell file
 _MATTERS_S = 0.01  # half of what is covered beside an exposure: `RestLimits.half_exposure_s`
 
 
@@ -32,9 +30,7 @@ def time_offset_of(folder: Path, recording: Recording, calibration: Calibration)
         if not moving:
             return TimeOffset(unknown="the session has no pictures of the moving arm")
         moving = moving[:: -(-len(moving) // _MOST_PICTURES)]
-        touched = (touch.observation for touch in recording.touches)
-        seen = chain(recording.looks, recording.spins, touched)
-        rests = [one for one in seen if one is not None]
+        rests = [*recording.looks, *recording.spins, *recording.touch_pictures]
         stamps = sorted([*(one.stamp_s for one in moving), *(one.stamp_s for one in rests)])
         near = [r for r in iterate_flanges(folder) if _is_near(r.stamp_s, stamps)]
         track = PoseTrack.of([r.stamp_s for r in near], [r.base_from_wrist for r in near])
@@ -56,9 +52,8 @@ def late_pictures(offset: TimeOffset) -> tuple[Finding, ...]:
     if offset.unknown or abs(offset.offset_s) <= max(_SIGMAS * offset.sigma_s, _MATTERS_S):
         return ()
     ms, sigma_ms = 1e3 * offset.offset_s, 1e3 * offset.sigma_s
-    delay_ms = 1e3 * offset.delay_s
-    remedy = f"set [camera] delay_ms = {delay_ms:.0f}"
-    if not 0 <= delay_ms <= _MOST_DELAY_MS:
+    remedy = f"set [camera] delay_ms = {1e3 * offset.delay_s:.0f}"
+    if not 0 <= offset.delay_s <= WIDEST_S:
         remedy = "no delay_ms mends that: see to the clock or the driver of camera and robot"
     return (
         finding(

@@ -36,17 +36,15 @@ def session_header(schema: int, body: Json) -> Json:
 
 
 def _fixed(facts: Json) -> Json:
-    """CellFacts of early schemas: up to 2 a camera was taken to stand still while it was taught.
-
-    Up to 3 the steps of the robot's poses are not told.
-    """
-    return {"camera_stability": "fixed", "robot_step_mm": _ZERO, "robot_step_rad": _ZERO, **facts}
+    """CellFacts up to schema 2: a camera was taken to stand still while it was taught."""
+    return {"camera_stability": "fixed", **facts}
 
 
 def _facts_up_to_3(facts: Json) -> Json:
-    """CellFacts whose targets do not tell their clearance."""
+    """CellFacts that tell neither the steps of the robot's poses nor clearances of targets."""
     targets = {name: _target(target) for name, target in facts["object"]["targets"].items()}
-    return {**_fixed(facts), "object": {**facts["object"], "targets": targets}}
+    steps = {"robot_step_mm": _ZERO, "robot_step_rad": _ZERO}
+    return {**steps, **_fixed(facts), "object": {**facts["object"], "targets": targets}}
 
 
 def _target(body: Json) -> Json:

@@ -90,6 +90,12 @@ class SessionWriter:
         return Counter(sample.kind for sample in self._taught if sample.harvested)
 
     @property
+    def touched(self) -> Counter[str]:
+        """Touches so far by target."""
+        touches = [sample.value for sample in self._taught if sample.kind is SampleKind.TOUCH]
+        return Counter(touch.target for touch in touches if isinstance(touch, Touch))
+
+    @property
     def dropped(self) -> tuple[int, int]:
         """(pictures, other messages) left out since the disk could not follow."""
         return self._segments.dropped_images, self._segments.dropped_messages

@@ -162,29 +162,28 @@ def _recording(
     header: SessionHeader, records: tuple[Json, ...], path: Path
 ) -> tuple[Recording, Counter[SampleKind], str | None]:
     """What was taught, how many of it by kind was harvested, and the last target touched by foot."""
-    taught: dict[int, tuple[SampleKind, Observation | Touch]] = {}
-    harvested: dict[int, SampleKind] = {}
-    by_foot: dict[int, str] = {}
+    taught: dict[int, tuple[SampleKind, Observation | Touch, Json]] = {}
     for number, record in enumerate(records, 1):
         where = f"{path}, line {number}"
         if record["kind"] == "undo":
             if taught.pop(record["value"], None) is None:
                 raise Corrupt(f"{where}: undoes sample {record['value']}, which is not there")
-            harvested.pop(record["value"], None)
-            by_foot.pop(record["value"], None)
             continue
         kind = SampleKind(record["kind"])
-        if record.get("harvested"):
-            harvested[number] = kind
         value = decode(kind.value_type, migrations.sample(record["value"]), where)
-        if record.get("by_foot") and isinstance(value, Touch):
-            by_foot[number] = value.target
-        taught[number] = kind, value
+        taught[number] = kind, value, record
 
     def of(kind: SampleKind, value_type: type[T]) -> tuple[T, ...]:
         return tuple(
-            value for k, value in taught.values() if k is kind and isinstance(value, value_type)
+            value for k, value, _ in taught.values() if k is kind and isinstance(value, value_type)
         )
+
+    harvested = Counter(kind for kind, _, record in taught.values() if record.get("harvested"))
+    by_foot = [
+        value.target
+        for _, value, record in taught.values()
+        if record.get("by_foot") and isinstance(value, Touch)
+    ]
 
     recording = Recording(
         session=header.name,
@@ -196,4 +195,4 @@ def _recording(
         points=of(SampleKind.POINT, Touch),
         verifications=of(SampleKind.VERIFY, Touch),
     )
-    return recording, Counter(harvested.values()), next(reversed(by_foot.values()), None)
+    return recording, harvested, by_foot[-1] if by_foot else None

@@ -124,7 +124,7 @@ def _answer(
     pictures = [
         *recording.looks,
         *recording.spins,
-        *(touch.observation for touch in recording.touches),
+        *recording.touch_pictures,
     ]
     return (
         {
@@ -137,7 +137,7 @@ def _answer(
             f"{kind}, knocks": float(len(fit.data.places.first_s)),
         },
         fit,
-        [picture.stamp_s for picture in pictures if picture is not None],
+        [picture.stamp_s for picture in pictures],
     )
 
 

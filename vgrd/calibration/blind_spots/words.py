@@ -80,9 +80,8 @@ def _taught_tag_b(solution: JointSolution, recording: Recording) -> TagObservati
 
 def _taught_tag_a(solution: JointSolution, recording: Recording) -> FlangeTag | None:
     """Tag A where the solution has it, from where the arm waited, seen as well as in the session."""
-    of_touches = (touch.observation for touch in recording.touches)
-    for picture in (*recording.spins, *recording.looks, *of_touches):
-        if picture is not None and picture.tag_a is not None:
+    for picture in (*recording.spins, *recording.looks, *recording.touch_pictures):
+        if picture.tag_a is not None:
             in_base = picture.base_from_wrist @ solution.wrist_from_tag_a
             in_camera = solution.base_from_camera.inverse() @ in_base
             tag = replace(picture.tag_a, camera_from_tag=in_camera)

@@ -196,10 +196,9 @@ def _camera_moves(recording: Recording) -> bool | None:
     """
     if recording.facts.camera_stability is Stability.MOVABLE:
         return None
-    touched = [touch.observation for touch in recording.touches if touch.observation]
     pairs = [
         (picture.base_from_wrist, picture.tag_b.camera_from_tag)
-        for picture in touched
+        for picture in recording.touch_pictures
         if picture.tag_b
     ]
     if len(pairs) < 2:

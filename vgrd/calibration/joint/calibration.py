@@ -102,11 +102,10 @@ def _predicted(
     policy: Policy,
 ) -> list[ExpectedCoordinate]:
     """What would be served in the pictures of the session."""
-    pictures = [touch.observation for touch in recording.touches] + list(recording.spins)
     seen = [
         (picture.tag_b, place_in(picture, recording.facts.camera_stability))
-        for picture in pictures
-        if picture is not None and picture.tag_b is not None
+        for picture in (*recording.touch_pictures, *recording.spins)
+        if picture.tag_b is not None
     ]
     known = [(tag, place) for tag, place in seen if place.flange_tag or not place.is_free]
     if not known:

@@ -45,7 +45,7 @@ class Job:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Asked:
+class Question:
     """One coordinate of the job: the target's name, base_from_wrist (3, 3) at work."""
 
     target: str
@@ -147,7 +147,7 @@ class PredictedError:
             ]
         return tuple(open_directions)
 
-    def _ask(self, job: Job) -> tuple[list[Asked], Array, Array]:
+    def _ask(self, job: Job) -> tuple[list[Question], Array, Array]:
         """What is asked, derivatives (j, 3, n) by the unknowns, the rest of the covariance (j, 3, 3)."""
         result, solution = self._result, solution_of(self._result)
         asked, jacobians, rests = [], [], []
@@ -159,7 +159,7 @@ class PredictedError:
                 prediction = predict(result, solution, name, tag, job.policy, R_work, refuse=False)
                 rest = prediction.J_picture @ tag.covariance @ prediction.J_picture.T
                 rest = rest + prediction.J_arm @ prediction.arm_covariance @ prediction.J_arm.T
-                asked.append(Asked(name, prediction.base_from_wrist.rotation))
+                asked.append(Question(name, prediction.base_from_wrist.rotation))
                 jacobians.append(prediction.J_unknowns)
                 rests.append(rest)
         return asked, np.array(jacobians), np.array(rests)

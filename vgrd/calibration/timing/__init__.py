@@ -3,6 +3,6 @@
 May import geometry, model and judging.
 """
 
-from vgrd.calibration.timing.offset import TimeOffset, find_time_offset
+from vgrd.calibration.timing.offset import WIDEST_S, TimeOffset, find_time_offset
 
-__all__ = ["TimeOffset", "find_time_offset"]
+__all__ = ["WIDEST_S", "TimeOffset", "find_time_offset"]

@@ -20,7 +20,7 @@ from vgrd.judging.thresholds import REACH_MM
 from vgrd.model import CellFacts, MovingSight, Observation, Stability
 
 MOST_SIGMA_S = 1e-3  # 3 ms are 3 sigma: what is less certain is not told as known
-_WIDEST_S = 0.25  # of an offset: a camera's pipeline takes a few frames
+WIDEST_S = 0.25  # of an offset: a camera's pipeline takes a few frames
 _GRID_S = 0.02  # a jog speeds up and slows down over a tenth of a second and more
 _LEAST_PICTURES = 8  # moving ones: two unknowns more than a pose, and the jitter
 _MOVING_MM_S = 5.0  # of the flange; slower ones tell 10 ms by 0.05 mm, which is noise
@@ -100,7 +100,7 @@ def find_time_offset(
 
 def _is_within(track: PoseTrack, sight: MovingSight) -> bool:
     """Whether the flange is known wherever the picture may belong."""
-    times = sight.taken_s + np.arange(-_WIDEST_S, _WIDEST_S + _GRID_S, _GRID_S)
+    times = sight.taken_s + np.arange(-WIDEST_S, WIDEST_S + _GRID_S, _GRID_S)
     return bool(track.covers(times, _LONGEST_STEP_S).all())
 
 
@@ -176,8 +176,8 @@ class _Problem:
 
     def _judged(self, here: _Unknowns, sigma_s: float, jitter_s: float) -> TimeOffset:
         offset_s, roll_s = (float(value) for value in here.times_s)
-        if abs(offset_s) > _WIDEST_S:
-            return self._unknown(f"it would be more than {1e3 * _WIDEST_S:.0f} ms")
+        if abs(offset_s) > WIDEST_S:
+            return self._unknown(f"it would be more than {1e3 * WIDEST_S:.0f} ms")
         if not sigma_s <= MOST_SIGMA_S:
             return self._unknown(
                 f"it is certain to {1e3 * sigma_s:.1f} ms only, {1e3 * MOST_SIGMA_S:g} are needed: "
@@ -191,7 +191,7 @@ class _Problem:
 
     def _start(self, X: Pose, Y: Pose) -> _Unknowns:
         """The best offset of a grid, camera and tag as they are."""
-        offsets = np.arange(-_WIDEST_S, _WIDEST_S + _GRID_S / 2, _GRID_S)
+        offsets = np.arange(-WIDEST_S, WIDEST_S + _GRID_S / 2, _GRID_S)
         starts = [_Unknowns(np.array([offset, 0.0]), X, Y) for offset in offsets]
         W = sqrt_information(self._noise)
         return min(starts, key=lambda start: self._roughly(start, W))
@@ -241,7 +241,7 @@ class _Problem:
         off_s = np.sum(along * np.einsum("nij,nj->ni", W, r[: self._count]), axis=1) / information
         limit = _CAUCHY * 1.4826 * float(np.median(np.abs(off_s)))  # sigma of a median deviation
         off_s = np.clip(off_s, -limit, limit)
-        low, high = 0.0, _WIDEST_S**2
+        low, high = 0.0, WIDEST_S**2
         for _ in range(60):  # bisection to the last bit
             middle = 0.5 * (low + high)
             excess = np.sum(off_s**2 / (middle + 1 / information)) - (self._count - 2)

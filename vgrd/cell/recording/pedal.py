@@ -9,7 +9,6 @@ until a touch is named, and such a session wants `vgrd verify NAME` at its last 
 """
 
 import asyncio
-from collections import Counter
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -21,7 +20,7 @@ from vgrd.cell.recording.teaching import Teaching
 from vgrd.clock import Clock
 from vgrd.devices import FlangeReading, wire
 from vgrd.errors import ControlError, VgrdError
-from vgrd.store.sessions import SampleKind, load_recording
+from vgrd.store.sessions import SampleKind
 
 LOOK_S = 0.05  # nobody notices so late a reaction of a foot's press
 
@@ -77,7 +76,7 @@ class FootTouches:
     async def _touch(self) -> None:
         name = ""
         try:
-            name, count = await self._next_target()
+            name, count = self._next_target()
             if self._missed is not None and self._missed[1] == count:
                 raise ControlError(f"touch {self._missed[0]} by its name first: vgrd touch")
             self._missed = (name, count)
@@ -90,10 +89,8 @@ class FootTouches:
             self._last = f"{name}: sample {reply['sample']}"
             log.info("pedal_touch", target=name, sample=reply["sample"])
 
-    async def _next_target(self) -> tuple[str, int]:
+    def _next_target(self) -> tuple[str, int]:
         """Its name, and how many touches there are."""
-        folder = self.teaching.recorder.open_session().path
-        recording = await asyncio.to_thread(load_recording, folder)
-        touched = Counter(touch.target for touch in recording.touches)
+        touched = self.teaching.recorder.open_session().touched
         name = min(self.teaching.facts.object.targets, key=lambda name: touched[name])
-        return name, len(recording.touches)
+        return name, touched.total()

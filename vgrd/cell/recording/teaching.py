@@ -16,7 +16,6 @@ from vgrd.cell.measuring import ROBOT_LOST_S, Measuring, Sight
 from vgrd.cell.recording.recorder import Recorder
 from vgrd.cell.serving.faults import tcp_difference
 from vgrd.devices import FlangeReading
-from vgrd.devices.stillness import RestLimits
 from vgrd.errors import ControlError, DeviceUnavailable, InputError, NotSteady, TagNotSeen, TooOld
 from vgrd.model import CellFacts, Observation, Plan, Stability, Touch
 from vgrd.solving.advisor import Advisor
@@ -236,7 +235,7 @@ class Teaching:
         self._session()
         self._check_tcp()
         pose = await self.measuring.rest()
-        spread_mm, spread_rad = RestLimits().of(self._reading())
+        spread_mm, spread_rad = self.measuring.limits.of(self._reading())
         first, second = await self._paired(), await self._paired()
         moved_mm, moved_rad = pose.distance(second.base_from_wrist)
         if moved_mm > 2 * spread_mm or moved_rad > 2 * spread_rad:  # each end is known so well
