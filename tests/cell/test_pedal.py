@@ -127,3 +127,13 @@ def test_the_session_tells_the_last_target_that_nobody_named(bench, tmp_path):
     bench.writer.undo()
     assert load_session(folder).last_by_foot is None
     assert second
+
+
+def test_a_press_that_was_missed_in_one_session_does_not_stop_the_next_one(bench, tmp_path):
+    first = next(iter(bench.facts.object.targets))
+    bench.refusal = NotSteady("the robot moved")
+    bench.last(bench.press)
+    bench.refusal = None
+    bench.writer.close()
+    bench.writer = SessionWriter(tmp_path, "t", Plan.JOINT, bench.facts, bench.clock)
+    assert bench.last(bench.press) == f"{first}: sample 1"

@@ -20,7 +20,7 @@ from vgrd.cell.recording.teaching import Teaching
 from vgrd.clock import Clock
 from vgrd.devices import FlangeReading, wire
 from vgrd.errors import ControlError, VgrdError
-from vgrd.store.sessions import SampleKind
+from vgrd.store.sessions import SampleKind, SessionWriter
 
 LOOK_S = 0.05  # nobody notices so late a reaction of a foot's press
 
@@ -44,7 +44,7 @@ class FootTouches:
         self._is_down: bool | None = None
         self._is_wanted = False
         self._last = ""
-        self._missed: tuple[str, int] | None = None  # target, and how many touches there were then
+        self._missed: tuple[SessionWriter, str, int] | None = None  # target, how many touches then
 
     def on_readings(self, readings: Sequence[FlangeReading]) -> None:
         """Watch the robot's input: a press is where it comes on; one that is on at first was not pressed."""
@@ -76,10 +76,11 @@ class FootTouches:
     async def _touch(self) -> None:
         name = ""
         try:
-            name, count = self._next_target()
-            if self._missed is not None and self._missed[1] == count:
-                raise ControlError(f"touch {self._missed[0]} by its name first: vgrd touch")
-            self._missed = (name, count)
+            session = self.teaching.recorder.open_session()
+            name, count = self._next_target(session)
+            if self._missed == (session, name, count):
+                raise ControlError(f"touch {name} by its name first: vgrd touch")
+            self._missed = (session, name, count)
             reply = await self.teaching.touch(name, SampleKind.TOUCH, by_foot=True)
             self._missed = None
         except VgrdError as err:
@@ -89,8 +90,8 @@ class FootTouches:
             self._last = f"{name}: sample {reply['sample']}"
             log.info("pedal_touch", target=name, sample=reply["sample"])
 
-    def _next_target(self) -> tuple[str, int]:
+    def _next_target(self, session: SessionWriter) -> tuple[str, int]:
         """Its name, and how many touches there are."""
-        touched = self.teaching.recorder.open_session().touched
+        touched = session.touched
         name = min(self.teaching.facts.object.targets, key=lambda name: touched[name])
         return name, touched.total()
