@@ -1,0 +1,142 @@
+"""Levels of noise found in the data: restricted maximum likelihood with what was stated as a prior.
+
+The covariance of the residuals is a sum over kinds of noise, S = sum_k exp(xi_k) Q_k, xi_k = 0 where the
+stated level holds. With P = S^-1 - S^-1 J (J^T S^-1 J)^-1 J^T S^-1 the restricted log-likelihood has the
+score (r^T P S_k P r - tr P S_k) / 2 and the information tr(P S_k P S_l) / 2, S_k = exp(xi_k) Q_k
+(Patterson and Thompson 1971; Harville 1977). The prior of a level is log-normal.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.stats import t as student
+
+from vgrd.geometry import Array
+
+STATED_FACTOR = 1.5  # a stated sigma is right within this factor in two of three cases: a guess
+_ROUNDS = 30  # of scoring, a bound only
+_SETTLED = 1e-3  # of a logarithm: a thousandth of a variance changes no figure that is printed
+_LARGEST_STEP = 1.5  # of a logarithm: scoring overshoots far from the optimum
+_LEAST_FREEDOM = 2.5  # below it a t distribution has hardly a variance
+_NORMAL_95 = 1.959964  # two-sided 95 % quantile of the normal distribution
+
+
+@dataclass(frozen=True, slots=True)
+class Level:
+    """One kind of noise: stated and found in `unit` (standard deviation), e.g. "touches lateral", "mm".
+
+    log_sigma: standard deviation of the found level's natural logarithm; freedom: how many samples of a
+    normal distribution would tell as much of it, the prior counted.
+    """
+
+    name: str
+    unit: str
+    stated: float
+    found: float
+    log_sigma: float
+
+    @property
+    def freedom(self) -> float:
+        """Degrees of freedom of a chi-square whose logarithm spreads as much: var log sigma = 1 / (2 f)."""
+        return 0.5 / self.log_sigma**2
+
+    @property
+    def ratio(self) -> float:
+        """Found over stated."""
+        return self.found / self.stated
+
+    @property
+    def surprise(self) -> float:
+        """How many sigmas of its prior and of its own spread the level is off what was stated."""
+        prior = np.log(STATED_FACTOR)
+        return float(abs(np.log(self.ratio)) / np.hypot(prior, self.log_sigma))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Whitened:
+    """Residuals (r,) and derivative (r, n) for noise I, and its parts: (r, q) factors F, sum F F^T = I."""
+
+    residuals: Array
+    jacobian: Array
+    factors: Sequence[Array]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Levels:
+    """Logarithms of variances over the stated ones (k,), and their covariance (k, k)."""
+
+    log_variances: Array
+    covariance: Array
+
+    @property
+    def scales(self) -> Array:
+        """(k,): sigmas over the stated ones."""
+        return np.asarray(np.exp(0.5 * self.log_variances))
+
+    def named(self, names: Sequence[tuple[str, str, float]]) -> tuple[Level, ...]:
+        """The levels in words: (name, unit, stated) of each."""
+        spreads = 0.5 * np.sqrt(np.diag(self.covariance))
+        return tuple(
+            Level(name, unit, stated, stated * float(scale), float(spread))
+            for (name, unit, stated), scale, spread in zip(
+                names, self.scales, spreads, strict=True
+            )
+        )
+
+    def freedom_of(self, parts: Array) -> float:
+        """Degrees of freedom of a variance that consists of parts (k,), by Satterthwaite (1946)."""
+        shares = parts / parts.sum()
+        relative = float(shares @ self.covariance @ shares)
+        return max(2 / relative if relative > 0 else np.inf, _LEAST_FREEDOM)
+
+
+def find_levels(
+    whiten: Callable[[Array], Whitened],
+    count: int,
+    *,
+    prior_factors: Array | None = None,
+    start: Array | None = None,
+) -> Levels:
+    """Most likely levels; whiten(log_variances (k,)) gives the residuals near the optimum for them.
+
+    The residuals need not be those of the optimum: what the unknowns take up is projected out.
+    prior_factors: (k,), within which a stated sigma is right in two of three cases, inf for none.
+    """
+    factors = np.full(count, STATED_FACTOR) if prior_factors is None else prior_factors
+    prior_information = (
+        1 / (2 * np.log(factors)) ** 2
+    )  # of a log variance, twice that of a log sigma
+    log_variances = np.zeros(count) if start is None else np.array(start, dtype=np.float64)
+    for _ in range(_ROUNDS):
+        score, information = _score(whiten(log_variances))
+        score = score - prior_information * log_variances
+        information = information + np.diag(prior_information)
+        step = np.linalg.lstsq(information, score, rcond=None)[0]
+        step *= min(1.0, _LARGEST_STEP / max(float(np.abs(step).max(initial=0)), 1e-300))
+        log_variances = log_variances + step
+        if float(np.abs(step).max(initial=0)) < _SETTLED:
+            break
+    return Levels(log_variances, np.linalg.pinv(information, hermitian=True))
+
+
+def wider_by_freedom(freedom: float) -> float:
+    """Factor of a sigma by which a t distribution's 95 % is wider than a normal one's."""
+    return float(student.ppf(0.975, freedom)) / _NORMAL_95 if np.isfinite(freedom) else 1.0
+
+
+def _score(whitened: Whitened) -> tuple[Array, Array]:
+    """Score (k,) and expected information (k, k) of the log variances, of the data alone."""
+    U, s, _ = np.linalg.svd(whitened.jacobian, full_matrices=False)
+    U = U[:, s > s.max(initial=0) * 1e-10]  # rounding: a direction that no row feels
+    residuals = whitened.residuals - U @ (U.T @ whitened.residuals)
+    seen = [F - U @ (U.T @ F) for F in whitened.factors]
+    squares = [float(np.sum((F.T @ residuals) ** 2)) for F in whitened.factors]
+    score = np.array(
+        [0.5 * (q - float(np.sum(F * F))) for q, F in zip(squares, seen, strict=True)]
+    )
+    information = np.empty((len(seen), len(seen)))
+    for i, F in enumerate(whitened.factors):
+        for j in range(i + 1):
+            information[i, j] = information[j, i] = 0.5 * float(np.sum((F.T @ seen[j]) ** 2))
+    return score, information
