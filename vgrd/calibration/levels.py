@@ -117,7 +117,9 @@ def find_levels(
         log_variances = log_variances + step
         if float(np.abs(step).max(initial=0)) < _SETTLED:
             break
-    return Levels(log_variances, np.linalg.pinv(information, hermitian=True))
+    return Levels(
+        log_variances, np.asarray(np.linalg.pinv(information, hermitian=True), np.float64)
+    )
 
 
 def wider_by_freedom(freedom: float) -> float:
