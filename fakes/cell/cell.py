@@ -169,7 +169,11 @@ def cell_text(layout: Layout, *, robot: Driver, camera: Driver, port: int) -> st
         + ("" if t.clearance_mm is None else f"clearance_mm = {t.clearance_mm:.3g}\n")
         for t in layout.targets.values()
     )
-    center = "center_mm = [0.0, 0.0, 0.0]\n" if layout.motion is Motion.TURNTABLE else ""
+    center = (
+        "center_mm = [0.0, 0.0, 0.0]\ncenter_sigma_mm = 0.02\n"
+        if layout.motion is Motion.TURNTABLE
+        else ""
+    )
     return f"""# The fake cell of `python -m fakes`; units are part of the keys.
 [cell]
 name = "fake-cell"
@@ -198,10 +202,12 @@ size_px = {list(optics.size_px)}
 family = "{layout.tag_a.family}"
 id = {layout.tag_a.id}
 size_mm = {layout.tag_a.size_mm}
+size_sigma_mm = 0.01  # a print that was measured under a microscope
 [tags.b]
 family = "{layout.tag_b.family}"
 id = {layout.tag_b.id}
 size_mm = {layout.tag_b.size_mm}
+size_sigma_mm = 0.01
 
 [tool]
 name = "pin"
@@ -219,5 +225,6 @@ policy = "fixed"
 hidden_tag = "hold"
 
 [object]
+cad_sigma_mm = 0.0  # parts of the fake cell are as CAD has them
 motion = "{layout.motion.value}"
 {center}{targets}"""

@@ -34,6 +34,9 @@ from vgrd.model import (
 TAG_A = TagSpec("36h11", 0, 25.0)  # as in the fake cell
 TAG_B = TagSpec("36h11", 1, 25.0)  # as in the fake cell
 WORK_ROTATION = frozen_array(Rotation.from_euler("xyz", [np.pi, 0, 0.3]).as_matrix(), 3, 3)  # down
+CENTER_SIGMA_MM = (
+    0.02  # a centre that was measured; what the cell states of one that is exact, too
+)
 TOUCH_SIGMA_MM = 0.233  # the paper's, experiment B
 _TRUNCATED_SIGMAS = 3.0  # the paper cuts them at 0.7 mm
 _LEFT_OF_SIGMA = 0.98658  # standard deviation of a normal variable cut there
@@ -102,6 +105,7 @@ class Simulation:
         self.tool = tool or Tool()
         self._field = arm.field(self.rng)
         self._stamp_s = 0.0
+        self._center_sigma_mm = center_sigma_mm
         self._center_in_cad = np.zeros(3)
         if center_sigma_mm > 0:
             self._center_in_cad[:2] = self.rng.normal(size=2) * center_sigma_mm
@@ -255,8 +259,12 @@ class Simulation:
             object=ObjectSpec(
                 MappingProxyType(self.targets),
                 center_in_object=frozen_array(self._center_in_cad, 3),
+                center_sigma_mm=self._center_sigma_mm or CENTER_SIGMA_MM,
+                cad_sigma_mm=0.0,
             ),
             robot_sigma_mm=max(float(np.hypot(self.arm.sigma_mm, self.arm.field_mm)), 1e-3),
+            tag_a_sigma_mm=0.0,
+            tag_b_sigma_mm=0.0,
         )
 
     def observe(

@@ -85,7 +85,7 @@ def test_a_clearance_is_a_length(clearance_mm):
 
 def test_more_touches_make_more_of_them_clean_and_the_number_told_is_the_least():
     _, recording = taught()
-    result = calibrate_joint(recording)
+    result = calibrate_joint(recording, find_noise=False)
     foresight = PredictedError(result, Job())
     count = further_touches(result, foresight, 0.95)
     assert count is not None
@@ -94,7 +94,7 @@ def test_more_touches_make_more_of_them_clean_and_the_number_told_is_the_least()
     assert further_touches(result, foresight, 1.0) is None
 
     def least(touches):
-        more = calibrate_joint(taught(touches=touches)[1])
+        more = calibrate_joint(taught(touches=touches)[1], find_noise=False)
         job = PredictedError(more, Job())
         return min(o.clean for o in predicted_insertions(more, job, job.covariance).values())
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from vgrd.calibration.levels import Levels, Whitened, find_levels, wider_by_freedom
+from vgrd.calibration.levels import STATED_FACTOR, Levels, Whitened, find_levels, wider_by_freedom
 from vgrd.geometry import Array
 
 TRUE = np.array([0.5, 2.0, 3.0])  # over the stated ones: pixels, touches, what a group shares
@@ -57,11 +57,13 @@ def test_a_stated_level_is_kept_where_the_data_say_little() -> None:
 
     levels = find_levels(blind, 3)
     assert levels.scales == pytest.approx(1)
-    assert levels.named([("touches", "mm", 0.2)] * 3)[0].freedom == pytest.approx(3.04, abs=0.01)
+    assert levels.named([("touches", "mm", 0.2)] * 3)[0].freedom == pytest.approx(
+        0.5 / np.log(STATED_FACTOR) ** 2, abs=0.01
+    )
 
 
 def test_a_level_far_off_its_prior_is_surprising() -> None:
-    levels = found(np.array([1.0, 5.0, 1.0]), 2).named(
+    levels = found(np.array([1.0, 12.0, 1.0]), 2).named(
         [("a", "px", 1), ("b", "mm", 1), ("c", "mm", 1)]
     )
     assert levels[1].surprise > 3

@@ -172,7 +172,7 @@ def test_where_both_agree_the_centre_is_better_than_either_and_nothing_is_told()
         reference = find_reference(recording.touches)
         seen = holes_in(cell, SPINS, sigma=0.5)
         holes = find_hole_center(recording, seen, reference)
-        both = combine(holes, turned)
+        both = combine(holes, turned, 0.02)
         assert both.apart_sigmas < 5
         axis = cell.object_from_tag_b.rotation.T[:, 2]
         for name, found in (("turned", turned), ("holes", holes), ("both", both)):

@@ -37,9 +37,11 @@ size_px = [4024, 3036]
 [tags.a]
 id = 0
 size_mm = 25.0
+size_sigma_mm = 0
 [tags.b]
 id = 1
 size_mm = 25.0
+size_sigma_mm = 0
 [object]
 motion = "turntable"
 center_mm = [0, 0, 0]

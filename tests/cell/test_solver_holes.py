@@ -13,6 +13,7 @@ from fakes.world.optics import Optics
 from fakes.world.poses import retracted_pose
 from fakes.world.world import World
 from vgrd.calibration.calibration import Calibration, expected_coordinate
+from vgrd.calibration.joint import JointFit, calibrate_joint, expected_by_joint
 from vgrd.calibration.joint.fit import fit_joint, information_inverse
 from vgrd.calibration.joint.problem import HolePixel
 from vgrd.calibration.joint.samples import gather
@@ -75,6 +76,13 @@ class Taught:
                 out.append((miss, expected.u95_mm))
         return np.array([miss for miss, _ in out]), np.array([u95 for _, u95 in out])
 
+    def told(self, fit: JointFit) -> float:
+        """Mean 95 % radius in a picture."""
+        self.rehearsal.stand(retracted_pose(), 0.7)
+        tag_b = self.rehearsal.look().tag_b
+        told = [expected_by_joint(fit, name, tag_b).u95_mm for name in self.world.targets]
+        return float(np.mean(told))
+
 
 @pytest.fixture(scope="module")
 def taught(tmp_path_factory: pytest.TempPathFactory) -> Taught:
@@ -130,13 +138,18 @@ def test_every_sighting_is_where_the_hole_truly_is(taught):
 def test_holes_shrink_the_miss_and_what_is_told_of_it(taught):
     without = calibrate_system(taught.recording)
     with_holes = calibrate_system(taught.recording, sightings=taught.holes.sightings)
-    (before, told_before), (after, told_after) = map(taught.misses, (without, with_holes))
+    (before, _), (after, told_after) = map(taught.misses, (without, with_holes))
     xy_before, xy_after = (np.linalg.norm(m[:, :2], axis=1).mean() for m in (before, after))
     assert xy_after < 0.7 * xy_before
-    assert told_after.mean() < 0.5 * told_before.mean()
-    assert (np.linalg.norm(after, axis=1) <= told_after).mean() > 0.9
     assert with_holes.residuals["holes_used"] == len(taught.holes.sightings)
     assert with_holes.residuals["holes_rms_px"] < 0.3
+    # At one level of noise: what each solve finds of it by itself differs by chance.
+    without, with_holes = (
+        taught.told(calibrate_joint(taught.recording, seen, find_noise=False))
+        for seen in ((), taught.holes.sightings)
+    )
+    assert with_holes < 0.5 * without
+    assert (np.linalg.norm(after, axis=1) <= told_after).mean() > 0.9
 
 
 def test_many_sightings_of_one_hole_tell_no_more_than_its_tolerance_in_cad(taught):

@@ -10,14 +10,16 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.stats import t as student
 
 from vgrd.geometry import Array
 
-STATED_FACTOR = 1.5  # a stated sigma is right within this factor in two of three cases: a guess
+STATED_FACTOR = 2.0  # a stated sigma is right within this factor in two of three cases: a guess
 _ROUNDS = 30  # of scoring, a bound only
 _SETTLED = 1e-3  # of a logarithm: a thousandth of a variance changes no figure that is printed
 _LARGEST_STEP = 1.5  # of a logarithm: scoring overshoots far from the optimum
+_FINEST = np.log(1e-3)  # of a variance: exact data leave no noise at all, and nothing to weigh by
 _LEAST_FREEDOM = 2.5  # below it a t distribution has hardly a variance
 _NORMAL_95 = 1.959964  # two-sided 95 % quantile of the normal distribution
 
@@ -63,6 +65,34 @@ class Whitened:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+class Part:
+    """Covariance F F^T of one kind of noise at its stated level, on some of the rows (k,).
+
+    factor: F (k, q); None: the rows are independent, of variance 1.
+    """
+
+    rows: NDArray[np.intp]
+    factor: Array | None = None
+
+    @property
+    def size(self) -> int:
+        """How many numbers were drawn."""
+        return len(self.rows) if self.factor is None else self.factor.shape[1]
+
+    def of(self, columns: Array) -> Array:
+        """M F (m, q) of a matrix M (m, r) over all rows."""
+        chosen = columns[:, self.rows]
+        return chosen if self.factor is None else chosen @ self.factor
+
+    def covariance(self, size: int) -> Array:
+        """(r, r) over all rows."""
+        out = np.zeros((size, size))
+        block = np.eye(len(self.rows)) if self.factor is None else self.factor @ self.factor.T
+        out[np.ix_(self.rows, self.rows)] = block
+        return out
+
+
+@dataclass(frozen=True, slots=True, eq=False)
 class Levels:
     """Logarithms of variances over the stated ones (k,), and their covariance (k, k)."""
 
@@ -84,9 +114,12 @@ class Levels:
             )
         )
 
-    def freedom_of(self, parts: Array) -> float:
-        """Degrees of freedom of a variance that consists of parts (k,), by Satterthwaite (1946)."""
-        shares = parts / parts.sum()
+    def freedom_of(self, parts: Array, total: float | None = None) -> float:
+        """Degrees of freedom of a variance that consists of parts (k,), by Satterthwaite (1946).
+
+        total: with what is known beside them; None: their sum.
+        """
+        shares = parts / (parts.sum() if total is None else total)
         relative = float(shares @ self.covariance @ shares)
         return max(2 / relative if relative > 0 else np.inf, _LEAST_FREEDOM)
 
@@ -103,18 +136,54 @@ def find_levels(
     The residuals need not be those of the optimum: what the unknowns take up is projected out.
     prior_factors: (k,), within which a stated sigma is right in two of three cases, inf for none.
     """
+    return _ascend(lambda x: _score(whiten(x)), count, prior_factors, start)
+
+
+def find_levels_of(
+    residuals: Array,
+    jacobian: Array,
+    parts: Sequence[Part],
+    known: Array,
+    *,
+    prior_factors: Array | None = None,
+    start: Array | None = None,
+) -> Levels:
+    """The same for residuals (r,) and derivative (r, n) of full rank, with their noise in parts.
+
+    known: (r, r) covariance of what has no level.
+    """
+    size = len(residuals)
+    covariances = [part.covariance(size) for part in parts]
+
+    def score(log_variances: Array) -> tuple[Array, Array]:
+        sizes = np.exp(log_variances)
+        V = known + sum(s * C for s, C in zip(sizes, covariances, strict=True))
+        V_inv = np.linalg.inv(V)
+        by = V_inv @ jacobian
+        P = V_inv - by @ np.linalg.solve(jacobian.T @ by, by.T)
+        return _score_of(P, P @ residuals, parts, sizes)
+
+    return _ascend(score, len(parts), prior_factors, start)
+
+
+def _ascend(
+    score_at: Callable[[Array], tuple[Array, Array]],
+    count: int,
+    prior_factors: Array | None,
+    start: Array | None,
+) -> Levels:
+    """Fisher scoring with the prior."""
     factors = np.full(count, STATED_FACTOR) if prior_factors is None else prior_factors
-    prior_information = (
-        1 / (2 * np.log(factors)) ** 2
-    )  # of a log variance, twice that of a log sigma
+    of_log_sigma = 1 / np.log(factors) ** 2
+    prior_information = of_log_sigma / 4  # a log variance spreads twice as much
     log_variances = np.zeros(count) if start is None else np.array(start, dtype=np.float64)
     for _ in range(_ROUNDS):
-        score, information = _score(whiten(log_variances))
+        score, information = score_at(log_variances)
         score = score - prior_information * log_variances
         information = information + np.diag(prior_information)
         step = np.linalg.lstsq(information, score, rcond=None)[0]
         step *= min(1.0, _LARGEST_STEP / max(float(np.abs(step).max(initial=0)), 1e-300))
-        log_variances = log_variances + step
+        log_variances = np.maximum(log_variances + step, _FINEST)
         if float(np.abs(step).max(initial=0)) < _SETTLED:
             break
     return Levels(
@@ -141,4 +210,22 @@ def _score(whitened: Whitened) -> tuple[Array, Array]:
     for i, F in enumerate(whitened.factors):
         for j in range(i + 1):
             information[i, j] = information[j, i] = 0.5 * float(np.sum((F.T @ seen[j]) ** 2))
+    return score, information
+
+
+def _score_of(
+    P: Array, weighted: Array, parts: Sequence[Part], sizes: Array
+) -> tuple[Array, Array]:
+    """As `_score`; P (r, r) of the module's equation, weighted: P r, sizes (k,): variances over the stated."""
+    count = len(parts)
+    score, information = np.empty(count), np.empty((count, count))
+    columns = [part.of(P) for part in parts]
+    for i, part in enumerate(parts):
+        square = float(np.sum(part.of(weighted[None]) ** 2))
+        for j in range(i + 1):
+            block = parts[j].of(columns[i].T)
+            information[i, j] = information[j, i] = (
+                0.5 * sizes[i] * sizes[j] * float(np.sum(block * block))
+            )
+        score[i] = 0.5 * sizes[i] * (square - float(np.trace(block)))
     return score, information

@@ -133,6 +133,10 @@ class TagSection(Table):
     family: Literal["36h11", "25h9", "16h5"] = "36h11"
     id: Annotated[int, Field(ge=0)]
     size_mm: Annotated[float, Field(ge=1, le=1000)]
+    size_sigma_mm: Annotated[float, Field(ge=0, le=10)] = Field(
+        default=0.05,  # a caliper's: printers are off by more, along the paper most
+        description="how well size_mm is known, 1 sigma, along and across the paper each; 0: exactly",
+    )
 
 
 class TagsSection(Table):
@@ -212,6 +216,14 @@ class ObjectSection(Table):
     hole_sigma_mm: Positive = Field(
         default=0.03,  # a guess: a milled hole is within 0.1 mm, which is 3 sigma
         description="how well the part's holes are where CAD says, 1 sigma per coordinate",
+    )
+    center_sigma_mm: Positive = Field(
+        default=0.2,  # a guess: a plate on a used turntable, not measured; 0.02 where it was
+        description="how well center_mm is known across the axis, 1 sigma per coordinate",
+    )
+    cad_sigma_mm: Annotated[float, Field(ge=0, le=100)] = Field(
+        default=0.03,  # as `hole_sigma_mm`: what is milled is within 0.1 mm, which is 3 sigma
+        description="how well the part's targets are where point_mm says, 1 sigma per coordinate; 0: exactly",
     )
     targets: Annotated[list[TargetSection], Field(min_length=1)]
 

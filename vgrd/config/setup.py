@@ -49,6 +49,8 @@ def cell_facts(config: "CellConfig", wrist_from_tcp: Pose | None = None) -> Cell
         camera_id=config.camera.id,
         wrist_from_tcp=wrist_from_tcp,
         camera_stability=Stability(config.camera.stability),
+        tag_a_sigma_mm=config.tags.a.size_sigma_mm,
+        tag_b_sigma_mm=config.tags.b.size_sigma_mm,
     )
 
 
@@ -90,7 +92,14 @@ def _object(config: "CellConfig") -> ObjectSpec:
         for target in section.targets
     }
     center = None if section.center_mm is None else frozen_array(section.center_mm, 3)
-    return ObjectSpec(targets, Motion(section.motion), center, section.hole_sigma_mm)
+    return ObjectSpec(
+        targets,
+        Motion(section.motion),
+        center,
+        section.hole_sigma_mm,
+        section.center_sigma_mm,
+        section.cad_sigma_mm,
+    )
 
 
 def process_table(resolved: Resolved, path: Path) -> dict[str, object]:

@@ -155,6 +155,51 @@ OF_A_SESSION: Mapping[str, Kind] = MappingProxyType(
             "it was followed by tag A, and the answers hold; fasten it",
             "pictures before against after, tag A seen in both: 1 in 1,000 good sessions",
         ),
+        "center_off": Kind(
+            "the centre in CAD is not where the object turns; what was measured counts instead",
+            "",
+            "spins, touches and holes against the centre: 1 in 1,000 good sessions",
+        ),
+        "cad_off": Kind(
+            "a target is not where CAD says; what was measured counts instead",
+            "",
+            "its touches and holes against all others: 1 in 50,000 good targets",
+        ),
+        "tag_stretched": Kind(
+            "a tag is printed wider or higher than stated; what was measured counts instead",
+            "print it again, not scaled to the page",
+            "its pictures against the robot's motion: 1 in 1,000 good sessions",
+        ),
+        "touch_noise": Kind(
+            "touches scatter more or less than the cell file says; what was found counts",
+            "touch with more care, or set [touch] as found",
+            "likelihood of the level: 3 sigma and a third of itself",
+        ),
+        "point_noise": Kind(
+            "touches of the fixed point scatter more or less than stated; what was found counts",
+            "touch with more care, or set [touch] as found",
+            "the same",
+        ),
+        "tag_noise": Kind(
+            "poses of a tag scatter more or less than its pictures promise; what was found counts",
+            "check light, focus and print, and that nothing shakes",
+            "the same",
+        ),
+        "hole_noise": Kind(
+            "holes scatter more or less in the pictures than stated; what was found counts",
+            "check hole_diameter_mm and hole_sigma_mm",
+            "the same",
+        ),
+        "arm_noise": Kind(
+            "the arm errs more or less than the cell file says; what was found counts",
+            "set [robot] sigma_mm as found, or have the arm calibrated",
+            "the same",
+        ),
+        "cad_noise": Kind(
+            "targets are off CAD by more or less than the cell file says; what was found counts",
+            "set [object] cad_sigma_mm as found, or measure the part",
+            "the same",
+        ),
         "picture_delay": Kind(
             "pictures were taken earlier or later than their stamps say, by the robot's clock",
             "set [camera] delay_ms to what is told; samples at rest do not suffer",

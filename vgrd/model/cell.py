@@ -89,13 +89,16 @@ class Target:
 class ObjectSpec:
     """The target object: its CAD points, how it moves, and (turntable) its centre of rotation in CAD, mm.
 
-    hole_sigma_mm: of each coordinate of a hole's centre on the real part, against CAD.
+    hole_sigma_mm: of each coordinate of a hole's centre on the real part, against CAD. center_sigma_mm: of the
+    centre, across the axis. cad_sigma_mm: of each coordinate of a target; 0: exact.
     """
 
     targets: Mapping[str, Target]
     motion: Motion = Motion.TURNTABLE
     center_in_object: Array | None = None
     hole_sigma_mm: float = 0.03  # as `object.hole_sigma_mm` of the cell file
+    center_sigma_mm: float = 0.2  # as `object.center_sigma_mm` of the cell file
+    cad_sigma_mm: float = 0.03  # as `object.cad_sigma_mm` of the cell file
 
     @property
     def has_cad(self) -> bool:
@@ -115,7 +118,8 @@ class CellFacts:
     camera_matrix: (3, 3) px; distortion: OpenCV order; robot_sigma_mm: repeatability and error field of the arm;
     wrist_from_tcp: the TCP that is active on the pendant, None where the robot does not tell. camera_stability:
     while teaching, too. robot_step_mm, robot_step_rad: steps in which the robot told its flange while
-    teaching, per axis; 0 where they do not matter.
+    teaching, per axis; 0 where they do not matter. tag_a_sigma_mm, tag_b_sigma_mm: of the printed edges,
+    along and across the paper each; 0: exact.
     """
 
     mount: Mount
@@ -133,6 +137,8 @@ class CellFacts:
     camera_stability: Stability = Stability.FIXED
     robot_step_mm: float = 0.0
     robot_step_rad: float = 0.0
+    tag_a_sigma_mm: float = 0.05  # as `tags.a.size_sigma_mm` of the cell file
+    tag_b_sigma_mm: float = 0.05  # as `tags.b.size_sigma_mm` of the cell file
 
     @property
     def arm(self) -> ArmModel:

@@ -22,6 +22,10 @@ MAY_CHANGE: Mapping[str, str] = {
     ),
     "robot_step_mm": "no fact of the cell file but how finely the robot told its poses while teaching",
     "robot_step_rad": "as robot_step_mm: how finely the robot told its poses while teaching",
+    "tag_a_sigma_mm": "how well a size is known is no size: a calibration keeps what was stated when it was solved",
+    "tag_b_sigma_mm": "as tag_a_sigma_mm, of tag B",
+    "object.center_sigma_mm": "as tag_a_sigma_mm, of the centre of turning",
+    "object.cad_sigma_mm": "as tag_a_sigma_mm, of the targets in CAD",
     "camera_stability": (
         "teaching followed the camera as its recording said, and every answer follows it as the cell "
         "file says today"

@@ -8,10 +8,12 @@ from typing import Any
 
 Json = Any
 
-# Since 2: steps of readings, holes, chi2 of a tag; 3: camera's stability; 4: clearances, bare targets, steps as facts.
-SESSION_SCHEMA = 4
-# Since 2: solution in a table; 3: stability, adopted slips; 4: clearances, bare targets, steps.
-CALIBRATION_SCHEMA = 4
+# Since 2: steps of readings, holes, chi2 of a tag; 3: camera's stability; 4: clearances, bare targets, steps as facts;
+# 5: how well centre, CAD and tag sizes are known.
+SESSION_SCHEMA = 5
+# Since 2: solution in a table; 3: stability, adopted slips; 4: clearances, bare targets, steps;
+# 5: how well centre, CAD and tag sizes are known, and levels of noise.
+CALIBRATION_SCHEMA = 5
 _ZERO = 0.0
 
 
@@ -29,10 +31,10 @@ def facts_of(facts: Json) -> Json:
 
 def session_header(schema: int, body: Json) -> Json:
     """Content of session.json."""
-    if schema > 3:
+    if schema > 4:
         return body
     facts = body["facts"] if schema > 1 else facts_of(body["facts"])
-    return {**body, "facts": _facts_up_to_3(facts)}
+    return {**body, "facts": _facts_up_to_4(facts if schema > 3 else _facts_up_to_3(facts))}
 
 
 def _fixed(facts: Json) -> Json:
@@ -45,6 +47,13 @@ def _facts_up_to_3(facts: Json) -> Json:
     targets = {name: _target(target) for name, target in facts["object"]["targets"].items()}
     steps = {"robot_step_mm": _ZERO, "robot_step_rad": _ZERO}
     return {**steps, **_fixed(facts), "object": {**facts["object"], "targets": targets}}
+
+
+def _facts_up_to_4(facts: Json) -> Json:
+    """CellFacts when the centre was taken to be known to 0.02 mm, targets and tag sizes exactly."""
+    exact = {"tag_a_sigma_mm": _ZERO, "tag_b_sigma_mm": _ZERO}
+    known = {"center_sigma_mm": 0.02, "cad_sigma_mm": _ZERO}  # as they were written in the program
+    return {**exact, **facts, "object": {**known, **facts["object"]}}
 
 
 def _target(body: Json) -> Json:
@@ -89,13 +98,16 @@ def _changed(body: Json, key: str, change: Callable[[Json], Json]) -> Json:
 
 def calibration(schema: int, body: Json) -> Json:
     """Content of a calibration's file: the solution of schema 1 lay open in it."""
-    if schema > 3:
+    if schema > 4:
         return body
+    if schema > 3:
+        facts = _facts_up_to_4(body["facts"])
+        return _changed({**body, "facts": facts}, "solution", _exact)
     opened = body if schema > 1 else _opened(body)
     taught = {name: _changed(point, "target", _target) for name, point in opened["taught"].items()}
-    facts = _facts_up_to_3(opened["facts"])
+    facts = _facts_up_to_4(_facts_up_to_3(opened["facts"]))
     moved = {"adopted": [], **opened, "facts": facts, "taught": taught}
-    return _changed(_changed(moved, "solution", _solution), "solution", _in_cad)
+    return _changed(_changed(moved, "solution", _solution), "solution", _in_cad_exactly)
 
 
 def _solution(body: Json) -> Json:
@@ -103,9 +115,16 @@ def _solution(body: Json) -> Json:
     return {"reference_tag_a": None, **body} if body.get("method") == "special" else body
 
 
-def _in_cad(body: Json) -> Json:
+def _in_cad_exactly(body: Json) -> Json:
     """A joint solution up to schema 3: every target was in CAD."""
-    return {"bare": [], "bare_in_base": [], **body} if body.get("method") == "joint" else body
+    bare: Json = {"bare": [], "bare_in_base": []} if body.get("method") == "joint" else {}
+    return _exact({**bare, **body})
+
+
+def _exact(body: Json) -> Json:
+    """A joint solution up to schema 4: nothing of the cell file was an unknown, no level was found."""
+    held: Json = {"inexact": [], "offsets_in_object": [], "refined": {}, "levels": []}
+    return {**held, **body} if body.get("method") == "joint" else body
 
 
 def _opened(body: Json) -> Json:

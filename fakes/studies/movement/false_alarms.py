@@ -18,8 +18,8 @@ from fakes.studies.sessions import Session, known_arm
 from fakes.studies.study import Figure, Parameters, Study, Trials
 from fakes.world.arm_errors import ArmErrors
 from fakes.world.noise import FINE
-from fakes.world.simulation import Simulation
-from vgrd.calibration.joint import Turntable, calibrate_joint, solution_of
+from fakes.world.simulation import CENTER_SIGMA_MM, Simulation
+from vgrd.calibration.joint import calibrate_joint, solution_of
 from vgrd.charts import COLORS, PAPER, legend, panels
 from vgrd.geometry.chi2 import chi2_probability
 from vgrd.judging.thresholds import CONTRADICTS, SLIPPED
@@ -40,7 +40,7 @@ _SUMS = 4  # two links, two windows
 
 def _trial(seed: SeedSequence, parameters: Parameters) -> dict[str, float]:
     """Pictures refused, and the share of pictures and sums beyond common quantiles."""
-    cell = Simulation(seed, vision=FINE, arm=_ARM, center_sigma_mm=Turntable().center_sigma_mm)
+    cell = Simulation(seed, vision=FINE, arm=_ARM, center_sigma_mm=CENTER_SIGMA_MM)
     recording = _SESSION.record(cell)
     solution = solution_of(calibrate_joint(recording, arm=known_arm(_ARM)))
     stability = _STABILITIES[parameters["stability"]]

@@ -18,9 +18,9 @@ from fakes.studies.sessions import Session, known_arm
 from fakes.studies.study import Figure, Parameters, Study, Trials
 from fakes.world.arm_errors import EXACT_ARM, ArmErrors
 from fakes.world.noise import COARSE
-from fakes.world.simulation import WORK_ROTATION, SimulatedRequest, Simulation
+from fakes.world.simulation import CENTER_SIGMA_MM, WORK_ROTATION, SimulatedRequest, Simulation
 from vgrd.calibration.calibration import expected_coordinate
-from vgrd.calibration.joint import Turntable, calibrate_joint, expected_by_joint
+from vgrd.calibration.joint import calibrate_joint, expected_by_joint
 from vgrd.calibration.solve import calibrate_system
 from vgrd.charts import COLORS, PAPER, legend, panels
 from vgrd.errors import CalibrationError, Contradiction
@@ -52,7 +52,7 @@ _BAR = (93.0, 97.0)  # %, 95 +- 2: more than chance leaves at 4000 runs, less th
 def _trial(seed: SeedSequence, parameters: Parameters) -> dict[str, float]:
     """Squared error over the 95 % quantile, by estimate and region: at most 1 is inside."""
     arm = _ARMS[parameters["arm"]]
-    cell = Simulation(seed, vision=COARSE, arm=arm, center_sigma_mm=Turntable().center_sigma_mm)
+    cell = Simulation(seed, vision=COARSE, arm=arm, center_sigma_mm=CENTER_SIGMA_MM)
     if parameters["camera"] != "exact":
         return _of_served(cell, STABILITIES[parameters["camera"]])
     recording = _SESSION.record(cell)

@@ -130,7 +130,9 @@ def test_what_is_stated_is_the_cramer_rao_bound_at_the_truth():
     )
     directly = np.linalg.inv(J.T @ J)
     stated = calibrate_joint(
-        session(Simulation(9, vision=COARSE, touch_sigma_mm=0.05)), robust=False
+        session(Simulation(9, vision=COARSE, touch_sigma_mm=0.05)),
+        robust=False,
+        find_noise=False,
     )
     for columns in (*layout.bare_columns(), np.arange(27)[layout.TCP]):
         part = np.ix_(columns, columns)
@@ -144,7 +146,7 @@ def test_errors_scatter_as_the_covariance_says():
     for seed in range(24):
         cell = Simulation(300 + seed)
         recording = session(cell)
-        solution = solution_of(calibrate_joint(recording, robust=False))
+        solution = solution_of(calibrate_joint(recording, robust=False, find_noise=False))
         target = recording.facts.object.targets["P5"]
         taught = TaughtPoint(target, np.zeros(3), np.eye(3), np.eye(3))
         placed = solution.in_tag_b(recording.facts, taught)
@@ -162,7 +164,9 @@ def test_one_touch_tells_nothing_but_its_own_target():
             for t in recording.touches
         ),
     )
-    sharp_fit, blunt_fit = (calibrate_joint(r, robust=False) for r in (recording, blunt))
+    sharp_fit, blunt_fit = (
+        calibrate_joint(r, robust=False, find_noise=False) for r in (recording, blunt)
+    )
     others = np.arange(27)
     part = np.ix_(others, others)
     scale = np.sqrt(np.diag(sharp_fit.covariance[part]))
@@ -237,9 +241,9 @@ def test_the_advice_foretells_what_cad_brings():
 
 
 def test_what_a_second_touch_brings_is_foretold():
-    once = calibrate_joint(session(Simulation(17)), robust=False)
+    once = calibrate_joint(session(Simulation(17)), robust=False, find_noise=False)
     names = [*EVERY, "P5"]
-    twice = calibrate_joint(session(Simulation(17), names=names), robust=False)
+    twice = calibrate_joint(session(Simulation(17), names=names), robust=False, find_noise=False)
     job = Job(angles_rad=(0.0, 2.0), targets=("P5",))
     foresight = PredictedError(once, job)
     (rows,) = foresight.rows([Touching("P5", WORK_ROTATION)])

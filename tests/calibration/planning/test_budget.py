@@ -27,7 +27,11 @@ def taught(seed=1, arm=None, **options):
     sim = Simulation(seed, **options)
     wrists = [sim.wrist()] * 4 + [sim.wrist(0.4) for _ in range(4)]
     recording = sim.record(looks=4, spins=4, wrists=wrists)
-    return sim, recording, calibrate_joint(recording, arm=arm or ArmModel(), robust=False)
+    return (
+        sim,
+        recording,
+        calibrate_joint(recording, arm=arm or ArmModel(), robust=False, find_noise=False),
+    )
 
 
 def share(budget, link):
@@ -88,7 +92,7 @@ def test_time_and_systematic_errors_count_once_they_are_given():
 def test_what_was_refined_counts_as_refined():
     sim, recording, _ = taught()
     refinement = PriorSigmas(tag_a_mm=0.05, tag_b_mm=0.05, focal_px=3.0)
-    result = calibrate_joint(recording, arm=ArmModel(), refine=refinement)
+    result = calibrate_joint(recording, arm=ArmModel(), refine=refinement, find_noise=False)
     budget = error_budget(result, sim.request().seen.tag_b, systematic=SYSTEMATIC)
     for link in (Source.INTRINSICS, Source.PRINT):
         assert (share(budget, link) > 0).all()
@@ -120,12 +124,12 @@ def test_a_larger_print_moves_the_answer_as_the_budget_says():
     sim, recording, result = taught(touch_sigma_mm=0.02)
     seen, factor = sim.request().seen, 1.0001
     other = shifted(recording, lambda A: Pose(A.rotation, A.translation / factor), lambda B: B)
-    moved = answer(calibrate_joint(other, arm=ArmModel(), robust=False), seen)
+    moved = answer(calibrate_joint(other, arm=ArmModel(), robust=False, find_noise=False), seen)
     moved = moved - answer(result, seen)
     other = shifted(recording, lambda A: A, lambda B: Pose(B.rotation, B.translation / factor))
     tag = seen.tag_b
     nearer = Pose(tag.camera_from_tag.rotation, tag.camera_from_tag.translation / factor)
-    again = calibrate_joint(other, arm=ArmModel(), robust=False)
+    again = calibrate_joint(other, arm=ArmModel(), robust=False, find_noise=False)
     by_b = answer(again, replace(seen, tag_b=replace(tag, camera_from_tag=nearer)))
     by_b = by_b - answer(result, seen)
     sigma = 0.0001 * recording.facts.tag_a.size_mm
@@ -246,12 +250,12 @@ class Noisy:
         return self.moved(d[:-1]), self.now, d[-1]
 
     def solved(self, recording, now, target="P3"):
-        result = calibrate_joint(recording, arm=self.arm, robust=False)
+        result = calibrate_joint(recording, arm=self.arm, robust=False, find_noise=False)
         return answer(result, now, target)
 
     def misses(self, draw, count, target="P3"):
         """What the tip misses by, (count, 3), as its wrist is not turned by the arm's small errors."""
-        nominal = calibrate_joint(self.true, arm=self.arm, robust=False)
+        nominal = calibrate_joint(self.true, arm=self.arm, robust=False, find_noise=False)
         expected = expected_by_joint(nominal, target, self.now)
         at, tip = expected.base_from_wrist.translation, expected.base_from_wrist.rotation
         tip = tip @ nominal.state.tcp_in_wrist
@@ -262,7 +266,7 @@ class Noisy:
         return np.array(out)
 
     def check(self, link, draw, count=24):
-        nominal = calibrate_joint(self.true, arm=self.arm, robust=False)
+        nominal = calibrate_joint(self.true, arm=self.arm, robust=False, find_noise=False)
         predicted = variance(nominal, self.now.tag_b, link)
         found = np.mean(np.sum(self.misses(draw, count) ** 2, axis=1))
         assert found == pytest.approx(predicted, rel=0.45)
@@ -304,7 +308,7 @@ def test_rounding_does_what_its_share_says():
 def test_the_tcp_along_the_axis_of_four_axes_is_irrelevant_and_costs_nothing():
     sim = Simulation(4, one_axis=True)
     recording = sim.record(looks=4, spins=4, wrists=[sim.wrist(1.5) for _ in range(6)])
-    result = calibrate_joint(recording, arm=ArmModel(), robust=False)
+    result = calibrate_joint(recording, arm=ArmModel(), robust=False, find_noise=False)
     budget = error_budget(result, sim.request().seen.tag_b, Policy.FOLLOW)
     assert "the TCP along (0.00, 0.00, 1.00) of the flange" in budget.irrelevant
     assert (share(budget, Source.UNDETERMINED) < 0.01).all()

@@ -6,6 +6,7 @@ May import touches, hand_eye, universal and turntable.
 from vgrd.calibration.joint.answers import Prediction
 from vgrd.calibration.joint.calibration import calibrate_jointly, contradicted_targets
 from vgrd.calibration.joint.camera_corrections import (
+    PRINTED,
     TAG_A,
     TAG_B,
     CameraCorrections,
@@ -30,6 +31,7 @@ from vgrd.calibration.joint.problem import (
     Looks,
     Tags,
     Turntable,
+    inexact_of,
     points_of,
     target_of,
 )
@@ -43,6 +45,7 @@ from vgrd.calibration.joint.solution import JointSolution
 from vgrd.calibration.joint.state import JointState, StepLayout, taught_place
 
 __all__ = [
+    "PRINTED",
     "TAG_A",
     "TAG_B",
     "CameraCorrections",
@@ -68,6 +71,7 @@ __all__ = [
     "contradicted_targets",
     "displacement_jacobian",
     "expected_by_joint",
+    "inexact_of",
     "information_inverse",
     "linearize",
     "object_motions",

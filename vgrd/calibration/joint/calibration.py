@@ -10,6 +10,7 @@ from vgrd.calibration.joint.expected import work_orientation
 from vgrd.calibration.joint.fit import JointFit
 from vgrd.calibration.joint.knocks import as_seen_in_the_end, camera_moves
 from vgrd.calibration.joint.marginal import solution_of
+from vgrd.calibration.joint.noise.remarks import level_findings
 from vgrd.calibration.joint.problem import EvidenceKind, HolePixel
 from vgrd.calibration.joint.solution import JointSolution
 from vgrd.calibration.joint.state import StepLayout
@@ -148,6 +149,8 @@ def _findings(fit: JointFit, solution: JointSolution) -> Iterator[Finding]:
     for sample in fit.samples:
         if not sample.used:
             yield finding(_OUTLIERS[sample.kind], f"{sample.name} was left out, {sample.reason}")
+    yield from fit.freed
+    yield from level_findings(fit.levels)
     yield from contradicted_targets(fit)
     yield from camera_moves(fit)
     if fit.noise_scale > NOISY_SCALE:

@@ -14,12 +14,21 @@ from scipy.spatial.transform import Rotation
 
 from vgrd.geometry import Array, Pose, hat
 from vgrd.geometry.camera import CameraModel
-from vgrd.model import CellFacts, TagObservation, TagSpec, frozen_array
+from vgrd.model import CellFacts, TagObservation, frozen_array
 
 TAG_A, TAG_B = "size of tag A", "size of tag B"
+STRETCH_A, STRETCH_B = "stretch of tag A", "stretch of tag B"
 FOCAL, CENTER_X, CENTER_Y, K1 = "focal length", "cx", "cy", "k1"
 
+PRINTED = (TAG_A, TAG_B, STRETCH_A, STRETCH_B)
+
+_STRETCHES: Mapping[str, str] = MappingProxyType({TAG_A: STRETCH_A, TAG_B: STRETCH_B})
+"""By which a tag is wider than high: half of it more in x, half of it less in y."""
+
 _SQUARE = np.array([(-0.5, -0.5, 0.0), (0.5, -0.5, 0.0), (0.5, 0.5, 0.0), (-0.5, 0.5, 0.0)])
+_FRONTAL_RAD = (
+    0.02  # a tag seen under less is seen from the front: perspective alone tells its tilt
+)
 _RESECTIONS = 4  # Gauss-Newton steps from a pose that is right to a pixel
 _INTRINSIC: Mapping[str, tuple[int, ...]] = MappingProxyType(
     {FOCAL: (0, 1), CENTER_X: (2,), CENTER_Y: (3,), K1: (4,)}
@@ -31,7 +40,8 @@ _INTRINSIC: Mapping[str, tuple[int, ...]] = MappingProxyType(
 class PriorSigmas:
     """Sigma of what is known beforehand of the numbers to refine; None holds one at its value.
 
-    tag_a_mm, tag_b_mm: of the printed edge; focal_px, center_px (both cx and cy), k1.
+    tag_a_mm, tag_b_mm: of the printed edge; stretch_a_mm, stretch_b_mm: of width minus
+    height; focal_px, center_px (both cx and cy), k1.
     """
 
     tag_a_mm: float | None = None
@@ -39,6 +49,20 @@ class PriorSigmas:
     focal_px: float | None = None
     center_px: float | None = None
     k1: float | None = None
+    stretch_a_mm: float | None = None
+    stretch_b_mm: float | None = None
+
+    @classmethod
+    def of_print(cls, facts: CellFacts) -> "PriorSigmas":
+        """What the cell says of the printed edges, along and across the paper each."""
+        a_mm, b_mm = facts.tag_a_sigma_mm, facts.tag_b_sigma_mm
+        half, twice = np.sqrt(0.5), np.sqrt(2.0)  # of a mean of two, and of a difference
+        return cls(
+            tag_a_mm=half * a_mm if facts.tag_a else None,
+            tag_b_mm=half * b_mm,
+            stretch_a_mm=twice * a_mm if facts.tag_a else None,
+            stretch_b_mm=twice * b_mm,
+        )
 
     def sigmas(self) -> dict[str, float]:
         """Of what is refined, by name."""
@@ -49,6 +73,8 @@ class PriorSigmas:
             CENTER_X: self.center_px,
             CENTER_Y: self.center_px,
             K1: self.k1,
+            STRETCH_A: self.stretch_a_mm,
+            STRETCH_B: self.stretch_b_mm,
         }
         return {name: sigma for name, sigma in every.items() if sigma}
 
@@ -77,9 +103,14 @@ class CameraCorrections:
     @classmethod
     def of(cls, facts: CellFacts, refinement: PriorSigmas | None) -> "CameraCorrections":
         """What a cell says, and what is to be refined of it."""
+        return cls.with_sigmas(facts, (refinement or PriorSigmas()).sigmas())
+
+    @classmethod
+    def with_sigmas(cls, facts: CellFacts, sigmas: Mapping[str, float]) -> "CameraCorrections":
+        """The same, by the names of what is refined."""
         camera = CameraModel(facts.camera_matrix, facts.distortion, facts.image_size_px)
         sizes = {TAG_A: (facts.tag_a or facts.tag_b).size_mm, TAG_B: facts.tag_b.size_mm}
-        return cls(camera, sizes, (refinement or PriorSigmas()).sigmas())
+        return cls(camera, sizes, sigmas)
 
     @property
     def count(self) -> int:
@@ -101,31 +132,69 @@ class CameraCorrections:
                 J[row, column] = sigma * (values[row] / values[0] if name == FOCAL else 1.0)
         return J
 
+    def value(self, name: str, values: Array) -> float:
+        """A refined number, in its unit, beyond what was assumed; 0 where it is held."""
+        if name not in self.sigmas:
+            return 0.0
+        return self.sigmas[name] * float(values[list(self.sigmas).index(name)])
+
     def size_mm(self, tag: str, values: Array) -> float:
         """Refined edge of TAG_A or TAG_B."""
-        nominal_mm = self.sizes_mm[tag]
-        if tag not in self.sigmas:
-            return nominal_mm
-        return nominal_mm + self.sigmas[tag] * float(values[list(self.sigmas).index(tag)])
+        return self.sizes_mm[tag] + self.value(tag, values)
+
+    def applied(self, values: Array) -> Array:
+        """(e,): the values that `refine` applies; stretches count by their tangents at 0 alone.
+
+        A tag that is seen from the front turns by much for a little stretch, and its noise with it: moved
+        about a stretch that is not near the true one, residuals would shrink without being right.
+        """
+        return np.where([name in _STRETCHES.values() for name in self.sigmas], 0.0, values)
 
     def refine(
         self, rotations: Array, translations: Array, tag: str, values: Array
     ) -> RefinedTags:
-        """Poses (n, 3, 3), (n, 3) of TAG_A or TAG_B as measured, with refined numbers (e,)."""
+        """Poses (n, 3, 3), (n, 3) of TAG_A or TAG_B as measured, with refined numbers (e,) as `applied`."""
         nominal_mm, size_mm = self.sizes_mm[tag], self.size_mm(tag, values)
-        R, t, J_refined = rotations, translations, np.zeros((len(rotations), 6, self.count))
-        camera = self.camera_at(values)
+        R, t = rotations, translations
         if self._of_camera():
             pixels = self.camera.project(_corners(R, t, nominal_mm))
-            R, t = _resected(R, t, pixels, camera, nominal_mm)
+            R, t = _resected(R, t, pixels, self.camera_at(values), nominal_mm)
         t = t * (size_mm / nominal_mm)
-        if self._of_camera():
-            J_refined += _by_intrinsics(R, t, camera, size_mm) @ self.intrinsics()
-        if tag in self.sigmas:
-            J_refined[:, :3, list(self.sigmas).index(tag)] += t * self.sigmas[tag] / size_mm
         turn = R @ np.swapaxes(rotations, 1, 2)
         back = t - np.einsum("nij,nj->ni", turn, translations)
-        return RefinedTags(R, t, J_refined, adjoints(turn, back))
+        return RefinedTags(R, t, self.tangents(R, t, tag, values), adjoints(turn, back))
+
+    def tangents(self, R: Array, t: Array, tag: str, values: Array) -> Array:
+        """Left tangents (n, 6, e) by which refined poses (n, 3, 3), (n, 3) of a tag move per sigma."""
+        out, names = np.zeros((len(R), 6, self.count)), list(self.sigmas)
+        camera, size_mm, stretch = (
+            self.camera_at(values),
+            self.size_mm(tag, values),
+            _STRETCHES[tag],
+        )
+        if self._of_camera():
+            out += _by_intrinsics(R, t, camera, size_mm) @ self.intrinsics()
+        if tag in self.sigmas:
+            out[:, :3, names.index(tag)] += t * self.sigmas[tag] / size_mm
+        if stretch in self.sigmas:
+            by_stretch = _by_stretch(R, t, camera, size_mm)
+            out[:, :, names.index(stretch)] += by_stretch * self.sigmas[stretch]
+        return out
+
+    def curvatures(self, R: Array, t: Array, tag: str, tangents: Array) -> Array:
+        """Covariances (n, 6, 6) of what tangents (n, 6, e) of a stretch leave out, as it turns a tag.
+
+        Seen under an angle a, a stretch s turns a tag by s / a, and so by the square of that over 2 a less than
+        the tangent says. That counts as noise: tags seen from the front tell no tilt then.
+        """
+        if _STRETCHES[tag] not in self.sigmas:
+            return np.zeros((len(R), 6, 6))
+        j = tangents[:, :, list(self.sigmas).index(_STRETCHES[tag])]
+        sight = t / np.linalg.norm(t, axis=1, keepdims=True)
+        angles = np.linalg.norm(np.cross(R[:, :, 2], sight), axis=1)
+        shares = np.linalg.norm(j[:, 3:], axis=1) / (2 * np.maximum(angles, _FRONTAL_RAD))
+        off = shares[:, None] * j
+        return np.asarray(off[:, :, None] * off[:, None, :])
 
     def _of_camera(self) -> bool:
         return any(name in _INTRINSIC for name in self.sigmas)
@@ -137,25 +206,32 @@ class RefinedCorrections:
 
     corrections: CameraCorrections
     values: Array
-    tags: Mapping[TagSpec, str]
 
-    def corrected(self, tag: TagObservation) -> TagObservation:
-        """The same tag as seen with the refined numbers, its noise carried along."""
+    def corrected(self, tag: TagObservation, name: str) -> TagObservation:
+        """TAG_A or TAG_B as seen with the refined numbers but stretches, its noise carried along."""
         if not self.corrections.count:
             return tag
-        refined = self._refine(tag)
+        refined = self._refine(tag, name)
         A = refined.shifts[0]
         pose = Pose(refined.rotations[0], refined.translations[0])
-        covariance = frozen_array(A @ tag.covariance @ A.T, 6, 6)
+        curvature = self.corrections.curvatures(
+            refined.rotations, refined.translations, name, refined.J_refined
+        )
+        covariance = frozen_array(A @ tag.covariance @ A.T + curvature[0], 6, 6)
         return replace(tag, camera_from_tag=pose, covariance=covariance)
 
-    def corrected_jacobian(self, tag: TagObservation) -> Array:
-        """(6, e): left tangent by which `corrected(tag)` moves, per sigma of every number."""
-        return np.asarray(self._refine(tag).J_refined[0])
+    @property
+    def stretches(self) -> Array:
+        """(e,): the values that `corrected` does not apply."""
+        return np.asarray(self.values - self.corrections.applied(self.values))
 
-    def _refine(self, tag: TagObservation) -> RefinedTags:
+    def tangent(self, camera_from_tag: Pose, name: str) -> Array:
+        """(6, e): left tangent by which a corrected pose moves, per sigma of every number."""
+        R, t = camera_from_tag.rotation[None], camera_from_tag.translation[None]
+        return np.asarray(self.corrections.tangents(R, t, name, self.values)[0])
+
+    def _refine(self, tag: TagObservation, name: str) -> RefinedTags:
         C = tag.camera_from_tag
-        name = self.tags[tag.tag]
         return self.corrections.refine(C.rotation[None], C.translation[None], name, self.values)
 
 
@@ -190,6 +266,14 @@ def _by_pose(camera: CameraModel, corners: Array) -> Array:
     """Derivative (n, 8, 6) of pixels by left perturbations of the poses."""
     D = camera.linearize(corners)[1]
     return np.concatenate([D, -D @ hat(corners)], axis=2).reshape(-1, 8, 6)
+
+
+def _by_stretch(R: Array, t: Array, camera: CameraModel, size_mm: float) -> Array:
+    """Left tangents (n, 6) by which tags are seen elsewhere per mm of stretch."""
+    corners = _corners(R, t, size_mm)
+    shifts = (_SQUARE * np.array([0.5, -0.5, 0.0])) @ np.swapaxes(R, 1, 2)
+    D = camera.linearize(corners)[1] @ shifts.reshape(-1, 3, 1)
+    return np.asarray((-np.linalg.pinv(_by_pose(camera, corners)) @ D.reshape(-1, 8, 1))[:, :, 0])
 
 
 def _by_intrinsics(R: Array, t: Array, camera: CameraModel, size_mm: float) -> Array:

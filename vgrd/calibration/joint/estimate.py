@@ -13,6 +13,7 @@ import numpy as np
 from vgrd.calibration.joint.camera_corrections import PriorSigmas
 from vgrd.calibration.joint.fit import JointFit, fit_at, fit_joint
 from vgrd.calibration.joint.knocks import Moves, Trial, follow, jumps, pictures_of
+from vgrd.calibration.joint.noise.leveling import at_found_levels
 from vgrd.calibration.joint.problem import EvidenceKind, HolePixel, JointData, Turntable
 from vgrd.calibration.joint.robust import screen
 from vgrd.calibration.joint.rows import seen_tag_a, touched_places
@@ -36,13 +37,16 @@ def calibrate_joint(
     turntable: Turntable | None = None,
     refine: PriorSigmas | None = None,
     robust: bool = True,
+    find_noise: bool = True,
 ) -> JointFit:
     """Most likely values of all unknowns; verifications are held out.
 
     sightings: holes that the camera saw. arm: None takes `facts.arm`.
     turntable: how well CAD knows the axis of turning. refine: tag sizes and intrinsics to estimate
-    too. robust: samples that the others contradict are left out and named, and a fixed camera that was
-    knocked meanwhile is followed. Raises InputError, TooFewObservations, NotObservable or DidNotConverge.
+    too; None: the tag sizes, as far as `facts` have them inexact. robust: samples that the others contradict
+    are left out and named, and a fixed camera that was knocked meanwhile is followed. find_noise: sigmas are
+    priors of levels that the samples tell; else they count as they are stated. Raises InputError,
+    TooFewObservations, NotObservable or DidNotConverge.
     """
 
     def gathered(moves_s: Moves) -> JointData:
@@ -53,8 +57,22 @@ def calibrate_joint(
         optimum = fit_joint(data, layout_of(data), _start(data))
         return Trial(moves_s, optimum, screen(data, optimum) if robust else optimum)
 
+    trial = _followed(recording, gathered, solve, robust=robust)
+    if not find_noise:
+        return trial.screened
+    return at_found_levels(gathered(trial.moves_s), trial, robust=robust)
+
+
+def _followed(
+    recording: Recording,
+    gathered: Callable[[Moves], JointData],
+    solve: Callable[[Moves], Trial],
+    *,
+    robust: bool,
+) -> Trial:
+    """With the knocks of a fixed camera, where they are looked for."""
     if not robust or recording.facts.camera_stability is Stability.MOVABLE:
-        return solve(()).screened
+        return solve(())
     try:
         trial = solve(())
     except DidNotConverge:

@@ -4,26 +4,27 @@ Corrections of the robot's poses are eliminated in closed form: with a prior S a
 widen the noise to I + G S G^T. It is renewed, as the refined tag sizes are, until nothing moves.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
-from types import MappingProxyType
 
 import numpy as np
 from scipy.linalg import solve_triangular
 
-from vgrd.calibration.joint.camera_corrections import TAG_A, TAG_B, RefinedCorrections
+from vgrd.calibration.joint.camera_corrections import RefinedCorrections
 from vgrd.calibration.joint.problem import JointData
-from vgrd.calibration.joint.rows import arm_jacobian, linearize
+from vgrd.calibration.joint.rows import arm_jacobian, as_refined, linearize
 from vgrd.calibration.joint.state import JointState, StepLayout
+from vgrd.calibration.levels import Level
 from vgrd.errors import DidNotConverge
 from vgrd.geometry import Array
 from vgrd.geometry.chi2 import chi2_quantile
 from vgrd.geometry.least_squares import Convergence, check_convergence, minimize
-from vgrd.model import Recording, TagObservation
+from vgrd.model import Finding, Recording
 
 _UNDETERMINED_MM = 500.0  # an arm's reach: what is less sure tells nothing
 _UNDETERMINED_RAD = 1.0  # the same for a turn
 _ROUNDS = 8  # of renewing the arm's noise, a bound only
+_ANCHORED = 2  # rounds after which derivatives by a stretch, which change with the pose, are kept
 _SETTLED_MM = 2e-2  # mm, a tenth of what the best session is sure of
 _SETTLED_SIGMA = 1e-3  # of a refined number
 _TOLERANCE = 1e-6  # of the cost: below it steps follow rounding
@@ -49,15 +50,19 @@ class JointSample:
 class JointFit:
     """Estimates (`state`), their uncertainty, and how well the samples agree.
 
-    data: the samples in use, as seen with the refined numbers; samples: all of them, the bad ones
-    named. covariance: (n, n) of a step in `layout`, undetermined directions left out; where the
-    residuals are larger than chance it was enlarged by `variance_inflation`. undetermined: (n, z),
+    data: the samples in use, as seen with the refined numbers; raw: as gathered; samples: all of them, the
+    bad ones named. covariance: (n, n) of a step in `layout`, undetermined directions left out, enlarged by
+    `variance_scale`: `variance_inflation` where the residuals are larger than chance, and `spread` for
+    levels of noise that are not known exactly. levels: those found, none where they were taken as stated.
+    freed: what the cell file says and the samples contradict, left out.
+    undetermined: (n, z),
     the step that 500 mm or 1 rad along each of them is. whitened (r,), jacobian (r, n): residuals and
     derivative at the optimum, in sigmas, noise of the arm included by `arm_factor` (lower triangle
     of I + G S G^T) of `J_deviations`: G.
     """
 
     data: JointData
+    raw: JointData
     layout: StepLayout
     state: JointState
     covariance: Array
@@ -68,6 +73,15 @@ class JointFit:
     arm_factor: Array
     report: Convergence
     samples: tuple[JointSample, ...] = ()
+    levels: tuple[Level, ...] = ()
+    freed: tuple[Finding, ...] = ()
+    spread: float = 1.0
+
+    def widened(self, factor: float) -> "JointFit":
+        """The same with sigmas larger by a factor."""
+        return replace(
+            self, covariance=self.covariance * factor**2, spread=self.spread * factor**2
+        )
 
     @property
     def recording(self) -> Recording:
@@ -91,9 +105,14 @@ class JointFit:
         return float(np.sqrt(2 * self.cost / freedom)) if freedom else 1.0
 
     @property
+    def stated_scale(self) -> float:
+        """The same over what was stated: the largest of all kinds where their levels were found."""
+        return max([self.noise_scale, *(level.ratio for level in self.levels)])
+
+    @property
     def variance_scale(self) -> float:
         """What the covariance was multiplied by."""
-        return variance_inflation(2 * self.cost, self.degrees_of_freedom)
+        return self.spread * variance_inflation(2 * self.cost, self.degrees_of_freedom)
 
     @property
     def open_directions(self) -> Array:
@@ -109,15 +128,7 @@ class JointFit:
     @property
     def refined(self) -> RefinedCorrections:
         """Refined tag sizes and intrinsics: what corrects a new picture."""
-        facts = self.recording.facts
-        tags = {facts.tag_a or facts.tag_b: TAG_A, facts.tag_b: TAG_B}
-        return RefinedCorrections(
-            self.data.corrections, self.state.refined, MappingProxyType(tags)
-        )
-
-    def corrected(self, tag: TagObservation) -> TagObservation:
-        """A tag in a new picture, as seen with the refined tag sizes and intrinsics."""
-        return self.refined.corrected(tag)
+        return RefinedCorrections(self.data.corrections, self.state.refined)
 
     def unknown_in_words(self) -> str:
         """Which unknowns the data leave undetermined."""
@@ -129,8 +140,10 @@ def fit_joint(raw: JointData, layout: StepLayout, state: JointState) -> JointFit
 
     Raises DidNotConverge.
     """
-    for _ in range(_ROUNDS):
-        data = raw.refined(state.refined)
+    anchor = state
+    for rounds in range(_ROUNDS):
+        anchor = state if rounds < _ANCHORED else anchor
+        data = as_refined(state, raw, layout, anchor)
         _, factor = arm_noise(state, data)
         frozen = _frozen(state, data, layout, factor)
         minimum = minimize(
@@ -150,18 +163,25 @@ def fit_joint(raw: JointData, layout: StepLayout, state: JointState) -> JointFit
             "each other or belong to different set-ups"
         )
     check_convergence(minimum.report, "joint estimate")
-    return fit_at(raw, layout, state, minimum.report)
+    return fit_at(raw, layout, state, minimum.report, anchor)
 
 
-def fit_at(raw: JointData, layout: StepLayout, state: JointState, report: Convergence) -> JointFit:
-    """The fit as it looks at a state."""
-    data = raw.refined(state.refined)
+def fit_at(
+    raw: JointData,
+    layout: StepLayout,
+    state: JointState,
+    report: Convergence,
+    anchor: JointState | None = None,
+) -> JointFit:
+    """The fit as it looks at a state; anchor: as of `as_refined`."""
+    data = as_refined(state, raw, layout, anchor)
     G, factor = arm_noise(state, data)
     r, J = _whitened(state, data, layout, factor)
     covariance, undetermined = information_inverse(J, layout)
     freedom = _degrees_of_freedom(data, layout, undetermined)
     return JointFit(
         data=data,
+        raw=raw,
         layout=layout,
         state=state,
         covariance=covariance * variance_inflation(2 * report.cost, freedom),
@@ -214,6 +234,12 @@ def information_inverse(jacobian: Array, layout: StepLayout) -> tuple[Array, Arr
     rank = len(s)
     half = scales[:, None] * Vt[:rank].T / s
     return half @ half.T, scales[:, None] * Vt[rank:].T
+
+
+def determined_columns(jacobian: Array, layout: StepLayout) -> Array:
+    """Directions (n, k) of a step that a whitened Jacobian (r, n) determines."""
+    s, Vt = _spectrum(jacobian, layout)
+    return np.asarray(units(layout)[:, None] * Vt[: len(s)].T)
 
 
 def units(layout: StepLayout) -> Array:

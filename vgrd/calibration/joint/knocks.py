@@ -59,8 +59,8 @@ class Trial:
     screened: JointFit
 
 
-def follow(trial: Trial, solve: Callable[[Moves], Trial]) -> JointFit:
-    """The screened fit with as many knocks of the camera as explain what it would contradict.
+def follow(trial: Trial, solve: Callable[[Moves], Trial]) -> Trial:
+    """The trial with as many knocks of the camera as explain what it would contradict.
 
     trial: with those that are known; solve: the same with others, which may raise CalibrationError.
     """
@@ -69,7 +69,7 @@ def follow(trial: Trial, solve: Callable[[Moves], Trial]) -> JointFit:
         if better is None:
             break
         trial = better
-    return trial.screened
+    return trial
 
 
 def _better(trial: Trial, solve: Callable[[Moves], Trial]) -> Iterator[Trial]:

@@ -3,7 +3,7 @@
 import numpy as np
 
 from vgrd.calibration.joint.fit import JointFit, units, whiten_arm
-from vgrd.calibration.joint.solution import JointSolution
+from vgrd.calibration.joint.solution import JointSolution, Refinement
 from vgrd.calibration.joint.state import Columns, StepLayout
 from vgrd.geometry import Array
 from vgrd.model import ArmKnowledge, frozen_array, frozen_copy
@@ -26,6 +26,15 @@ def solution_of(fit: JointFit) -> JointSolution:
         has_point=fit.layout.has_point,
         bare=fit.layout.bare,
         bare_in_base=frozen_copy(state.bare_in_base),
+        inexact=fit.layout.inexact,
+        offsets_in_object=frozen_copy(state.offsets_in_object),
+        refined={
+            name: Refinement(sigma, float(value))
+            for (name, sigma), value in zip(
+                fit.data.corrections.sigmas.items(), state.refined, strict=True
+            )
+        },
+        levels=fit.levels,
         covariance=frozen_copy(fit.covariance[np.ix_(columns, columns)]),
         undetermined=frozen_copy(_undetermined(fit, columns)),
         arm=_arm_knowledge(fit, columns),
@@ -34,9 +43,9 @@ def solution_of(fit: JointFit) -> JointSolution:
 
 def kept_columns(layout: StepLayout) -> Columns:
     """(n,): columns of a fit's unknowns that its solution keeps, in their order."""
-    points = layout.point_columns
+    points, refined = layout.point_columns, layout.refined_columns
     return np.concatenate(
-        [np.arange(layout.axis_columns.stop), np.arange(points.start, points.stop)]
+        [np.arange(layout.axis_columns.stop), np.arange(points.start, refined.stop)]
     )
 
 

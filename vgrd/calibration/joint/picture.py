@@ -11,6 +11,7 @@ from functools import cached_property
 
 import numpy as np
 
+from vgrd.calibration.joint.camera_corrections import TAG_A, TAG_B, RefinedCorrections
 from vgrd.calibration.joint.problem import Tags
 from vgrd.calibration.joint.rows import ObjectMotions, moved_tag, object_motions, tag_residuals
 from vgrd.calibration.joint.state import StepLayout, table_motion_of
@@ -25,7 +26,7 @@ from vgrd.model import CameraPlace, FlangeTag, Motion, TagObservation
 class Links:
     """Poses of the estimate that pictures are compared with.
 
-    covariance (n, n): of a step in `layout`, left perturbations.
+    covariance (n, n): of a step in `layout`, left perturbations. refined: tag sizes and intrinsics.
     """
 
     base_from_camera: Pose
@@ -34,6 +35,7 @@ class Links:
     camera_from_axis: Pose
     layout: StepLayout
     covariance: Array
+    refined: RefinedCorrections
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -214,15 +216,19 @@ def first_motion(
 ) -> tuple[Tags, ObjectMotions]:
     """Tag B as the taught camera would see it, and how the object moved; motion None: anyhow."""
     tag, G = guess.taught_from_camera @ tag_b.camera_from_tag, guess.taught_from_camera.adjoint()
-    tags = _as_tags(tag, G @ tag_b.covariance @ G.T)
     moved = tag @ links.camera_from_tag_b.inverse()
     if motion is None:
         J_axis = np.zeros((1, 6, len(links.layout.axis)))
-        return tags, ObjectMotions(
+        motions = ObjectMotions(
             moved.rotation[None], moved.translation[None], J_axis, np.eye(6)[None]
         )
-    on_table = table_motion_of(links.camera_from_axis, moved, motion)[None]
-    return tags, object_motions(links.camera_from_axis, on_table, links.layout)
+    else:
+        on_table = table_motion_of(links.camera_from_axis, moved, motion)[None]
+        motions = object_motions(links.camera_from_axis, on_table, links.layout)
+    moved = Pose(motions.rotations[0], motions.translations[0])
+    predicted = guess.taught_from_camera.inverse() @ moved @ links.camera_from_tag_b
+    by_refined = G @ links.refined.tangent(predicted, TAG_B)
+    return _as_tags(tag, G @ tag_b.covariance @ G.T, by_refined), motions
 
 
 def weigh(model: PictureModel) -> PictureFit:
@@ -251,11 +257,12 @@ def weigh(model: PictureModel) -> PictureFit:
     )
 
 
-def _as_tags(camera_from_tag: Pose, covariance: Array) -> Tags:
+def _as_tags(camera_from_tag: Pose, covariance: Array, J_refined: Array) -> Tags:
     return Tags(
         camera_from_tag.rotation[None],
         camera_from_tag.translation[None],
         sqrt_information(covariance)[None],
+        J_refined[None],
     )
 
 
@@ -273,6 +280,7 @@ def _rows_of(model: PictureModel) -> Rows:
     r_b, J_b, J_motion = (
         part[0] for part in moved_tag(links.camera_from_tag_b, model.tags, motions, links.layout)
     )
+    r_b = r_b + J_b[:, links.layout.refined_columns] @ links.refined.stretches
     motion_of_object = Pose(motions.rotations[0], motions.translations[0])
     expected = motion_of_object @ links.camera_from_tag_b
     by_expected = J_b[:, links.layout.TAG_B] @ motion_of_object.inverse().adjoint()
@@ -309,8 +317,9 @@ def _rows_of_tag_a(
     camera_from_taught = taught_from_camera.inverse()
     camera_from_base = camera_from_taught @ links.base_from_camera.inverse()
     expected = camera_from_base @ W @ links.wrist_from_tag_a
-    tags = _as_tags(seen.tag.camera_from_tag, seen.tag.covariance)
-    r, D, _ = (
+    by_refined = links.refined.tangent(expected, TAG_A)
+    tags = _as_tags(seen.tag.camera_from_tag, seen.tag.covariance, by_refined)
+    r, D, E = (
         part[0]
         for part in tag_residuals(expected.rotation[None], expected.translation[None], tags)
     )
@@ -318,9 +327,10 @@ def _rows_of_tag_a(
     J = np.zeros((6, n + 6))
     J[:, links.layout.CAMERA] = -by_base
     J[:, links.layout.TAG_A] = by_base @ W.adjoint()
+    J[:, links.layout.refined_columns] = E
     J[:, n : n + 6] = by_base
     J[:, n + 3 : n + 6] += by_base[:, :3] @ hat(W.translation)  # it turns about the flange
     by_arm = J[:, n:]
     J[:, :n] += by_arm @ arm.J_unknowns
-    r = r + by_arm @ arm.mean
+    r = r + by_arm @ arm.mean + E @ links.refined.stretches
     return TagARows(r, J, -D @ camera_from_taught.adjoint(), D @ expected.adjoint())

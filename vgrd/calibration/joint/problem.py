@@ -13,6 +13,7 @@ from vgrd.calibration.touches import TouchSet
 from vgrd.errors import InputError
 from vgrd.geometry import Array, Pose
 from vgrd.geometry.camera import CameraModel
+from vgrd.geometry.covariance import sqrt_information
 from vgrd.model import CellFacts, Motion, Recording, Target
 from vgrd.model.arm import ArmModel
 
@@ -26,6 +27,7 @@ __all__ = [
     "Looks",
     "Tags",
     "Turntable",
+    "inexact_of",
     "points_of",
     "target_of",
 ]
@@ -43,6 +45,7 @@ class EvidenceKind(StrEnum):
     SPINS = "tag B in spins"
     HOLES = "holes"
     TURNTABLE = "turntable in CAD"
+    CAD = "targets in CAD"
     REFINED = "print and intrinsics"
 
 
@@ -67,7 +70,7 @@ class Turntable:
     vector, None where CAD does not tell; axis_sigma_rad: its tilt about each direction.
     """
 
-    center_sigma_mm: float = 0.02  # a guess: larger forgets CAD, smaller trusts a worn bearing
+    center_sigma_mm: float = 0.2  # as `object.center_sigma_mm` of the cell file
     axis_in_object: Array | None = None
     axis_sigma_rad: float = 5e-4  # a guess: 0.04 mm at a radius of 80 mm
 
@@ -137,6 +140,14 @@ class Tags:
             J_refined,
         )
 
+    def with_tangents(self, J_refined: Array, curvatures: Array) -> "Tags":
+        """The same with other derivatives, and with covariances (n, 6, 6) of what these leave out."""
+        if not curvatures.any():
+            return replace(self, J_refined=J_refined)
+        half = np.linalg.inv(self.sqrt_informations)
+        W = sqrt_information(half @ half.transpose(0, 2, 1) + curvatures)
+        return replace(self, J_refined=J_refined, sqrt_informations=W)
+
     def weighted(self, weights: Array) -> "Tags":
         """Variances divided by weights (n,); those of weight 0 are left out."""
         subset = self.subset(np.flatnonzero(weights))
@@ -184,9 +195,13 @@ class Looks:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Holes:
-    """h sightings: cad (h, 3), spin (h,) with -1 while touching, pixels (h, 2), sigma_px (h,)."""
+    """h sightings: cad (h, 3), spin (h,) with -1 while touching, pixels (h, 2), sigma_px (h,).
+
+    inexact_of: (h,) as of `JointData`.
+    """
 
     cad: Array
+    inexact_of: Indices
     spin: Indices
     pixels: Array
     sigma_px: Array
@@ -200,7 +215,12 @@ class Holes:
         )
         sigma_px = self.sigma_px[chosen] / np.sqrt(weights[chosen])
         return Holes(
-            self.cad[chosen], renumbered[chosen], self.pixels[chosen], sigma_px, self.camera
+            self.cad[chosen],
+            self.inexact_of[chosen],
+            renumbered[chosen],
+            self.pixels[chosen],
+            sigma_px,
+            self.camera,
         )
 
 
@@ -210,7 +230,8 @@ class JointData:
 
     Stations are where the arm stood, one per rest: flange_at (s, 3) of all samples; cad: (m, 3), one per touch.
     bare: names of the touched targets without CAD; bare_of: (m,) which of them each touch is of, -1 for
-    one in CAD.
+    one in CAD. inexact: names of the targets in CAD, which the part has elsewhere by cad_sigma_mm times
+    cad_factors (c,); inexact_of: (m,) the same for these; none where CAD is exact.
     center: of the turntable in CAD, or None. names: of the samples of every kind. corrections: what is
     refined of tag sizes and intrinsics; refined_values: (e,) values of it at which tags are seen here.
     stamps_s: (n,) of the pictures of the samples, by kind, inf where there is none; places: of the camera.
@@ -222,6 +243,8 @@ class JointData:
     cad: Array
     bare: tuple[str, ...]
     bare_of: Indices
+    inexact: tuple[str, ...]
+    inexact_of: Indices
     touch_stations: Indices
     points: TouchSet
     point_stations: Indices
@@ -235,6 +258,8 @@ class JointData:
     names: Mapping[EvidenceKind, tuple[str, ...]]
     stamps_s: Mapping[EvidenceKind, Array]
     corrections: CameraCorrections
+    cad_sigma_mm: float
+    cad_factors: Array
     refined_values: Array = field(default_factory=lambda: np.zeros(0))
     places: CameraPlaces = field(default_factory=CameraPlaces)
 
@@ -274,6 +299,7 @@ class JointData:
             EvidenceKind.SPINS: 6 * len(self.spins),
             EvidenceKind.HOLES: 2 * len(self.holes.cad),
             EvidenceKind.TURNTABLE: 2 * (self.center is not None) + 2 * (self.axis is not None),
+            EvidenceKind.CAD: 3 * len(self.inexact),
             EvidenceKind.REFINED: self.corrections.count,
         }
 
@@ -310,6 +336,7 @@ class JointData:
             touches=self.touches.weighted(touched).subset(np.flatnonzero(touched)),
             cad=self.cad[touched > 0],
             bare_of=self.bare_of[touched > 0],
+            inexact_of=self.inexact_of[touched > 0],
             touch_stations=self.touch_stations[touched > 0],
             points=self.points.weighted(pointed).subset(np.flatnonzero(pointed)),
             point_stations=self.point_stations[pointed > 0],
@@ -327,7 +354,7 @@ class JointData:
         """The same, gathered with nothing refined, as seen with refined values (e,)."""
         if not len(values):
             return self
-        corrections = self.corrections
+        corrections, values = self.corrections, self.corrections.applied(values)
         tags = self.looks.tags.refined(corrections, TAG_A, values)
         return replace(
             self,
@@ -337,6 +364,29 @@ class JointData:
             holes=replace(self.holes, camera=corrections.camera_at(values)),
             refined_values=values,
         )
+
+    def with_tangents(self, predicted: Mapping[EvidenceKind, tuple[Array, Array]]) -> "JointData":
+        """With derivatives by the refined numbers at predicted poses (n, 3, 3), (n, 3) of the tags.
+
+        At measured ones their noise would be in derivative and residual alike, which biases a stretch.
+        """
+
+        def seen(tags: Tags, kind: EvidenceKind, name: str) -> Tags:
+            R, t = predicted[kind]
+            tangents = self.corrections.tangents(R, t, name, self.refined_values)
+            return tags.with_tangents(tangents, self.corrections.curvatures(R, t, name, tangents))
+
+        return replace(
+            self,
+            looks=replace(self.looks, tags=seen(self.looks.tags, EvidenceKind.HAND_EYE, TAG_A)),
+            reference=seen(self.reference, EvidenceKind.REFERENCE, TAG_B),
+            spins=seen(self.spins, EvidenceKind.SPINS, TAG_B),
+        )
+
+
+def inexact_of(names: Sequence[str], inexact: Sequence[str]) -> Indices:
+    """(n,): which of the inexact targets each one of these is, -1 for none of them."""
+    return np.array([inexact.index(n) if n in inexact else -1 for n in names], dtype=np.intp)
 
 
 def points_of(targets: Sequence[Target], bare: Sequence[str]) -> tuple[Array, Indices]:

@@ -47,6 +47,8 @@ def linearize(state: JointState, data: JointData, layout: StepLayout) -> tuple[A
         blocks.append(_center(state, data.center, data.turntable.center_sigma_mm, layout))
     if data.axis is not None:
         blocks.append(_axis(state, data.axis, data.turntable.axis_sigma_rad, layout))
+    if layout.inexact:
+        blocks.append(_cad(state, data, layout))
     r, J = np.concatenate([r for r, _ in blocks]), np.vstack([J for _, J in blocks])
     if layout.places:
         _put_places(J, state, data, layout)
@@ -178,6 +180,44 @@ def _seen_residuals(
     return r, D if displaced is None else D @ adjoints(*displaced), E
 
 
+def as_refined(
+    state: JointState, raw: JointData, layout: StepLayout, anchor: JointState | None = None
+) -> JointData:
+    """The evidence, as gathered, as seen with what the state refined.
+
+    anchor: where the derivatives by it are taken; None: at the state.
+    """
+    data = raw.refined(state.refined)
+    if not data.corrections.count:
+        return data
+    at = anchor or state
+    still, turned = _still_tag_b(at, data), _turned_tag_b(at, layout)
+    return data.with_tangents(
+        {
+            EvidenceKind.HAND_EYE: seen_tag_a(at, data),
+            EvidenceKind.REFERENCE: _seen(*still, _displaced(at, data, EvidenceKind.REFERENCE)),
+            EvidenceKind.SPINS: _seen(*turned, _displaced(at, data, EvidenceKind.SPINS)),
+        }
+    )
+
+
+def _still_tag_b(state: JointState, data: JointData) -> tuple[Array, Array]:
+    """Poses of tag B while touching, (n, 3, 3) and (n, 3), in the reference camera."""
+    tag_b, n = state.camera_from_tag_b, len(data.reference)
+    return np.broadcast_to(tag_b.rotation, (n, 3, 3)), np.broadcast_to(tag_b.translation, (n, 3))
+
+
+def _turned_tag_b(state: JointState, layout: StepLayout) -> tuple[Array, Array]:
+    """The same in spins."""
+    if not layout.spins:
+        return np.zeros((0, 3, 3)), np.zeros((0, 3))
+    motions, F = (
+        object_motions(state.camera_from_axis, state.table_motion, layout),
+        state.camera_from_tag_b,
+    )
+    return motions.rotations @ F.rotation, motions.rotations @ F.translation + motions.translations
+
+
 def seen_tag_a(state: JointState, data: JointData) -> tuple[Array, Array]:
     """Poses of tag A, (n, 3, 3) and (n, 3), in the camera where it stood in each picture."""
     displaced = _displaced(state, data, EvidenceKind.HAND_EYE)
@@ -216,9 +256,26 @@ def _tips(state: JointState, touches: TouchSet) -> Array:
     return np.asarray(touches.rotations @ state.tcp_in_wrist + touches.translations)
 
 
+def touched_points(state: JointState, data: JointData) -> Array:
+    """The targets of all touches on the part, (m, 3) object; 0 for one without CAD."""
+    return data.cad + _offsets(state, data.inexact_of)
+
+
+def _offsets(state: JointState, inexact_of: Indices) -> Array:
+    """How far targets (n,) are from CAD, (n, 3); -1: not at all."""
+    return np.asarray(np.vstack([state.offsets_in_object, np.zeros(3)])[inexact_of])
+
+
+def _put_offsets(J: Array, by_point: Array, inexact_of: Indices, layout: StepLayout) -> None:
+    """Derivatives (n, k, 3) by points in the object into the columns of their offsets in J (n, k, m)."""
+    columns = layout.inexact_columns()
+    for i in np.flatnonzero(inexact_of >= 0):
+        J[i][:, columns[inexact_of[i]]] = by_point[i]
+
+
 def touched_places(state: JointState, data: JointData) -> Array:
     """Where the target of every touch stood, (m, 3) base: by CAD, or a place of its own."""
-    places, own = state.base_from_object @ data.cad, data.bare_of >= 0
+    places, own = state.base_from_object @ touched_points(state, data), data.bare_of >= 0
     places[own] = state.bare_in_base[data.bare_of[own]]
     return places
 
@@ -232,6 +289,7 @@ def _touches(state: JointState, data: JointData, layout: StepLayout) -> tuple[Ar
     J[in_cad, :, layout.OBJECT] = -W[in_cad] @ left_jacobian(targets[in_cad])
     for i in np.flatnonzero(~in_cad):
         J[i][:, layout.bare_columns()[data.bare_of[i]]] = -W[i]
+    _put_offsets(J, -W @ state.base_from_object.rotation, data.inexact_of, layout)
     return _flat(np.einsum("nij,nj->ni", W, _tips(state, touches) - targets), J)
 
 
@@ -247,12 +305,10 @@ def _points(state: JointState, data: JointData, layout: StepLayout) -> tuple[Arr
 
 
 def _reference(state: JointState, data: JointData, layout: StepLayout) -> tuple[Array, Array]:
-    tag_b, n = state.camera_from_tag_b, len(data.reference)
-    R = np.broadcast_to(tag_b.rotation, (n, 3, 3))
-    t = np.broadcast_to(tag_b.translation, (n, 3))
+    R, t = _still_tag_b(state, data)
     displaced = _displaced(state, data, EvidenceKind.REFERENCE)
     r, D, E = _seen_residuals(R, t, data.reference, displaced)
-    J = _rows(n, 6, layout)
+    J = _rows(len(r), 6, layout)
     J[:, :, layout.refined_columns] = E
     J[:, :, layout.TAG_B] = D
     return _flat(r, J)
@@ -316,7 +372,7 @@ def _put_moves(J: Array, blocks: Array, spins: Indices, layout: StepLayout) -> N
 def _holes(state: JointState, data: JointData, layout: StepLayout) -> tuple[Array, Array]:
     holes = data.holes
     spun = holes.spin >= 0
-    in_base = state.base_from_object @ holes.cad
+    in_base = state.base_from_object @ (holes.cad + _offsets(state, holes.inexact_of))
     camera_from_base = state.base_from_camera.inverse()
     in_camera = camera_from_base @ in_base
     J_base = np.broadcast_to(camera_from_base.rotation, (len(in_camera), 3, 3)).copy()
@@ -344,6 +400,7 @@ def _holes(state: JointState, data: JointData, layout: StepLayout) -> tuple[Arra
     J = D @ J_point
     J[:, :, layout.OBJECT] = D @ J_base @ left_jacobian(in_base)
     J[:, :, layout.CAMERA] = -J[:, :, layout.OBJECT]
+    _put_offsets(J, D @ J_base @ state.base_from_object.rotation, holes.inexact_of, layout)
     J_camera = holes.camera.intrinsics_jacobian(in_camera) @ data.corrections.intrinsics()
     J[:, :, layout.refined_columns] = J_camera / holes.sigma_px[:, None, None]
     return _flat((pixels - holes.pixels) / holes.sigma_px[:, None], J)
@@ -380,3 +437,12 @@ def _axis(
     J[:, layout.OBJECT.start + 3 : layout.OBJECT.stop] = -turn @ hat(in_base)
     J[:, layout.CAMERA.start + 3 : layout.CAMERA.stop] = turn @ hat(in_base)
     return sign * axis[:2], sign * J[:2]
+
+
+def _cad(state: JointState, data: JointData, layout: StepLayout) -> tuple[Array, Array]:
+    """The targets are where CAD says, as far as the part keeps to it."""
+    sigmas_mm = np.repeat(data.cad_sigma_mm * data.cad_factors, 3)
+    offsets = state.offsets_in_object.ravel() / sigmas_mm
+    J = np.zeros((len(offsets), layout.size))
+    J[np.arange(len(offsets)), layout.inexact_columns().ravel()] = 1 / sigmas_mm
+    return offsets, J

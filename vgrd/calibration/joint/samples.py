@@ -15,6 +15,7 @@ from vgrd.calibration.joint.problem import (
     Looks,
     Tags,
     Turntable,
+    inexact_of,
     points_of,
     target_of,
 )
@@ -81,6 +82,7 @@ def gather(
     targets = [target_of(facts, touch.target) for _, touch in touches]
     bare = tuple(sorted({t.name for t in targets if t.point_in_object is None}))
     cad, bare_of = points_of(targets, bare)
+    inexact = _inexact(facts)
     poses = [touch.base_from_wrist for _, touch in (*touches, *points)]
     poses += [picture.base_from_wrist for _, picture in (*looks, *spins)]
     stations = _stations([picture for _, picture in pictures])
@@ -91,14 +93,18 @@ def gather(
         cad=cad,
         bare=bare,
         bare_of=bare_of,
+        inexact=inexact,
+        inexact_of=inexact_of([target.name for target in targets], inexact),
         touch_stations=stations[:m],
         points=_touch_set(recording, [touch for _, touch in points]),
         point_stations=stations[m : m + k],
         reference=_tags([_tag_b(picture) for _, picture in reference]),
         spins=_tags([picture.tag_b for _, picture in turned]),
-        holes=_holes(recording, [hole for _, hole in holes], [name for name, _ in turned]),
+        holes=_holes(
+            recording, [hole for _, hole in holes], [name for name, _ in turned], inexact
+        ),
         center=_center(recording) if turned else None,
-        turntable=turntable or Turntable(),
+        turntable=turntable or Turntable(facts.object.center_sigma_mm),
         flange_at=np.array([pose.translation for pose in poses]),
         arm=arm or facts.arm,
         names={
@@ -117,9 +123,18 @@ def gather(
             EvidenceKind.SPINS: _stamps([picture for _, picture in turned]),
             EvidenceKind.HOLES: _stamps([_picture_of(recording, hole) for _, hole in holes]),
         },
-        corrections=CameraCorrections.of(facts, refine),
+        corrections=CameraCorrections.of(facts, refine or PriorSigmas.of_print(facts)),
+        cad_sigma_mm=facts.object.cad_sigma_mm,
+        cad_factors=np.ones(len(inexact)),
         places=_places(facts, [seen for _, seen in pictures if seen is not None], moves_s),
     )
+
+
+def _inexact(facts: CellFacts) -> tuple[str, ...]:
+    """Targets that the part may have elsewhere than CAD."""
+    spec = facts.object
+    known = (name for name, target in spec.targets.items() if target.point_in_object is not None)
+    return tuple(sorted(known)) if spec.cad_sigma_mm > 0 else ()
 
 
 def _places(
@@ -241,7 +256,12 @@ def _touch_set(recording: Recording, touches: Sequence[Touch]) -> TouchSet:
     )
 
 
-def _holes(recording: Recording, sightings: Sequence[HolePixel], turned: Sequence[str]) -> Holes:
+def _holes(
+    recording: Recording,
+    sightings: Sequence[HolePixel],
+    turned: Sequence[str],
+    inexact: Sequence[str],
+) -> Holes:
     """Holes; turned: names of the spins, in the order of the evidence."""
     facts = recording.facts
     cad, spins = [], []
@@ -253,6 +273,7 @@ def _holes(recording: Recording, sightings: Sequence[HolePixel], turned: Sequenc
         spins.append(turned.index(name) if name else _STILL)
     return Holes(
         np.array(cad).reshape(-1, 3),
+        inexact_of([sighting.target for sighting in sightings], inexact),
         np.array(spins, dtype=np.intp),
         np.array([sighting.pixel for sighting in sightings]).reshape(-1, 2),
         np.array([sighting.sigma_px for sighting in sightings], dtype=np.float64),

@@ -13,8 +13,15 @@ import numpy as np
 
 from vgrd.calibration.acceptance import served_radius
 from vgrd.calibration.joint.answers import Flange, Prediction, Wish, flange_of
+from vgrd.calibration.joint.camera_corrections import (
+    TAG_A,
+    TAG_B,
+    CameraCorrections,
+    RefinedCorrections,
+)
 from vgrd.calibration.joint.fit import unknown_in_words
 from vgrd.calibration.joint.links import slip_jacobians, slip_traces, suspects
+from vgrd.calibration.joint.noise.kinds import NOISE_OF_TAG_A, NOISE_OF_TAG_B
 from vgrd.calibration.joint.picture import (
     ArmPrior,
     Links,
@@ -26,6 +33,7 @@ from vgrd.calibration.joint.picture import (
 )
 from vgrd.calibration.joint.sequence import JointSeries, Sighting
 from vgrd.calibration.joint.state import StepLayout, left_jacobian, taught_place
+from vgrd.calibration.levels import Level
 from vgrd.errors import NotObservable
 from vgrd.geometry import Array, Pose, hat
 from vgrd.judging.thresholds import IRRELEVANT_MM
@@ -52,6 +60,14 @@ from vgrd.model import (
 _EYE = np.eye(3)
 
 
+@dataclass(frozen=True, slots=True)
+class Refinement:
+    """A number of the cell file that was estimated: so many sigmas beyond it, and that sigma."""
+
+    sigma: float
+    value: float
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class JointSolution:
     """Values of the unknowns that answers depend on; the spins are marginalised.
@@ -59,9 +75,11 @@ class JointSolution:
     tip_in_wrist: (3,), any value that fits where the TCP is undetermined. axis, object_motions: which
     body-frame motions of camera_from_axis (z: axis of turning) and of the object on it are unknowns.
     has_point: a fixed point was touched, whose place tells of the arm's errors. bare: the targets without
-    CAD that were touched; bare_in_base: (b, 3), where. covariance (n, n) of a step in (base_from_camera,
-    wrist_from_tag_a, TCP, base_from_object, camera_from_tag_b, bare targets, axis, fixed point);
-    undetermined (n, z): 500 mm or 1 rad along what the session left open.
+    CAD that were touched; bare_in_base: (b, 3), where. inexact: targets that the part has elsewhere than CAD,
+    by offsets_in_object (c, 3). refined: tag sizes and intrinsics by name. levels: of noise, as found.
+    covariance (n, n) of a step in (base_from_camera, wrist_from_tag_a, TCP, base_from_object,
+    camera_from_tag_b, bare targets, offsets, axis, fixed point, refined numbers); undetermined (n, z):
+    500 mm or 1 rad along what the session left open.
     """
 
     METHOD: ClassVar[str] = "joint"
@@ -77,6 +95,10 @@ class JointSolution:
     has_point: bool
     bare: tuple[str, ...]
     bare_in_base: Array
+    inexact: tuple[str, ...]
+    offsets_in_object: Array
+    refined: Mapping[str, Refinement]
+    levels: tuple[Level, ...]
     covariance: Array
     undetermined: Array
     arm: ArmKnowledge
@@ -84,7 +106,15 @@ class JointSolution:
     @property
     def layout(self) -> StepLayout:
         """Where the unknowns stand in a step."""
-        return StepLayout(self.axis, self.object_motions, 0, self.has_point, bare=self.bare)
+        return StepLayout(
+            self.axis,
+            self.object_motions,
+            0,
+            self.has_point,
+            len(self.refined),
+            bare=self.bare,
+            inexact=self.inexact,
+        )
 
     @property
     def reference_covariance(self) -> Array:
@@ -128,6 +158,7 @@ class JointSolution:
         Raises NotObservable where the answer depends on what the session left undetermined, or on the
         place of a camera that nothing tells.
         """
+        tag_b, camera = self._known(facts, tag_b, camera)
         prediction = self.predict(facts, target, tag_b, policy, R_work, camera)
         unknown = prediction.J_unknowns @ self.undetermined
         covariance = prediction.covariance(self.covariance, tag_b.covariance) + unknown @ unknown.T
@@ -156,14 +187,14 @@ class JointSolution:
     ) -> Prediction:
         """Expected coordinate with the derivatives that its uncertainty consists of.
 
-        camera: where it may stand. refuse: raise NotObservable where the answer depends on something
-        undetermined.
+        tag_b, camera: where it may stand, tags as seen with what was refined. refuse: raise NotObservable
+        where the answer depends on something undetermined.
         """
         tip_in_wrist = np.asarray(self.tip_in_wrist + facts.tool.work_from_touch_mm)
         wish = Wish(*self.taught_place(target), tip_in_wrist, policy, R_work)
-        picture, flange, arm = self._picture(wish, tag_b, facts.object.motion, camera)
+        picture, flange, arm = self._picture(facts, wish, tag_b, facts.object.motion, camera)
         if not (fits := picture.stands):
-            picture, flange, arm = self._picture(wish, tag_b, None, camera)
+            picture, flange, arm = self._picture(facts, wish, tag_b, None, camera)
         n, w = self.layout.size, len(arm.mean)
         J, J_turn = (
             np.hstack([part[:, :n], np.zeros((3, w)), part[:, n:]])
@@ -200,7 +231,13 @@ class JointSolution:
 
         Raises NotObservable for one that nothing tells.
         """
-        return taught_place(target, self.base_from_object, self.bare_in_base, self.layout)
+        return taught_place(
+            target,
+            self.base_from_object,
+            self.bare_in_base,
+            self.offsets_in_object,
+            self.layout,
+        )
 
     def in_tag_b(self, facts: CellFacts, taught: TaughtPoint) -> PlacedPoint | None:
         """A target in tag B's frame (III-C); None where the session left that open."""
@@ -224,7 +261,8 @@ class JointSolution:
 
         Raises TagNotSeen as `expected_for`.
         """
-        return _report(self._model(tag_b, facts.object.motion, camera), camera)
+        tag_b, camera = self._known(facts, tag_b, camera)
+        return _report(self._model(facts, tag_b, facts.object.motion, camera), camera)
 
     def after_slip(self, slip: SlipEstimate) -> Self:
         """The estimate with a tag that sits elsewhere; its uncertainty grows by that of the slip."""
@@ -248,7 +286,8 @@ class JointSolution:
         )
 
     def _told(self, facts: CellFacts, tag_b: TagObservation, camera: CameraPlace) -> Sighting:
-        model = self._model(tag_b, facts.object.motion, camera)
+        tag_b, camera = self._known(facts, tag_b, camera)
+        model = self._model(facts, tag_b, facts.object.motion, camera)
         motions = model.motions
         return Sighting(
             report=_report(model, camera),
@@ -266,27 +305,55 @@ class JointSolution:
 
         Raises TagNotSeen as `expected_for`.
         """
-        return slip_traces(self._model(tag_b, facts.object.motion, camera).with_place(camera))
+        tag_b, camera = self._known(facts, tag_b, camera)
+        model = self._model(facts, tag_b, facts.object.motion, camera)
+        return slip_traces(model.with_place(camera))
+
+    def corrections(self, facts: CellFacts) -> RefinedCorrections:
+        """What was refined of the cell's tag sizes and intrinsics."""
+        sigmas = {name: number.sigma for name, number in self.refined.items()}
+        values = np.array([number.value for number in self.refined.values()])
+        return RefinedCorrections(CameraCorrections.with_sigmas(facts, sigmas), values)
+
+    def _known(
+        self, facts: CellFacts, tag_b: TagObservation, camera: CameraPlace
+    ) -> tuple[TagObservation, CameraPlace]:
+        """The tags of a picture as seen with what was refined, their noise as it was found."""
+        corrections = self.corrections(facts)
+        seen_b = _at_level(corrections.corrected(tag_b, TAG_B), self.levels, NOISE_OF_TAG_B)
+        if (flange := camera.flange_tag) is None:
+            return seen_b, camera
+        seen_a = _at_level(corrections.corrected(flange.tag, TAG_A), self.levels, NOISE_OF_TAG_A)
+        return seen_b, replace(camera, flange_tag=replace(flange, tag=seen_a))
 
     def _model(
-        self, tag_b: TagObservation, motion: Motion | None, camera: CameraPlace
+        self,
+        facts: CellFacts,
+        tag_b: TagObservation,
+        motion: Motion | None,
+        camera: CameraPlace,
     ) -> PictureModel:
         """The picture at the first guess; motion None: the object moved anyhow."""
-        links, arm = self._links(), self._arm(_stands(camera))
+        links, arm = self._links(facts), self._arm(_stands(camera))
         guess = guess_camera(links, camera, arm)
         tags, motions = first_motion(links, guess, tag_b, motion if self.layout.axis else None)
         return PictureModel(links, guess, arm, tags, motions)
 
     def _picture(
-        self, wish: Wish, tag_b: TagObservation, motion: Motion | None, camera: CameraPlace
+        self,
+        facts: CellFacts,
+        wish: Wish,
+        tag_b: TagObservation,
+        motion: Motion | None,
+        camera: CameraPlace,
     ) -> tuple[PictureFit, Flange, ArmPrior]:
         """What the picture tells, the flange at the first guess, the arm in the picture and there."""
-        model = self._model(tag_b, motion, camera)
+        model = self._model(facts, tag_b, motion, camera)
         flange = flange_of(self.base_from_camera, self.layout, wish, model.motions)
         arm = self._arm([*_stands(camera), flange.base_from_wrist.translation], sent=1)
         return weigh(replace(model, arm=arm)), flange, arm
 
-    def _links(self) -> Links:
+    def _links(self, facts: CellFacts) -> Links:
         return Links(
             self.base_from_camera,
             self.wrist_from_tag_a,
@@ -294,6 +361,7 @@ class JointSolution:
             self.camera_from_axis,
             self.layout,
             self.covariance,
+            self.corrections(facts),
         )
 
     def _arm(self, flanges: Sequence[Array], sent: int = 0) -> ArmPrior:
@@ -315,6 +383,14 @@ class JointSolution:
                 rank=self.layout.size - shifts_mm.size,
                 unknowns=self.layout.size,
             )
+
+
+def _at_level(tag: TagObservation, levels: Sequence[Level], name: str) -> TagObservation:
+    """The tag with the noise that teaching found instead of the one it states."""
+    ratio = next((level.ratio for level in levels if level.name == name), 1.0)
+    if ratio == 1.0:
+        return tag
+    return replace(tag, covariance=frozen_array(ratio**2 * tag.covariance, 6, 6))
 
 
 def _again(bare: Sequence[str]) -> str:

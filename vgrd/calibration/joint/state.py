@@ -24,7 +24,8 @@ class StepLayout:
     """Where the unknowns stand in a step.
 
     axis: which of the 6 body-frame moves of G are free; refined: how many tag sizes and intrinsics;
-    places: in how many the camera was displaced. bare: names of the touched targets without CAD.
+    places: in how many the camera was displaced. bare: names of the touched targets without CAD; inexact: of
+    those in CAD that the part has elsewhere.
     """
 
     axis: tuple[int, ...]
@@ -34,6 +35,7 @@ class StepLayout:
     refined: int = 0
     places: int = 0
     bare: tuple[str, ...] = ()
+    inexact: tuple[str, ...] = ()
 
     CAMERA = slice(0, 6)
     TAG_A = slice(6, 12)
@@ -45,6 +47,11 @@ class StepLayout:
         """Columns (b, 3) of every touched target without CAD."""
         return 27 + np.arange(3 * len(self.bare)).reshape(-1, 3)
 
+    def inexact_columns(self) -> Columns:
+        """Columns (c, 3) of the offset of every target from CAD."""
+        first = 27 + 3 * len(self.bare)
+        return first + np.arange(3 * len(self.inexact)).reshape(-1, 3)
+
     def knows(self, target: Target) -> bool:
         """Whether CAD or a touch tells where a target is."""
         return target.point_in_object is not None or target.name in self.bare
@@ -52,7 +59,7 @@ class StepLayout:
     @property
     def axis_columns(self) -> slice:
         """Columns of the axis and centre of turning."""
-        first = 27 + 3 * len(self.bare)
+        first = 27 + 3 * (len(self.bare) + len(self.inexact))
         return slice(first, first + len(self.axis))
 
     def spin_columns(self) -> Columns:
@@ -91,7 +98,7 @@ class StepLayout:
         object_motions = [i < 3 for i in self.object_motions] * self.spins
         return np.array(
             fixed
-            + [True] * (3 * len(self.bare))
+            + [True] * (3 * (len(self.bare) + len(self.inexact)))
             + axis
             + object_motions
             + [True] * (3 * self.has_point + self.refined)
@@ -103,7 +110,7 @@ def layout_of(data: JointData) -> StepLayout:
     """Unknowns that this evidence speaks of."""
     spins = len(data.spins)
     point, refined = len(data.points) > 0, data.corrections.count
-    others = (point, refined, data.places.displaced, data.bare)
+    others = (point, refined, data.places.displaced, data.bare, data.inexact)
     if not spins:
         return StepLayout((), (), 0, *others)
     if data.motion is Motion.TURNTABLE:
@@ -117,7 +124,7 @@ class JointState:
 
     refined: (e,) tag sizes and intrinsics, in sigmas from what was assumed. taught_from_camera: (p),
     how the camera was displaced in each place beside the reference. bare_in_base: (b, 3) targets
-    without CAD, as they stood while touched.
+    without CAD, as they stood while touched. offsets_in_object: (c, 3) of the targets in CAD, from there.
     """
 
     base_from_camera: Pose
@@ -131,6 +138,7 @@ class JointState:
     refined: Array = field(default_factory=lambda: np.zeros(0))
     taught_from_camera: tuple[Pose, ...] = ()
     bare_in_base: Array = field(default_factory=lambda: np.zeros((0, 3)))
+    offsets_in_object: Array = field(default_factory=lambda: np.zeros((0, 3)))
 
     @property
     def object_from_tag_b(self) -> Pose:
@@ -155,6 +163,7 @@ class JointState:
             if layout.has_point
             else self.fixed_point_in_base,
             bare_in_base=self.bare_in_base + step[layout.bare_columns()],
+            offsets_in_object=self.offsets_in_object + step[layout.inexact_columns()],
             refined=self.refined + step[layout.refined_columns],
             taught_from_camera=tuple(
                 Pose.exp(step[columns]) @ displacement
@@ -178,7 +187,11 @@ def _moved(table_motion: Array, step: Array, layout: StepLayout) -> Array:
 
 
 def taught_place(
-    target: Target, base_from_object: Pose, bare_in_base: Array, layout: StepLayout
+    target: Target,
+    base_from_object: Pose,
+    bare_in_base: Array,
+    offsets_in_object: Array,
+    layout: StepLayout,
 ) -> tuple[Array, Array]:
     """Where a target stood while it was touched, (3,) base, and its derivative (3, n) by the unknowns.
 
@@ -186,7 +199,12 @@ def taught_place(
     """
     J = np.zeros((3, layout.size))
     if target.point_in_object is not None:
-        place = base_from_object @ target.point_in_object
+        point = target.point_in_object
+        if target.name in layout.inexact:
+            i = layout.inexact.index(target.name)
+            point = point + offsets_in_object[i]
+            J[:, layout.inexact_columns()[i]] = base_from_object.rotation
+        place = base_from_object @ point
         J[:, layout.OBJECT] = left_jacobian(place[None])[0]
         return place, J
     if target.name not in layout.bare:

@@ -183,8 +183,8 @@ def _advice(
     result: JointFit, judgement: _Judgement, reach: Reach, works: Sequence[Array]
 ) -> SessionAdvice:
     outliers = _outliers(result)
-    if not result.noise_scale <= WRONG_SIGMA:  # not a number is wrong too
-        contradiction = _contradiction(result.noise_scale)
+    if not result.stated_scale <= WRONG_SIGMA:  # not a number is wrong too
+        contradiction = _contradiction(result.stated_scale)
         return replace(judgement, findings=(*judgement.findings, contradiction, *outliers)).remedy(
             contradiction
         )

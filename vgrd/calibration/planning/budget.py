@@ -13,6 +13,7 @@ import numpy as np
 from scipy.linalg import solve_triangular
 
 from vgrd.calibration.joint import (
+    PRINTED,
     TAG_A,
     TAG_B,
     CameraCorrections,
@@ -55,6 +56,7 @@ class Source(StrEnum):
     TAG_B = "tag noise (tag B)"
     HOLES = "holes"
     TURNTABLE = "turntable in CAD"
+    CAD = "targets in CAD"
     PRINT = "print tolerance"
     INTRINSICS = "intrinsics"
     TIME = "time"
@@ -70,6 +72,7 @@ _SAMPLES: Mapping[EvidenceKind, Source] = {
     EvidenceKind.SPINS: Source.TAG_B,
     EvidenceKind.HOLES: Source.HOLES,
     EvidenceKind.TURNTABLE: Source.TURNTABLE,
+    EvidenceKind.CAD: Source.CAD,
 }
 
 
@@ -301,4 +304,4 @@ def _refined_tangents(
 
 
 def _source(refined: str) -> Source:
-    return Source.PRINT if refined in (TAG_A, TAG_B) else Source.INTRINSICS
+    return Source.PRINT if refined in PRINTED else Source.INTRINSICS

@@ -19,6 +19,7 @@ from vgrd.calibration.joint import (
     adjoints,
     arm_jacobian,
     displacement_jacobian,
+    inexact_of,
     linearize,
     object_motions,
     points_of,
@@ -72,7 +73,7 @@ class ForeseenRows:
         still = replace(result.layout, spins=0, places=0)
         J = linearize(result.state, data, still)[1]
         moved = displacement_jacobian(result.state, data, J, still)
-        J = np.hstack([self._embedded(J, still), moved])
+        J = np.hstack([self._embedded(J[: len(moved)], still), moved])
         rows = np.zeros((c, _WIDTH, J.shape[1]))
         for link, indices, width, first in (
             (EvidenceKind.HAND_EYE, looking, 6, 0),
@@ -127,6 +128,7 @@ class ForeseenRows:
             ),
             cad=cad,
             bare_of=bare_of,
+            inexact_of=inexact_of(names, data.inexact),
             touch_stations=np.array(touching, dtype=np.intp),
             reference=self._tags([result.state.camera_from_tag_b] * m, TAG_B),
         )
@@ -246,13 +248,14 @@ def _blank(data: JointData) -> JointData:
     tags = Tags(np.zeros((0, 3, 3)), nothing, np.zeros((0, 6, 6)), J_refined)
     axis = data.touches.axis_in_wrist
     touches = TouchSet(np.zeros((0, 3, 3)), nothing, axis, np.zeros(0), np.zeros(0))
-    holes = replace(data.holes, cad=nothing, spin=_NONE, pixels=np.zeros((0, 2)))
+    holes = replace(data.holes, cad=nothing, inexact_of=_NONE, spin=_NONE, pixels=np.zeros((0, 2)))
     return replace(
         data,
         looks=Looks(tags, np.zeros((0, 3, 3)), nothing, _NONE),
         touches=touches,
         cad=nothing,
         bare_of=_NONE,
+        inexact_of=_NONE,
         touch_stations=_NONE,
         points=touches,
         point_stations=_NONE,

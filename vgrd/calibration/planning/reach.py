@@ -147,7 +147,9 @@ def flange_of(result: JointFit, candidate: Candidate) -> Pose | None:
         return candidate.base_from_wrist
     R, state = candidate.base_from_wrist, result.state
     target = target_of(result.recording.facts, candidate.target)
-    point, _ = taught_place(target, state.base_from_object, state.bare_in_base, result.layout)
+    point, _ = taught_place(
+        target, state.base_from_object, state.bare_in_base, state.offsets_in_object, result.layout
+    )
     return Pose(R, point - R @ state.tcp_in_wrist)
 
 

@@ -53,7 +53,7 @@ def calibrate_in_steps(
     )
     doubts += null_space_findings(recording.facts.mount, hand_eye.null_space)
     reference = find_reference(recording.touches)
-    pivot = _pivot(taught, center, holes, hand_eye, doubts)
+    pivot = _pivot(taught, center, holes, hand_eye, recording.facts.object.center_sigma_mm, doubts)
     if pivot is None and center is not None and recording.facts.object.has_cad:
         doubts.append(
             finding(
@@ -152,13 +152,14 @@ def _pivot(
     center: RotationCenter | None,
     holes: HoleCenter | None,
     hand_eye: HandEyeResult,
+    center_sigma_mm: float,
     doubts: list[Finding],
 ) -> Pivot | None:
     """Bring the centre in tag B and the centre in CAD together, at the same height if possible."""
     if taught.pivot_in_base is None or (center is None and holes is None):
         return None
     if holes is not None:
-        in_tag, covariance = _by_holes(holes, center, doubts)
+        in_tag, covariance = _by_holes(holes, center, center_sigma_mm, doubts)
     elif center is not None:
         in_tag, covariance = center.center_in_tag, center.covariance[:3, :3]
         if taught.tcp is not None:
@@ -172,12 +173,15 @@ def _pivot(
 
 
 def _by_holes(
-    holes: HoleCenter, center: RotationCenter | None, doubts: list[Finding]
+    holes: HoleCenter,
+    center: RotationCenter | None,
+    center_sigma_mm: float,
+    doubts: list[Finding],
 ) -> tuple[Array, Array]:
     """The centre (3,) in tag B and its covariance, together with the axis where they agree."""
     if center is None:
         return holes.center_in_tag, holes.covariance
-    both = combine(holes, center)
+    both = combine(holes, center, center_sigma_mm)
     if both.apart_sigmas <= _APART_SIGMA or both.apart_mm <= _APART_MM:
         return both.center_in_tag, both.covariance
     doubts.append(

@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from vgrd.calibration.joint import HolePixel, Turntable, variance_inflation
+from vgrd.calibration.joint import HolePixel, variance_inflation
 from vgrd.calibration.touches import Reference, equivalent_sigmas, kabsch
 from vgrd.calibration.turntable import RotationCenter
 from vgrd.errors import DidNotConverge, NotObservable, TooFewObservations
@@ -74,16 +74,16 @@ def find_hole_center(
         evidence = evidence.without(worst)
 
 
-def combine(holes: HoleCenter, spins: RotationCenter) -> CombinedCenter:
+def combine(holes: HoleCenter, spins: RotationCenter, center_sigma_mm: float) -> CombinedCenter:
     """The centre by holes with the axis by turning, across it, each as good as its covariance says.
 
-    CAD's centre is taken to be off the axis by `Turntable.center_sigma_mm`. Along the axis the
+    center_sigma_mm: how far CAD's centre may be off the axis, per coordinate. Along the axis the
     centre stays that of the holes.
     """
     across = np.linalg.svd(spins.axis_in_tag[None])[2][1:]
     apart = across @ (spins.center_in_tag - holes.center_in_tag)
     S = across @ (holes.covariance + spins.covariance[:3, :3]) @ across.T
-    S = S + Turntable().center_sigma_mm ** 2 * np.eye(2)
+    S = S + center_sigma_mm**2 * np.eye(2)
     gain = holes.covariance @ across.T @ np.linalg.inv(S)
     squares = np.array([apart @ np.linalg.solve(S, apart)])
     return CombinedCenter(

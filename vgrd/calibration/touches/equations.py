@@ -91,6 +91,16 @@ class TouchSet:
             self.axial_sigma_mm * factor,
         )
 
+    def scaled(self, lateral: float, axial: float) -> "TouchSet":
+        """The same touches, sigmas across and along the tool multiplied."""
+        return TouchSet(
+            self.rotations,
+            self.translations,
+            self.axis_in_wrist,
+            self.lateral_sigma_mm * lateral,
+            self.axial_sigma_mm * axial,
+        )
+
     def subset(self, chosen: NDArray[np.intp]) -> "TouchSet":
         """Those with the given indices."""
         return TouchSet(

@@ -7,11 +7,13 @@ import numpy as np
 
 from vgrd.errors import TooFewObservations
 from vgrd.geometry import Array, Pose, exp_rotation, hat, log_rotation
+from vgrd.geometry.chi2 import chi2_quantile
 from vgrd.geometry.coincidence import Difference
 from vgrd.geometry.covariance import mean_pose
 from vgrd.judging.thresholds import SAME_ORIENTATION_RAD
 from vgrd.model import Observation, Recording, TagObservation, Touch, frozen_array
 
+_NEAR = 0.3  # share of the pictures that tell their noise: fewer than stand still, or nothing does
 _MOVED = Difference(squared=40.0, mm=0.05, rad=1e-3)  # 1 in 2 million; less does not matter
 
 
@@ -104,13 +106,30 @@ def moved_touches(touches: Sequence[Touch]) -> tuple[int, ...]:
     if not tags:
         return ()
     middle = tags[_most_central([tag.camera_from_tag for _, tag in tags])][1]
+    noise = _noise([tag for _, tag in tags if tag is not middle], middle)
     return tuple(
         i
         for i, tag in tags
         if _MOVED.is_between(
-            tag.camera_from_tag, middle.camera_from_tag, tag.covariance + middle.covariance
+            tag.camera_from_tag,
+            middle.camera_from_tag,
+            noise * (tag.covariance + middle.covariance),
         )
     )
+
+
+def _noise(tags: Sequence[TagObservation], middle: TagObservation) -> float:
+    """Variance of tag B's pictures over the promised one, at least 1, by those nearest to the middle.
+
+    A quantile below a half: an object that moved for some touches must not pass for noise.
+    """
+    squares = []
+    for tag in tags:
+        off = (tag.camera_from_tag @ middle.camera_from_tag.inverse()).log()
+        squares.append(float(off @ np.linalg.solve(tag.covariance + middle.covariance, off)))
+    if not squares:
+        return 1.0
+    return max(1.0, float(np.quantile(squares, _NEAR)) / chi2_quantile(_NEAR, 6))
 
 
 def _seen(touches: Sequence[Touch]) -> list[tuple[int, TagObservation]]:

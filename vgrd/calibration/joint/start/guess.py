@@ -63,6 +63,7 @@ def guess(data: JointData) -> JointState:
         np.zeros(data.corrections.count),
         taught_from_camera,
         guess_bare(data, tcp),
+        np.zeros((len(data.inexact), 3)),
     )
 
 

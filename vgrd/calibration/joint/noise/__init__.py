@@ -1,0 +1,4 @@
+"""Noise of the joint estimate: how large each kind of it is, by its own samples.
+
+May import fit, rows and robust of the joint estimate.
+"""

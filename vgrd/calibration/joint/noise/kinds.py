@@ -1,0 +1,10 @@
+"""Kinds of noise of a session, by the names under which people read of them."""
+
+NOISE_OF_TAG_A = "pictures of tag A"
+NOISE_OF_TAG_B = "pictures of tag B"
+ACROSS, ALONG = "touches across the tool", "touches along the tool"
+POINT = "touches of the fixed point"
+HOLES = "pictures of holes"
+STOP, FIELD = "arm, at each stop", "arm, over its reach"
+CAD = "targets in CAD"
+CENTER = "centre in CAD"
