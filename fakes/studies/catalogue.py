@@ -4,6 +4,7 @@ from collections.abc import Mapping
 from difflib import get_close_matches
 from types import MappingProxyType
 
+from fakes.studies.misfits import study as misfits
 from fakes.studies.movement import false_alarms, moved_camera, moved_links, moved_teaching
 from fakes.studies.paper import (
     experiment_a,
@@ -62,6 +63,7 @@ STUDIES: Mapping[str, Study] = MappingProxyType(
             degenerate_touches,
             false_alarms,
             jog_and_touch,
+            misfits,
             modbus_robot,
             moved_camera,
             moved_links,

@@ -75,12 +75,12 @@ def _jobs(study: Study, runs: int, seed: int) -> list[_Job]:
 
 
 def _do(
-    trial: Callable[[SeedSequence, Parameters], Mapping[str, float]], jobs: Sequence[_Job]
+    trial: Callable[[SeedSequence, Parameters], Mapping[str, float | str]], jobs: Sequence[_Job]
 ) -> list[Row]:
     return [_row(trial, job) for job in jobs]
 
 
-def _row(trial: Callable[[SeedSequence, Parameters], Mapping[str, float]], job: _Job) -> Row:
+def _row(trial: Callable[[SeedSequence, Parameters], Mapping[str, float | str]], job: _Job) -> Row:
     """Row of one trial; data that are refused count as such, other errors end the study."""
     row: Row = {**job.case, "run": job.run, REFUSED: 0.0}
     try:

@@ -124,7 +124,7 @@ class Study:
     title: str
     cases: tuple[Parameters, ...]
     runs: int
-    trial: Callable[[SeedSequence, Parameters], Mapping[str, float]]
+    trial: Callable[[SeedSequence, Parameters], Mapping[str, float | str]]
     figures: Callable[[Trials], list[Figure]]
     draw: Callable[[Trials], "Drawing"]
     full_runs: int | None = None

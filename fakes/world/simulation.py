@@ -279,6 +279,12 @@ class Simulation:
         on_flange = self._see(TAG_A, A) if tag_a else None
         return Observation(reported, self._stamp_s, on_flange, self._see(TAG_B, B))
 
+    def touch_miss(self) -> Array:
+        """How far a touch is off what it touches, (3,) mm, in the wrist."""
+        lateral, axial = self.sigmas_mm
+        draws = truncated_normal(self.rng, _TRUNCATED_SIGMAS, 3)
+        return np.asarray(draws * (lateral, lateral, axial))
+
     def _touch(
         self,
         target: str,
@@ -288,8 +294,7 @@ class Simulation:
         *,
         tag_a: bool = True,
     ) -> Touch:
-        lateral, axial = self.sigmas_mm
-        miss = R @ (truncated_normal(self.rng, _TRUNCATED_SIGMAS, 3) * (lateral, lateral, axial))
+        miss = R @ self.touch_miss()
         draw = self._draw()
         flange = point + miss - R @ self.tcp_in_wrist
         for _ in range(3):

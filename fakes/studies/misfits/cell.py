@@ -1,0 +1,121 @@
+"""A simulated cell whose world differs from what its file says."""
+
+from dataclasses import fields, replace
+from types import MappingProxyType
+from typing import Any
+
+import numpy as np
+from numpy.random import SeedSequence
+
+from fakes.studies.misfits.worlds import Move, Touching, World
+from fakes.world.arm_errors import ArmErrors
+from fakes.world.noise import COARSE
+from fakes.world.simulation import Simulation
+from vgrd.geometry import Array, Pose
+from vgrd.model import CellFacts, ObjectSpec, Observation, frozen_array
+
+STATED_ARM = ArmErrors(
+    sigma_mm=0.03, field_mm=0.15
+)  # as UR states for the UR5e; the field is a guess
+_BLUNDERS = 0.1  # share of the touches
+_BLUNDER_MM = (1.0, 5.0)  # a guess: beside the hole, and in the next one's chamfer
+_T3_VARIANCE = 3.0  # of Student's t of 3 degrees of freedom
+
+
+class MisfitCell(Simulation):
+    """Draws as the world is, states what a file would that knows nothing of it."""
+
+    def __init__(self, seed: SeedSequence, world: World, *, looks: int, pictures: int) -> None:
+        """looks: of the session that will be recorded, pictures: of all of it."""
+        draws, misfit = seed.spawn(2)
+        field_mm = STATED_ARM.field_mm * world.field_times
+        super().__init__(
+            draws,
+            vision=COARSE.finer(1 / world.vision_times),
+            arm=replace(STATED_ARM, field_mm=field_mm),
+        )
+        self.world = world
+        rng = np.random.default_rng(misfit)
+        self.sign = float(rng.choice([-1, 1]))
+        self._center = self._center_off(rng)
+        self._cad = {name: rng.normal(size=3) * world.cad_mm for name in self.targets}
+        self._knock = _unit(rng) * world.camera_mm, _unit(rng) * world.camera_mm * 1e-3
+        self._axis = np.radians(world.axis_tilt_deg) * _flat(rng) + (0, 0, 1)
+        self._knocked_at = {
+            Move.NEVER: -1,
+            Move.BEFORE: looks,
+            Move.DURING: int(rng.integers(looks + 1, pictures)),
+            Move.AFTER: pictures,
+        }[world.move]
+        self._taken = 0
+
+    def observe(
+        self,
+        reported: Pose,
+        angle_rad: float,
+        deviation: Array | None = None,
+        *,
+        tag_a: bool = True,
+    ) -> Observation:
+        """As the cell does, from where the camera stands by then."""
+        if self._taken == self._knocked_at:
+            displacement = Pose.exp(np.concatenate(self._knock))
+            self.base_from_camera = Simulation.base_from_camera @ displacement
+        self._taken += 1
+        return super().observe(reported, angle_rad, deviation, tag_a=tag_a)
+
+    def base_from_object(self, angle_rad: float) -> Pose:
+        """Object on its turntable, whose axis need not stand straight in it."""
+        axis = self._axis / np.linalg.norm(self._axis)
+        return Pose.from_rotvec(axis * angle_rad, self.center_in_base)
+
+    def touch_miss(self) -> Array:
+        """As the cell does, or as this world has it."""
+        miss = super().touch_miss() * self.world.touch_times
+        match self.world.touching:
+            case Touching.TAILS:
+                draws = self.rng.standard_t(3, size=3) / np.sqrt(_T3_VARIANCE)
+                return np.asarray(draws * self.sigmas_mm[0])
+            case Touching.OUTLIERS if self.rng.uniform() < _BLUNDERS:
+                return np.asarray(miss + _unit(self.rng) * self.rng.uniform(*_BLUNDER_MM))
+            case _:
+                return miss
+
+    def facts(self) -> CellFacts:
+        """What the cell file tells."""
+        facts = super().facts()
+        targets = {
+            name: replace(target, point_in_object=frozen_array(target.cad + self._cad[name], 3))
+            for name, target in self.targets.items()
+        }
+        spec = replace(
+            facts.object,
+            targets=MappingProxyType(targets),
+            center_in_object=frozen_array(self._center, 3),
+        )
+        return replace(
+            facts,
+            object=_stating_center(spec, self.world.center_sigma_mm),
+            robot_sigma_mm=float(np.hypot(STATED_ARM.sigma_mm, STATED_ARM.field_mm)),
+        )
+
+    def _center_off(self, rng: np.random.Generator) -> Array:
+        drawn = np.append(rng.normal(size=2) * self.world.center_sigma_mm, 0.0)
+        return np.asarray(drawn + _flat(rng) * self.world.center_mm)
+
+
+def _stating_center(spec: ObjectSpec, sigma_mm: float) -> ObjectSpec:
+    """With the centre's sigma, where a cell file can state one."""
+    stated: dict[str, Any] = {"center_sigma_mm": sigma_mm}
+    known = {field.name for field in fields(spec)}
+    return replace(spec, **{name: value for name, value in stated.items() if name in known})
+
+
+def _unit(rng: np.random.Generator) -> Array:
+    v = rng.normal(size=3)
+    return np.asarray(v / np.linalg.norm(v))
+
+
+def _flat(rng: np.random.Generator) -> Array:
+    turn = rng.uniform(-np.pi, np.pi)
+    return np.array([np.cos(turn), np.sin(turn), 0.0])
