@@ -8,10 +8,16 @@ from fakes.studies.conducting import conduct
 from fakes.studies.misfits import study as misfits
 from fakes.studies.misfits.cell import MisfitCell
 from fakes.studies.misfits.judging import Answer, Judged
+from fakes.studies.misfits.prints import Print, seen_as
 from fakes.studies.misfits.worlds import ROWS, Move, Touching, World
 from fakes.studies.study import Trials
+from fakes.world.simulation import TAG_B
+from vgrd.geometry import Pose
 from vgrd.judging.findings import KINDS
 from vgrd.model import Link
+
+K = np.array([[6500.0, 0, 2000], [0, 6500, 1500], [0, 0, 1]])
+OBLIQUE = Pose.from_rotvec((2.9, 0.4, 0.3), (40, -60, 650))
 
 
 def cell(seed=1, **differs):
@@ -35,7 +41,7 @@ def test_touches_miss_by_what_the_world_says_and_state_what_the_file_says():
 
 
 def test_the_file_has_the_centre_wrong_and_the_object_turns_about_the_true_one():
-    drawing = cell(center_sigma_mm=0.0, center_mm=1.0)
+    drawing = cell(center_drawn_mm=0.0, center_mm=1.0)
     stated = drawing.facts().object.center_in_object
     assert np.linalg.norm(stated) == pytest.approx(1.0)
     assert drawing.base_from_object(1.0).translation == pytest.approx(drawing.center_in_base)
@@ -108,3 +114,82 @@ def test_the_camera_is_knocked_once_and_when_it_should(move):
     first = int(np.flatnonzero(places)[0])
     assert places[first:] == pytest.approx([0.5] * (30 - first), rel=1e-3)
     assert {Move.BEFORE: first == 8, Move.DURING: 8 < first < 28, Move.AFTER: first == 28}[move]
+
+
+def seen(*, size=1.0, ink=(0.0, 0.0), focal=1.0, truth=OBLIQUE):
+    K_true = K * np.array([[focal, 1, 1], [1, focal, 1], [1, 1, 1]])
+    return seen_as(TAG_B, Print(size, np.array(ink)), truth, K_true, K)
+
+
+def test_a_tag_as_stated_is_seen_where_it_is_and_a_larger_one_nearer():
+    assert seen().matrix() == pytest.approx(OBLIQUE.matrix(), abs=1e-9)
+    larger = seen(size=1.01)
+    assert larger.translation == pytest.approx(OBLIQUE.translation / 1.01, rel=1e-9)
+    assert larger.rotation == pytest.approx(OBLIQUE.rotation, abs=1e-9)
+
+
+def test_a_longer_lens_than_the_file_says_brings_a_tag_on_its_axis_nearer():
+    straight = Pose.from_rotvec((np.pi, 0, 0), (0, 0, 650))
+    assert seen(focal=1.003, truth=straight).translation == pytest.approx((0, 0, 650 / 1.003))
+
+
+def test_ink_across_one_axis_tilts_a_tag_and_ink_all_round_hardly_moves_it():
+    def off(ink):
+        return (OBLIQUE.inverse() @ seen(ink=ink)).log()
+
+    both, x, y = off((0.01, 0.01)), off((0.01, 0.0)), off((0.0, 0.01))
+    assert abs(x[2]) > 0.05
+    assert np.linalg.norm(x[3:]) > 1e-3
+    assert x + y == pytest.approx(both, abs=1e-3)
+    assert np.linalg.norm(both[3:]) < 0.1 * np.linalg.norm(x[3:])
+    assert off((-0.01, 0.0)) == pytest.approx(-x, rel=0.02, abs=1e-5)
+
+
+def test_noise_is_three_times_what_is_stated():
+    drawing, quiet = cell(vision_times=3), cell()
+    truth = OBLIQUE.translation
+    shifts = [
+        drawing._see(TAG_B, OBLIQUE).camera_from_tag.translation - truth for _ in range(2000)
+    ]
+    stated = cell(seed=2)._see(TAG_B, OBLIQUE).covariance
+    assert np.std(shifts, axis=0)[2] == pytest.approx(3 * quiet.vision.depth_mm, rel=0.1)
+    assert drawing._see(TAG_B, OBLIQUE).covariance == pytest.approx(stated, rel=0.05, abs=1e-4)
+
+
+def test_an_arm_on_its_way_is_told_where_it_is_20_ms_later_or_earlier():
+    looks = cell(skew_s=0.02).looks(16)
+    off = [
+        np.linalg.norm(
+            look.tag_a.camera_from_tag.translation - still.tag_a.camera_from_tag.translation
+        )
+        for look, still in zip(looks, again(looks), strict=True)
+    ]
+    assert 0.3 < np.median(off) < 5
+    assert np.diff([look.stamp_s for look in looks]) == pytest.approx(0.3)
+
+
+def again(looks):
+    """The same poses seen at rest."""
+    drawing = cell()
+    return [drawing.observe(look.base_from_wrist, 0.0) for look in looks]
+
+
+def test_the_axis_is_tilted_in_the_object_and_cad_is_off():
+    drawing = cell(axis_tilt_deg=0.3)
+    turn = drawing.base_from_object(np.pi).rotation
+    assert np.degrees(np.arccos(turn[2, 2])) == pytest.approx(0.6, rel=1e-4)
+    stated = cell(cad_mm=0.1).facts().object.targets
+    off = [np.abs(stated[n].cad - t.cad) for n, t in drawing.targets.items()]
+    assert 0.03 < np.mean(off) < 0.2
+
+
+def test_every_misfit_has_a_row_and_every_row_but_the_clean_ones_a_cause():
+    clean = [name for name, row in ROWS.items() if not row.causes]
+    assert clean == ["clean, centre 0.02 stated", "clean"]
+    differing = {
+        f
+        for row in ROWS.values()
+        for f in World.__slots__
+        if getattr(row.world, f) != getattr(World(), f)
+    }
+    assert differing == set(World.__slots__)

@@ -7,12 +7,20 @@ from typing import Any
 import numpy as np
 from numpy.random import SeedSequence
 
+from fakes.studies.misfits.prints import Print, seen_as
 from fakes.studies.misfits.worlds import Move, Touching, World
 from fakes.world.arm_errors import ArmErrors
 from fakes.world.noise import COARSE
-from fakes.world.simulation import Simulation
-from vgrd.geometry import Array, Pose
-from vgrd.model import CellFacts, ObjectSpec, Observation, frozen_array
+from fakes.world.simulation import TAG_A, TAG_B, WORK_ROTATION, Simulation
+from vgrd.geometry import Array, Pose, exp_rotation
+from vgrd.model import (
+    CellFacts,
+    ObjectSpec,
+    Observation,
+    TagObservation,
+    TagSpec,
+    frozen_array,
+)
 
 STATED_ARM = ArmErrors(
     sigma_mm=0.03, field_mm=0.15
@@ -20,6 +28,9 @@ STATED_ARM = ArmErrors(
 _BLUNDERS = 0.1  # share of the touches
 _BLUNDER_MM = (1.0, 5.0)  # a guess: beside the hole, and in the next one's chamfer
 _T3_VARIANCE = 3.0  # of Student's t of 3 degrees of freedom
+_FILMED_S = 0.3  # between looks of an arm that is filmed on its way
+_WAY_MM, _WAY_RAD = 80.0, (0.3, 0.3, 0.6)  # it swings so far either way, within the looks' volume
+_SWING_RAD_S = (0.5, 1.5)  # a guess: 40 to 120 mm/s, turning back now and then, as a jog does
 
 
 class MisfitCell(Simulation):
@@ -36,8 +47,12 @@ class MisfitCell(Simulation):
         )
         self.world = world
         rng = np.random.default_rng(misfit)
-        self.sign = float(rng.choice([-1, 1]))
+        self._sign = float(rng.choice([-1, 1]))
         self._center = self._center_off(rng)
+        self._prints = {
+            TAG_A.id: self._printed(world.size_a),
+            TAG_B.id: self._printed(world.size_b),
+        }
         self._cad = {name: rng.normal(size=3) * world.cad_mm for name in self.targets}
         self._knock = _unit(rng) * world.camera_mm, _unit(rng) * world.camera_mm * 1e-3
         self._axis = np.radians(world.axis_tilt_deg) * _flat(rng) + (0, 0, 1)
@@ -69,6 +84,27 @@ class MisfitCell(Simulation):
         axis = self._axis / np.linalg.norm(self._axis)
         return Pose.from_rotvec(axis * angle_rad, self.center_in_base)
 
+    def looks(self, count: int) -> tuple[Observation, ...]:
+        """As the cell takes them; or of an arm on its way, its pose told for another moment."""
+        if not self.world.skew_s:
+            return super().looks(count)
+        rates = self.rng.uniform(*_SWING_RAD_S, size=6)
+        phases = self.rng.uniform(-np.pi, np.pi, 6)
+
+        def way(time_s: float) -> Pose:
+            swing = np.sin(rates * time_s + phases)
+            position = np.array([350.0, 0, 250]) + _WAY_MM * swing[:3]
+            return Pose(WORK_ROTATION @ exp_rotation(_WAY_RAD * swing[3:]), position)
+
+        skew_s = self._sign * self.world.skew_s
+        times_s = [_FILMED_S * k for k in range(count)]
+        seen = [self.observe(way(t + skew_s), 0.0) for t in times_s]
+        start_s = seen[0].stamp_s
+        return tuple(
+            replace(look, base_from_wrist=way(t), stamp_s=start_s + t)
+            for look, t in zip(seen, times_s, strict=True)
+        )
+
     def touch_miss(self) -> Array:
         """As the cell does, or as this world has it."""
         miss = super().touch_miss() * self.world.touch_times
@@ -99,8 +135,25 @@ class MisfitCell(Simulation):
             robot_sigma_mm=float(np.hypot(STATED_ARM.sigma_mm, STATED_ARM.field_mm)),
         )
 
+    def _see(self, spec: TagSpec, truth: Pose) -> TagObservation:
+        """What a detector that trusts the file makes of it, and the noise that it states."""
+        printed = self._prints[spec.id]
+        pose = truth
+        if self.world.focal or not printed.is_as_stated:
+            K = np.asarray(super().facts().camera_matrix)
+            K_true = K.copy()
+            K_true[[0, 1], [0, 1]] *= 1 + self._sign * self.world.focal
+            pose = seen_as(spec, printed, truth, K_true, K)
+        seen = super()._see(spec, pose)
+        stated = np.asarray(seen.covariance) / self.world.vision_times**2
+        return replace(seen, covariance=frozen_array(stated, 6, 6))
+
+    def _printed(self, size: float) -> Print:
+        ink_mm = self._sign * np.array([self.world.ink_x_mm, self.world.ink_y_mm])
+        return Print(1 + self._sign * size, ink_mm)
+
     def _center_off(self, rng: np.random.Generator) -> Array:
-        drawn = np.append(rng.normal(size=2) * self.world.center_sigma_mm, 0.0)
+        drawn = np.append(rng.normal(size=2) * self.world.center_drawn_mm, 0.0)
         return np.asarray(drawn + _flat(rng) * self.world.center_mm)
 
 

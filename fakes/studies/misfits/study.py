@@ -4,6 +4,7 @@ A row passes when the truth lies in the stated 95 % radii, or when nearly every 
 refused with the cause named. A session is refused when its calibration is rejected or the answers that miss are.
 """
 
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -21,7 +22,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure as Drawing
 
 _SESSION = Session(Plan.JOINT, looks=8, spins=10, touches=10, tilted=4)
-_PICTURES = _SESSION.looks + _SESSION.spins + _SESSION.touches
+_FILMED = 16  # looks of an arm on its way: five seconds, so that it turns back
 _REQUESTS = 10  # at any turn: of a wrong centre or axis some turns show nothing
 _CLEAN_PARTS = 10  # as many trials of a clean cell for each of a row: 2,000 beside 200
 _WITHIN = (92.0, 99.0)  # % of answers that state 95 %: the issue's
@@ -34,8 +35,10 @@ _ALARMS = 1.0  # % of clean sessions, all tests together
 def _trial(seed: SeedSequence, parameters: Parameters) -> dict[str, float | str]:
     """Columns of `Judged.row`."""
     row = ROWS[parameters["world"]]
-    cell = MisfitCell(seed, row.world, looks=_SESSION.looks, pictures=_PICTURES)
-    return judge(cell, _SESSION.record(cell), _REQUESTS).row(row.causes)
+    session = replace(_SESSION, looks=_FILMED) if row.world.skew_s else _SESSION
+    pictures = session.looks + session.spins + session.touches
+    cell = MisfitCell(seed, row.world, looks=session.looks, pictures=pictures)
+    return judge(cell, session.record(cell), _REQUESTS).row(row.causes)
 
 
 def _figures(trials: Trials) -> list[Figure]:

@@ -34,16 +34,17 @@ class Move(StrEnum):
 class World:
     """What differs; the defaults are a cell that is as its file says. Signs and directions are drawn.
 
-    touch_times, field_times, vision_times: sigma over the stated one. center_sigma_mm: per axis, drawn and
-    stated; center_mm: how far the stated centre is off beyond that. cad_mm: sigma of every coordinate of a
-    target. size_a, size_b: of a tag, relative; ink_x_mm, ink_y_mm: by which every black edge of both tags
-    lies farther out. camera_mm: and as many mrad. focal: relative. skew_s: between pictures and poses of
-    an arm that is filmed on its way.
+    touch_times, field_times, vision_times: sigma over the stated one. center_sigma_mm: stated of each axis;
+    center_drawn_mm: sigma that it is drawn with; center_mm: how far it is off beyond that. cad_mm: sigma of
+    every coordinate of a target. size_a, size_b: of a tag, relative; ink_x_mm, ink_y_mm: by which every
+    black edge of both tags lies farther out. camera_mm: and as many mrad. focal: relative. skew_s: between
+    pictures and poses of an arm that is filmed on its way.
     """
 
     touch_times: float = 1.0
     touching: Touching = Touching.NORMAL
     center_sigma_mm: float = EXACT_CENTER_MM
+    center_drawn_mm: float = EXACT_CENTER_MM
     center_mm: float = 0.0
     cad_mm: float = 0.0
     size_a: float = 0.0
@@ -67,13 +68,55 @@ class MisfitRow:
     causes: frozenset[str] = frozenset()
 
 
+# Which codes (vgrd/judging/findings.py) and links tell a misfit rightly: edit with the findings.
 _TOUCHES = frozenset({"touch_outlier", "touches_scatter"})
 _CENTER = frozenset({"pivot_disagrees"})
+_CAD = frozenset({"points_order", "touch_outlier"})
+_TAG_A = frozenset({"tag_size"})
+_TAG_B = frozenset({"tag_size"})
+_PRINT = frozenset({"tag_size"})
+_CAMERA = frozenset({"camera_moved", "camera"})
+_ARM = frozenset({"hand_eye_noise", "noisy"})
+_AXIS = frozenset({"spins_not_about_one_axis"})
+_LENS = frozenset({"tag_size"})  # whose remedy names the focal length
+_VISION = frozenset({"noisy", "hand_eye_noise"})
+_TIME = frozenset({"time_offset", "picture_delay"})
 
 ROWS: Mapping[str, MisfitRow] = MappingProxyType(
     {
         "clean, centre 0.02 stated": MisfitRow(World()),
+        "clean": MisfitRow(
+            World(center_sigma_mm=USUAL_CENTER_MM, center_drawn_mm=USUAL_CENTER_MM)
+        ),
+        "touch sigma x 0.5": MisfitRow(World(touch_times=0.5), _TOUCHES),
         "touch sigma x 2": MisfitRow(World(touch_times=2), _TOUCHES),
+        "touches of t3 tails": MisfitRow(World(touching=Touching.TAILS), _TOUCHES),
+        "10 % of touches outliers": MisfitRow(World(touching=Touching.OUTLIERS), _TOUCHES),
+        "centre 0.1 mm off, 0.02 stated": MisfitRow(World(center_mm=0.1), _CENTER),
         "centre 1 mm off, 0.02 stated": MisfitRow(World(center_mm=1.0), _CENTER),
+        "centre 0.1 mm off": MisfitRow(
+            World(center_mm=0.1, center_drawn_mm=0.0, center_sigma_mm=USUAL_CENTER_MM), _CENTER
+        ),
+        "centre 1 mm off": MisfitRow(
+            World(center_mm=1.0, center_drawn_mm=0.0, center_sigma_mm=USUAL_CENTER_MM), _CENTER
+        ),
+        "CAD 0.1 mm off": MisfitRow(World(cad_mm=0.1), _CAD),
+        "tag A 1 % off": MisfitRow(World(size_a=0.01), _TAG_A),
+        "tag B 1 % off": MisfitRow(World(size_b=0.01), _TAG_B),
+        "ink 0.01 mm in x": MisfitRow(World(ink_x_mm=0.01), _PRINT),
+        "ink 0.01 mm in y": MisfitRow(World(ink_y_mm=0.01), _PRINT),
+        "ink 0.01 mm in both": MisfitRow(World(ink_x_mm=0.01, ink_y_mm=0.01), _PRINT),
+        **{
+            f"camera {mm:g} mm {move.value} teaching": MisfitRow(
+                World(move=move, camera_mm=mm), _CAMERA
+            )
+            for move in (Move.BEFORE, Move.DURING, Move.AFTER)
+            for mm in (0.2, 0.5, 1.0)
+        },
+        "arm field x 3": MisfitRow(World(field_times=3), _ARM),
+        "axis tilted by 0.3 deg": MisfitRow(World(axis_tilt_deg=0.3), _AXIS),
+        "intrinsics 0.3 % off": MisfitRow(World(focal=0.003), _LENS),
+        "tag noise x 3": MisfitRow(World(vision_times=3), _VISION),
+        "time skew 20 ms": MisfitRow(World(skew_s=0.02), _TIME),
     }
 )
