@@ -19,6 +19,7 @@ from fakes.studies.paper import (
 )
 from fakes.studies.paper.contacts import contact_methods, contact_plans
 from fakes.studies.paper.published import eq9, eq19, eq25
+from fakes.studies.prints import single_tags
 from fakes.studies.robustness import (
     bare_targets,
     blunders,
@@ -68,6 +69,7 @@ STUDIES: Mapping[str, Study] = MappingProxyType(
             moved_camera,
             moved_links,
             moved_teaching,
+            single_tags,
             time_offset,
         )
     }
