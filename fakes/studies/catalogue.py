@@ -4,6 +4,7 @@ from collections.abc import Mapping
 from difflib import get_close_matches
 from types import MappingProxyType
 
+from fakes.studies.misfits import clean_sessions
 from fakes.studies.misfits import study as misfits
 from fakes.studies.movement import false_alarms, moved_camera, moved_links, moved_teaching
 from fakes.studies.paper import (
@@ -55,6 +56,7 @@ STUDIES: Mapping[str, Study] = MappingProxyType(
             eq19,
             eq25,
             certificate,
+            clean_sessions,
             coverage,
             bare_targets,
             blunders,

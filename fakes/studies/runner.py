@@ -84,9 +84,12 @@ def _row(trial: Callable[[SeedSequence, Parameters], Mapping[str, float | str]],
     """Row of one trial; data that are refused count as such, other errors end the study."""
     row: Row = {**job.case, "run": job.run, REFUSED: 0.0}
     try:
-        return {**row, **trial(job.seed, job.case)}
+        measured = trial(job.seed, job.case)
     except CalibrationError:
         return {**row, REFUSED: 1.0}
+    if taken := row.keys() & measured.keys():
+        raise ValueError(f"a trial measures {', '.join(sorted(taken))}, which the study names so")
+    return {**row, **measured}
 
 
 @contextmanager

@@ -34,6 +34,7 @@ from vgrd.model import (
 TAG_A = TagSpec("36h11", 0, 25.0)  # as in the fake cell
 TAG_B = TagSpec("36h11", 1, 25.0)  # as in the fake cell
 WORK_ROTATION = frozen_array(Rotation.from_euler("xyz", [np.pi, 0, 0.3]).as_matrix(), 3, 3)  # down
+BORED_CENTER_MM = 0.02  # a guess: of a turntable whose centre was bored, per axis
 TOUCH_SIGMA_MM = 0.233  # the paper's, experiment B
 _TRUNCATED_SIGMAS = 3.0  # the paper cuts them at 0.7 mm
 _LEFT_OF_SIGMA = 0.98658  # standard deviation of a normal variable cut there

@@ -95,7 +95,7 @@ def test_a_row_passes_by_its_radii_or_by_what_it_catches():
 
 
 def test_the_catalogue_runs_and_draws(tmp_path, monkeypatch):
-    few = replace(misfits.STUDY, cases=({"world": "touch sigma x 2", "part": 0},))
+    few = replace(misfits.STUDY, cases=({"world": "touch sigma x 2"},))
     monkeypatch.setattr("fakes.studies.conducting.study_called", lambda _: few)
     outcome = conduct("misfits", runs=2, folder=tmp_path)
     figures = {f.name: f.value for f in outcome.figures}

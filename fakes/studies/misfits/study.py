@@ -24,7 +24,6 @@ if TYPE_CHECKING:
 _SESSION = Session(Plan.JOINT, looks=8, spins=10, touches=10, tilted=4)
 _FILMED = 16  # looks of an arm on its way: five seconds, so that it turns back
 _REQUESTS = 10  # at any turn: of a wrong centre or axis some turns show nothing
-_CLEAN_PARTS = 10  # as many trials of a clean cell for each of a row: 2,000 beside 200
 _WITHIN = (92.0, 99.0)  # % of answers that state 95 %: the issue's
 _CAUGHT = 95.0  # % of the sessions that do not hold
 _NAMED = 90.0  # % of the sessions in which something is told
@@ -111,11 +110,7 @@ def _draw(trials: Trials) -> "Drawing":
 STUDY = Study(
     name="misfits",
     title="Cells that are not as their file says",
-    cases=tuple(
-        {"world": name, "part": part}
-        for name, row in ROWS.items()
-        for part in range(1 if row.causes else _CLEAN_PARTS)
-    ),
+    cases=tuple({"world": name} for name in ROWS),
     runs=20,
     full_runs=200,
     trial=_trial,

@@ -16,8 +16,8 @@ from fakes.studies.sessions import Session, known_arm
 from fakes.studies.study import Figure, Parameters, Study, Trials
 from fakes.world.arm_errors import ArmErrors
 from fakes.world.noise import FINE
-from fakes.world.simulation import WORK_ROTATION, Simulation
-from vgrd.calibration.joint import JointFit, Turntable, calibrate_joint, solution_of
+from fakes.world.simulation import BORED_CENTER_MM, WORK_ROTATION, Simulation
+from vgrd.calibration.joint import JointFit, calibrate_joint, solution_of
 from vgrd.charts import COLORS, PAPER, legend, panels
 from vgrd.errors import CalibrationError
 from vgrd.geometry import Array, Pose
@@ -52,7 +52,7 @@ class _Cell(Simulation):
     """The camera is displaced (n, 6) before each picture, in its own frame."""
 
     def __init__(self, seed: SeedSequence, stability: Stability, displacements: Array) -> None:
-        super().__init__(seed, vision=FINE, arm=_ARM, center_sigma_mm=Turntable().center_sigma_mm)
+        super().__init__(seed, vision=FINE, arm=_ARM, center_sigma_mm=BORED_CENTER_MM)
         self._stability, self._displacements = stability, list(displacements)
 
     def observe(
