@@ -42,6 +42,10 @@ class Report:
             table.add_row(method, *_miss_figures(misses))
         table.add_row(_WENT, *_miss_figures(served), style="bold")
         self.console.print(table)
+        self.console.print(
+            "served rests on the whole session, the touches of the fixed point and the holes in the pictures "
+            "too; each of the paper's methods on its own samples"
+        )
         self._judge("mean xy miss, mm", float(_xy(served).mean()), self.bar_mm)
 
     def insertions(self, method_misses: Mapping[str, Array], layout: Layout) -> None:

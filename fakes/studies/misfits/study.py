@@ -28,6 +28,11 @@ _WITHIN = (92.0, 99.0)  # % of answers that state 95 %: the issue's
 _CAUGHT = 95.0  # % of the sessions that do not hold
 _NAMED = 90.0  # % of the sessions in which something is told
 _NEEDLESS = 5.0  # % of all sessions
+_BEFORE = (
+    "clean, centre 0.02 stated",
+    0.349,
+)  # mm: its u95 before anything was estimated of the noise
+_WIDER = 1.1  # times that: what it may cost to doubt a file that is right
 _ALARMS = 1.0  # % of clean sessions, all tests together
 
 
@@ -50,14 +55,18 @@ def _of_row(trials: Trials, name: str) -> list[Figure]:
         100 * trials.mean(column, world=name)
         for column in ("rejected", "answers_refused", "told", "needless")
     )
+    u95_mm = trials.finite_mean("u95_mm", world=name)
     figures = [
         Figure(f"{name}: truth within u95", within, "%"),
         Figure(f"{name}: within, or caught", _honest(trials, name, within), "%", at_least=_CAUGHT),
         Figure(f"{name}: calibrations rejected", rejected, "%"),
         Figure(f"{name}: answers refused", refused, "%"),
         Figure(f"{name}: refused although within", needless, "%", at_most=_NEEDLESS),
-        Figure(f"{name}: u95", trials.finite_mean("u95_mm", world=name), "mm"),
+        Figure(f"{name}: u95", u95_mm, "mm"),
     ]
+    if name == _BEFORE[0]:
+        wider = u95_mm / _BEFORE[1]
+        figures.append(Figure(f"{name}: u95 over what it was", wider, "x", at_most=_WIDER))
     if not ROWS[name].causes:
         return [*figures, Figure(f"{name}: false alarms", told, "%", at_most=_ALARMS)]
     bar = _NAMED if told else None
