@@ -94,6 +94,21 @@ def test_a_row_passes_by_its_radii_or_by_what_it_catches():
     assert not honest(caught, missed).ok
 
 
+def test_a_clean_row_is_judged_by_its_alarms_and_by_what_doubt_costs():
+    name = "clean, centre 0.02 stated"
+
+    def figures(u95_mm, told):
+        row = {**judged(*[True] * 10, told=told).row(set()), "u95_mm": u95_mm}
+        rows = [{"world": name, "refused": 0.0, **row}]
+        return {f.name.removeprefix(f"{name}: "): f for f in misfits._of_row(Trials(rows), name)}
+
+    good, bad = figures(0.36, {"flange_not_proven"}), figures(0.5, {"touch_outlier"})
+    assert good["false alarms"].ok
+    assert good["u95 over what it was"].ok
+    assert not bad["false alarms"].ok
+    assert not bad["u95 over what it was"].ok
+
+
 def test_the_catalogue_runs_and_draws(tmp_path, monkeypatch):
     few = replace(misfits.STUDY, cases=({"world": "touch sigma x 2"},))
     monkeypatch.setattr("fakes.studies.conducting.study_called", lambda _: few)
