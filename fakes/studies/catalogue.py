@@ -4,6 +4,8 @@ from collections.abc import Mapping
 from difflib import get_close_matches
 from types import MappingProxyType
 
+from fakes.studies.misfits import clean_sessions
+from fakes.studies.misfits import study as misfits
 from fakes.studies.movement import false_alarms, moved_camera, moved_links, moved_teaching
 from fakes.studies.paper import (
     experiment_a,
@@ -18,6 +20,7 @@ from fakes.studies.paper import (
 )
 from fakes.studies.paper.contacts import contact_methods, contact_plans
 from fakes.studies.paper.published import eq9, eq19, eq25
+from fakes.studies.prints import single_tags
 from fakes.studies.robustness import (
     bare_targets,
     blunders,
@@ -53,6 +56,7 @@ STUDIES: Mapping[str, Study] = MappingProxyType(
             eq19,
             eq25,
             certificate,
+            clean_sessions,
             coverage,
             bare_targets,
             blunders,
@@ -62,10 +66,12 @@ STUDIES: Mapping[str, Study] = MappingProxyType(
             degenerate_touches,
             false_alarms,
             jog_and_touch,
+            misfits,
             modbus_robot,
             moved_camera,
             moved_links,
             moved_teaching,
+            single_tags,
             time_offset,
         )
     }

@@ -4,6 +4,8 @@ import csv
 from dataclasses import dataclass
 from pathlib import Path
 
+import numpy as np
+
 from fakes.studies.catalogue import study_called
 from fakes.studies.runner import Report, run_trials
 from fakes.studies.study import REFUSED, Figure, Trials
@@ -73,14 +75,14 @@ def conduct(
     if plot:
         files.append(folder / f"{name}.png")
         study.draw(trials).savefig(files[1])
-    figures = (*study.figures(trials), _refused(trials))
+    figures = (*study.figures(trials), _refused(trials, study.most_refused))
     return StudyOutcome(name, study.title, count, seed, figures, tuple(files))
 
 
-def _refused(trials: Trials) -> Figure:
-    """Trials whose data a method refused are counted, never dropped in silence."""
-    refused = sum(row[REFUSED] for row in trials.rows)
-    return Figure("trials refused", float(refused))
+def _refused(trials: Trials, most: float) -> Figure:
+    """Trials whose data a method refused measured nothing: many of them would flatter what is left."""
+    refused = 100 * float(np.mean([row[REFUSED] for row in trials.rows]))
+    return Figure("trials refused", refused, "%", at_most=100 * most)
 
 
 def _write_csv(path: Path, trials: Trials) -> None:

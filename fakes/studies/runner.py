@@ -75,18 +75,21 @@ def _jobs(study: Study, runs: int, seed: int) -> list[_Job]:
 
 
 def _do(
-    trial: Callable[[SeedSequence, Parameters], Mapping[str, float]], jobs: Sequence[_Job]
+    trial: Callable[[SeedSequence, Parameters], Mapping[str, float | str]], jobs: Sequence[_Job]
 ) -> list[Row]:
     return [_row(trial, job) for job in jobs]
 
 
-def _row(trial: Callable[[SeedSequence, Parameters], Mapping[str, float]], job: _Job) -> Row:
+def _row(trial: Callable[[SeedSequence, Parameters], Mapping[str, float | str]], job: _Job) -> Row:
     """Row of one trial; data that are refused count as such, other errors end the study."""
     row: Row = {**job.case, "run": job.run, REFUSED: 0.0}
     try:
-        return {**row, **trial(job.seed, job.case)}
+        measured = trial(job.seed, job.case)
     except CalibrationError:
         return {**row, REFUSED: 1.0}
+    if taken := row.keys() & measured.keys():
+        raise ValueError(f"a trial measures {', '.join(sorted(taken))}, which the study names so")
+    return {**row, **measured}
 
 
 @contextmanager

@@ -117,14 +117,16 @@ class Study:
     """A simulation or experiment.
 
     trial(seed, parameters) is pure: all that is random comes from the seed. Each of `cases` is
-    run `runs` times (`full_runs` with --full). figures and draw see all trials.
+    run `runs` times (`full_runs` with --full). figures and draw see all trials. most_refused: share of
+    the trials whose data the method may refuse.
     """
 
     name: str
     title: str
     cases: tuple[Parameters, ...]
     runs: int
-    trial: Callable[[SeedSequence, Parameters], Mapping[str, float]]
+    trial: Callable[[SeedSequence, Parameters], Mapping[str, float | str]]
     figures: Callable[[Trials], list[Figure]]
     draw: Callable[[Trials], "Drawing"]
     full_runs: int | None = None
+    most_refused: float = 1e-3  # chance; studies in which a lack of data is drawn say more

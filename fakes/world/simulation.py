@@ -34,8 +34,8 @@ from vgrd.model import (
 TAG_A = TagSpec("36h11", 0, 25.0)  # as in the fake cell
 TAG_B = TagSpec("36h11", 1, 25.0)  # as in the fake cell
 WORK_ROTATION = frozen_array(Rotation.from_euler("xyz", [np.pi, 0, 0.3]).as_matrix(), 3, 3)  # down
-CENTER_SIGMA_MM = (
-    0.02  # a centre that was measured; what the cell states of one that is exact, too
+BORED_CENTER_MM = (
+    0.02  # a guess: of a turntable whose centre was bored, per axis; stated where it is exact too
 )
 TOUCH_SIGMA_MM = 0.233  # the paper's, experiment B
 _TRUNCATED_SIGMAS = 3.0  # the paper cuts them at 0.7 mm
@@ -259,7 +259,7 @@ class Simulation:
             object=ObjectSpec(
                 MappingProxyType(self.targets),
                 center_in_object=frozen_array(self._center_in_cad, 3),
-                center_sigma_mm=self._center_sigma_mm or CENTER_SIGMA_MM,
+                center_sigma_mm=self._center_sigma_mm or BORED_CENTER_MM,
                 cad_sigma_mm=0.0,
             ),
             robot_sigma_mm=max(float(np.hypot(self.arm.sigma_mm, self.arm.field_mm)), 1e-3),
@@ -287,6 +287,12 @@ class Simulation:
         on_flange = self._see(TAG_A, A) if tag_a else None
         return Observation(reported, self._stamp_s, on_flange, self._see(TAG_B, B))
 
+    def touch_miss(self) -> Array:
+        """How far a touch is off what it touches, (3,) mm, in the wrist."""
+        lateral, axial = self.sigmas_mm
+        draws = truncated_normal(self.rng, _TRUNCATED_SIGMAS, 3)
+        return np.asarray(draws * (lateral, lateral, axial))
+
     def _touch(
         self,
         target: str,
@@ -296,8 +302,7 @@ class Simulation:
         *,
         tag_a: bool = True,
     ) -> Touch:
-        lateral, axial = self.sigmas_mm
-        miss = R @ (truncated_normal(self.rng, _TRUNCATED_SIGMAS, 3) * (lateral, lateral, axial))
+        miss = R @ self.touch_miss()
         draw = self._draw()
         flange = point + miss - R @ self.tcp_in_wrist
         for _ in range(3):

@@ -5,6 +5,7 @@ import select
 import signal
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -106,6 +107,23 @@ def test_refused_trials_are_counted_and_measure_nothing():
     assert len(trials.values("number", refuse_below=0.5)) == 60 - len(refused)
     assert trials.values("number", refuse_below=0.5).min() >= 0.5
     assert np.isnan(Trials([]).mean("number"))
+
+
+def test_refused_trials_beyond_the_studys_share_miss_a_bar(tmp_path, monkeypatch):
+    def refused(most):
+        study = replace(NUMBERS, most_refused=most)
+        monkeypatch.setattr("fakes.studies.conducting.study_called", lambda _: study)
+        return conduct("numbers", runs=40, folder=tmp_path, plot=False).figures[-1]
+
+    assert 15 < refused(0.5).value < 35
+    assert refused(0.5).ok
+    assert not refused(0.1).ok
+
+
+def test_a_trial_may_not_measure_what_the_study_itself_writes_down():
+    clashing = replace(NUMBERS, trial=lambda *_: {"refused": 1.0})
+    with pytest.raises(ValueError, match="measures refused"):
+        run_trials(clashing, 1, 0)
 
 
 def test_progress_ends_with_all_trials():

@@ -18,7 +18,7 @@ from fakes.studies.sessions import Session, known_arm
 from fakes.studies.study import Figure, Parameters, Study, Trials
 from fakes.world.arm_errors import ArmErrors
 from fakes.world.noise import FINE
-from fakes.world.simulation import CENTER_SIGMA_MM, Simulation
+from fakes.world.simulation import BORED_CENTER_MM, Simulation
 from vgrd.calibration.joint import calibrate_joint, solution_of
 from vgrd.charts import COLORS, PAPER, legend, panels
 from vgrd.geometry.chi2 import chi2_probability
@@ -40,7 +40,7 @@ _SUMS = 4  # two links, two windows
 
 def _trial(seed: SeedSequence, parameters: Parameters) -> dict[str, float]:
     """Pictures refused, and the share of pictures and sums beyond common quantiles."""
-    cell = Simulation(seed, vision=FINE, arm=_ARM, center_sigma_mm=CENTER_SIGMA_MM)
+    cell = Simulation(seed, vision=FINE, arm=_ARM, center_sigma_mm=BORED_CENTER_MM)
     recording = _SESSION.record(cell)
     solution = solution_of(calibrate_joint(recording, arm=known_arm(_ARM)))
     stability = _STABILITIES[parameters["stability"]]
@@ -50,7 +50,7 @@ def _trial(seed: SeedSequence, parameters: Parameters) -> dict[str, float]:
         refused += not report.fits
         for told in visits.series.sums():
             sums.append(chi2_probability(float(told @ told), len(told)) if len(told) else 0.0)
-    out = {"refused": float(refused), "pictures": float(_VISITS * PICTURES)}
+    out = {"pictures refused": float(refused), "pictures": float(_VISITS * PICTURES)}
     for share in _SHARES:
         out[f"sums beyond {share:g}"] = float(np.mean(np.array(sums) > 1 - share))
     return out
@@ -61,7 +61,7 @@ def _figures(trials: Trials) -> list[Figure]:
     for case in _CASES:
         where = f"camera {case['stability']}"
         pictures = float(np.sum(trials.values("pictures", **case)))
-        refused = float(np.sum(trials.values("refused", **case)))
+        refused = float(np.sum(trials.values("pictures refused", **case)))
         hours = pictures * PERIOD_S / 3600
         out.append(Figure(f"{where}: watched", hours, "h"))
         out.append(Figure(f"{where}: pictures refused", refused, at_most=0))

@@ -16,7 +16,7 @@ from fakes.studies.sessions import Session, known_arm
 from fakes.studies.study import Figure, Parameters, Study, Trials
 from fakes.world.arm_errors import ArmErrors
 from fakes.world.noise import FINE
-from fakes.world.simulation import CENTER_SIGMA_MM, WORK_ROTATION, SimulatedRequest, Simulation
+from fakes.world.simulation import BORED_CENTER_MM, WORK_ROTATION, SimulatedRequest, Simulation
 from vgrd.calibration.joint import JointSolution, calibrate_joint, solution_of
 from vgrd.charts import COLORS, PAPER, legend, panels
 from vgrd.errors import CalibrationError
@@ -44,7 +44,7 @@ _BAR = (93.0, 97.0)  # of a region that says 95 %: two points either way
 
 def _trial(seed: SeedSequence, parameters: Parameters) -> dict[str, float]:
     """Squared misses, mm^2, predicted ones, and whether the radius holds; a refusal has missed nothing."""
-    cell = Simulation(seed, vision=FINE, arm=_ARM, center_sigma_mm=CENTER_SIGMA_MM)
+    cell = Simulation(seed, vision=FINE, arm=_ARM, center_sigma_mm=BORED_CENTER_MM)
     recording = _taught(_SESSION.record(cell), Motion(parameters["motion"]))
     solution = solution_of(calibrate_joint(recording, arm=known_arm(_ARM)))
     still = cell.request()

@@ -16,7 +16,7 @@ from fakes.studies.sessions import Session, known_arm
 from fakes.studies.study import Figure, Parameters, Study, Trials
 from fakes.world.arm_errors import ArmErrors
 from fakes.world.noise import FINE
-from fakes.world.simulation import CENTER_SIGMA_MM, SimulatedRequest, Simulation
+from fakes.world.simulation import BORED_CENTER_MM, SimulatedRequest, Simulation
 from vgrd.calibration.joint import JointSolution, calibrate_joint, solution_of
 from vgrd.charts import COLORS, PAPER, legend, panels
 from vgrd.geometry import Array, Pose
@@ -45,7 +45,7 @@ _POSES, _VISITS = 3, 12  # before the slip, and after it: 36 s
 
 def _trial(seed: SeedSequence, parameters: Parameters) -> dict[str, float]:
     """By sigmas of expected misfit: refused or not, and the true link among those named or not."""
-    cell = Simulation(seed, vision=FINE, arm=_ARM, center_sigma_mm=CENTER_SIGMA_MM)
+    cell = Simulation(seed, vision=FINE, arm=_ARM, center_sigma_mm=BORED_CENTER_MM)
     recording = _SESSION.record(cell)
     solution = solution_of(calibrate_joint(recording, arm=known_arm(_ARM)))
     link, is_hidden = Link(parameters["link"]), parameters["tag_a"] == "hidden"

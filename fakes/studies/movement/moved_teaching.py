@@ -16,7 +16,7 @@ from fakes.studies.sessions import Session, known_arm
 from fakes.studies.study import Figure, Parameters, Study, Trials
 from fakes.world.arm_errors import ArmErrors
 from fakes.world.noise import FINE
-from fakes.world.simulation import CENTER_SIGMA_MM, WORK_ROTATION, Simulation
+from fakes.world.simulation import BORED_CENTER_MM, WORK_ROTATION, Simulation
 from vgrd.calibration.joint import JointFit, calibrate_joint, solution_of
 from vgrd.charts import COLORS, PAPER, legend, panels
 from vgrd.errors import CalibrationError
@@ -52,7 +52,7 @@ class _Cell(Simulation):
     """The camera is displaced (n, 6) before each picture, in its own frame."""
 
     def __init__(self, seed: SeedSequence, stability: Stability, displacements: Array) -> None:
-        super().__init__(seed, vision=FINE, arm=_ARM, center_sigma_mm=CENTER_SIGMA_MM)
+        super().__init__(seed, vision=FINE, arm=_ARM, center_sigma_mm=BORED_CENTER_MM)
         self._stability, self._displacements = stability, list(displacements)
 
     def observe(

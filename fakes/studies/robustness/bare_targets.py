@@ -16,7 +16,7 @@ from numpy.random import SeedSequence
 from fakes.studies.sessions import TILT_RAD
 from fakes.studies.study import Figure, Parameters, Study, Trials
 from fakes.world.noise import COARSE
-from fakes.world.simulation import CENTER_SIGMA_MM, WORK_ROTATION, Simulation
+from fakes.world.simulation import BORED_CENTER_MM, WORK_ROTATION, Simulation
 from vgrd.calibration.joint import calibrate_joint, expected_by_joint
 from vgrd.calibration.planning import Job, errors_with_cad_mm
 from vgrd.charts import COLORS, PAPER, legend, panels
@@ -60,7 +60,7 @@ def without_cad(recording: Recording, names: Sequence[str]) -> Recording:
 def _trial(seed: SeedSequence, parameters: Parameters) -> dict[str, float]:
     """Squared miss over the stated radius (at most 1 is inside), and the radius with all of CAD."""
     kind = _OBJECTS[parameters["object"]]
-    cell = Simulation(seed, vision=COARSE, center_sigma_mm=CENTER_SIGMA_MM)
+    cell = Simulation(seed, vision=COARSE, center_sigma_mm=BORED_CENTER_MM)
     wrists = [WORK_ROTATION] * len(_EVERY) + [cell.wrist(TILT_RAD) for _ in kind.tilted]
     recording = without_cad(
         cell.record(wrists=wrists, names=[*_EVERY, *kind.tilted], plan=Plan.JOINT), kind.bare

@@ -1,10 +1,10 @@
 """Coverage: how often the truth lies in the 95 % regions that a calibration states.
 
 Two estimates of the same session: `system` is what the daemon serves (independent errors of the arm, added to
-every sample), `joint` models what the arm does: a new draw at every stand and a smooth error field. The turntable
-is as far off its CAD as the joint estimate takes it to be. The camera stands exactly where it was taught; or it gives
-as much as a fixed one may, or it is moved, both tags in view: then what the daemon serves is asked, by the joint
-estimate and by the special plan, and its 95 % radius counts as well.
+every sample), `joint` models what the arm does: a new draw at every stand and a smooth error field. The camera
+stands exactly where it was taught; or it gives as much as a fixed one may, or it is moved, both tags in view: then
+what the daemon serves is asked, by the joint estimate and by the special plan, and its 95 % radius counts as well.
+Here the file is right; where it is wrong: study `misfits`.
 """
 
 from typing import TYPE_CHECKING
@@ -18,7 +18,7 @@ from fakes.studies.sessions import Session, known_arm
 from fakes.studies.study import Figure, Parameters, Study, Trials
 from fakes.world.arm_errors import EXACT_ARM, ArmErrors
 from fakes.world.noise import COARSE
-from fakes.world.simulation import CENTER_SIGMA_MM, WORK_ROTATION, SimulatedRequest, Simulation
+from fakes.world.simulation import BORED_CENTER_MM, WORK_ROTATION, SimulatedRequest, Simulation
 from vgrd.calibration.calibration import expected_coordinate
 from vgrd.calibration.joint import calibrate_joint, expected_by_joint
 from vgrd.calibration.solve import calibrate_system
@@ -47,12 +47,20 @@ _CASES = [  # new ones last: the trials of the others stay what they were
     *[(arm, camera) for camera in _CAMERAS for arm in _ARMS],
 ]
 _BAR = (93.0, 97.0)  # %, 95 +- 2: more than chance leaves at 4000 runs, less than matters
+_SERVED_BAR = (
+    93.0,
+    98.0,
+)  # the daemon knows one number of an arm, not its field: a point more above
+_SPECIAL_BAR = (
+    93.0,
+    100.0,
+)  # the special plan takes errors that its samples share for independent
 
 
 def _trial(seed: SeedSequence, parameters: Parameters) -> dict[str, float]:
     """Squared error over the 95 % quantile, by estimate and region: at most 1 is inside."""
     arm = _ARMS[parameters["arm"]]
-    cell = Simulation(seed, vision=COARSE, arm=arm, center_sigma_mm=CENTER_SIGMA_MM)
+    cell = Simulation(seed, vision=COARSE, arm=arm, center_sigma_mm=BORED_CENTER_MM)
     if parameters["camera"] != "exact":
         return _of_served(cell, STABILITIES[parameters["camera"]])
     recording = _SESSION.record(cell)
@@ -155,8 +163,14 @@ def _figure(
         f"{estimate}, {where}: {words}",
         100 * float(np.mean(inside)) if inside.size else float("nan"),
         "%",
-        *(_BAR if estimate == "joint" or arm == "exact" else ()),
+        *_bar(estimate, arm),
     )
+
+
+def _bar(estimate: str, arm: str) -> tuple[float, float]:
+    if estimate == "joint" or arm == "exact":
+        return _BAR
+    return _SPECIAL_BAR if estimate == "special" else _SERVED_BAR
 
 
 def _draw(trials: Trials) -> "Drawing":

@@ -14,7 +14,7 @@ from scipy.special import chdtri
 
 from fakes.world.arm_errors import EXACT_ARM, ArmErrors
 from fakes.world.noise import COARSE
-from fakes.world.simulation import CENTER_SIGMA_MM, WORK_ROTATION, SimulatedRequest, Simulation
+from fakes.world.simulation import BORED_CENTER_MM, WORK_ROTATION, SimulatedRequest, Simulation
 from tests.benchmarks.harness import Row
 from vgrd.calibration.hand_eye.pose_pairs import HandEyeProblem, PoseSample, calibrate_hand_eye
 from vgrd.calibration.joint.estimate import calibrate_joint, fit_as_if
@@ -116,7 +116,7 @@ def _joint(name: str, arm: ArmErrors) -> list[Row]:
     model = ArmModel(arm.sigma_mm, arm.field_mm, arm.length_mm, arm.rad_per_mm)
     inside, errors, bounds = [], [], []
     for seed in SeedSequence(SEED).spawn(JOINT_RUNS):
-        cell = Simulation(seed, vision=COARSE, arm=arm, center_sigma_mm=CENTER_SIGMA_MM)
+        cell = Simulation(seed, vision=COARSE, arm=arm, center_sigma_mm=BORED_CENTER_MM)
         wrists = [cell.wrist()] * 4 + [cell.wrist(TILT) for _ in range(4)]
         recording = cell.record(looks=6, spins=5, wrists=wrists)
         request = cell.request()

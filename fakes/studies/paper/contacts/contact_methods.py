@@ -175,5 +175,6 @@ STUDY = Study(
     runs=400,
     trial=_trial,
     figures=_figures,
+    most_refused=0.06,  # of an unknown ball, 8 touches are ambiguous in more than half
     draw=_draw,
 )
