@@ -21,6 +21,8 @@ from vgrd.errors import CalibrationError, InputError
 if TYPE_CHECKING:
     from vgrd.geometry import Array
 
+_FIRST = ("good", "limits", "add")  # what is told before anything else
+
 
 def register(app: typer.Typer) -> None:
     """Add solve and tcp."""
@@ -87,14 +89,39 @@ def _print_calibration(result: Result, json_to: str | None, title: str) -> None:
 
     def show(result: Result) -> None:
         sentences = ("insertions", "blind_spots")
-        rest = {key: value for key, value in result.items() if key not in sentences}
-        show_fields(title)(rest)
+        apart = (*sentences, *_FIRST, "levels", "transforms")
+        _print_goodness(result)
+        show_fields(title)({key: value for key, value in result.items() if key not in apart})
         for sentence in (one for key in sentences for one in result[key]):
             console.print(sentence, highlight=False, markup=False)
 
     print_result(result, json_to, show)
     if not result["verdict"]["ok"]:
         raise typer.Exit(CalibrationError.exit_code)
+
+
+def _print_goodness(result: Result) -> None:
+    """Whether it is good, what limits it, then poses and noise in tables."""
+    for label, key in zip(("", "limited by ", "to add: "), _FIRST, strict=True):
+        if result.get(key):
+            console.print(f"{label}{result[key]}", highlight=False, markup=False)
+    if poses := result.get("transforms"):
+        rows = [
+            (name, _place(pose["matrix"]), _three(pose["sigma_mm"]), _three(pose["sigma_deg"]))
+            for name, pose in poses.items()
+        ]
+        console.print(table("poses", ("pose", "x y z mm", "sigma mm", "sigma deg"), rows))
+    if levels := result.get("levels"):
+        keys = ("noise", "unit", "stated", "found")
+        console.print(table("noise, 1 sigma", keys, [[one[k] for k in keys] for one in levels]))
+
+
+def _place(matrix: "Array") -> str:
+    return " ".join(f"{row[3]:.2f}" for row in matrix[:3])
+
+
+def _three(sigmas: "Array") -> str:
+    return " ".join(f"{sigma:.3f}" for sigma in sigmas)
 
 
 def _solve_dataset(source: Path, method: str | None, json_to: str | None) -> None:

@@ -26,6 +26,7 @@ from vgrd.geometry import Array
 from vgrd.judging.findings import finding
 from vgrd.model import Finding, Plan, Policy, Recording, Verdict
 from vgrd.orphans import die_with
+from vgrd.solving.goodness import goodness, levels_of, transforms_of
 from vgrd.solving.hole_pictures import draw_searched
 from vgrd.solving.hole_sightings import HolesSeen, Report, holes_of, see_holes
 from vgrd.solving.insertions import insertion_sentences
@@ -80,8 +81,10 @@ def solve_session(
         if state_dir is not None and calibration.verdict.ok:
             name = CalibrationStore(state_dir, clock).save(calibration)
     return {
+        **goodness(calibration, stored.recording, tolerance_mm, policy),
         "calibration": name,
         **summary(calibration),
+        "transforms": transforms_of(calibration),
         "insertions": insertion_sentences(calibration, stored.recording, policy),
         "harvested": {kind.value: count for kind, count in stored.harvested.items()},
         "time_offset": offset.to_json(),
@@ -145,6 +148,7 @@ def summary(calibration: Calibration) -> dict[str, object]:
         if tcp is None
         else [float(value) for value in np.sqrt(np.diag(tcp.covariance))],
         "without_cad": places_without_cad(calibration),
+        "levels": levels_of(calibration),
         "residuals": {key: float(value) for key, value in calibration.residuals.items()},
         "verdict": {
             "ok": calibration.verdict.ok,

@@ -12,11 +12,13 @@ from vgrd.calibration.joint.knocks import as_seen_in_the_end, camera_moves
 from vgrd.calibration.joint.marginal import solution_of
 from vgrd.calibration.joint.noise.remarks import level_findings
 from vgrd.calibration.joint.problem import EvidenceKind, HolePixel
+from vgrd.calibration.joint.robust import touches_left_out
 from vgrd.calibration.joint.solution import JointSolution
 from vgrd.calibration.joint.state import StepLayout
 from vgrd.calibration.outcome import Outcome
 from vgrd.calibration.turntable import without_useless_spins
 from vgrd.errors import NotObservable
+from vgrd.geometry.covariance import rms
 from vgrd.judging.findings import finding
 from vgrd.judging.thresholds import IRRELEVANT_MM, NOISY_SCALE, WRONG_SIGMA
 from vgrd.model import (
@@ -68,7 +70,7 @@ def calibrate_jointly(
     )
     if tolerance_mm is not None:
         findings.append(accept(worst.u95_mm, tolerance_mm, covariance=worst.position_covariance))
-    return Outcome(solution, taught, _residuals(fit, worst.u95_mm), findings, seen)
+    return Outcome(solution, taught, _residuals(fit, worst), findings, seen)
 
 
 def _taught(solution: JointSolution, recording: Recording, name: str) -> TaughtPoint:
@@ -175,7 +177,7 @@ def _findings(fit: JointFit, solution: JointSolution) -> Iterator[Finding]:
         )
 
 
-def _residuals(fit: JointFit, worst_u95_mm: float) -> dict[str, float]:
+def _residuals(fit: JointFit, worst: ExpectedCoordinate) -> dict[str, float]:
     rms_by_kind = residuals_of(fit)
     touches = [s.score for s in fit.samples if s.kind == EvidenceKind.TOUCHES.value and s.used]
     return {
@@ -184,7 +186,9 @@ def _residuals(fit: JointFit, worst_u95_mm: float) -> dict[str, float]:
         "hand_eye_rms_mm": rms_by_kind["hand_eye_rms_mm"],
         "hand_eye_rms_deg": rms_by_kind["hand_eye_rms_deg"],
         "noise_scale": fit.noise_scale,
-        "predicted_u95_mm": worst_u95_mm,
+        "predicted_u95_mm": worst.u95_mm,
+        "predicted_u95_deg": float(np.degrees(worst.u95_rad)),
+        "touch_left_out_mm": rms(touches_left_out(fit)),
         **_of_holes(fit, rms_by_kind),
     }
 

@@ -45,27 +45,44 @@ def screen(data: JointData, optimum: JointFit) -> JointFit:
     return replace(search.optimum, samples=search.samples())
 
 
+def touches_left_out(optimum: JointFit) -> Array:
+    """How far each touch (m,) was from where the others put it, mm, in the directions that it measured."""
+    _, residual_precision, residuals = _Deleted(optimum).of(EvidenceKind.TOUCHES)
+    off = np.linalg.pinv(residual_precision, rcond=_LEVERAGE_FLOOR, hermitian=True)
+    W_inv = np.linalg.pinv(optimum.data.touches.base_sqrt_informations())
+    misses = np.einsum("nij,njk,nk->ni", W_inv, off, residuals)
+    return np.asarray(np.linalg.norm(misses, axis=1))
+
+
 def leave_one_out(optimum: JointFit) -> dict[EvidenceKind, KindFit]:
     """Every sample against all others: squared deleted residuals, noise of the arm included."""
-    k, J = len(optimum.arm_factor), optimum.jacobian * units(optimum.layout)
-    U, s, _ = np.linalg.svd(J, full_matrices=False)
-    U = U[:, s > 1.0]
-    residuals = optimum.whitened - U @ (U.T @ optimum.whitened)
-    precision = np.eye(len(U))
-    if k:
-        inverse = np.linalg.inv(optimum.arm_factor)
-        precision[:k, :k] = inverse.T @ inverse
-        U = np.vstack([inverse.T @ U[:k], U[k:]])
-        residuals = np.concatenate([inverse.T @ residuals[:k], residuals[k:]])
-    fits = {}
-    for link, width in SAMPLED.items():
-        rows = np.arange(len(U))[optimum.data.rows_of(link)].reshape(-1, width)
-        block = precision[rows[:, :, None], rows[:, None, :]]
-        residual_precision = block - U[rows] @ U[rows].transpose(0, 2, 1)
-        fits[link] = _kind_fit(
-            block, residual_precision, residuals[rows], _blind(optimum.data, link)
-        )
-    return fits
+    deleted = _Deleted(optimum)
+    return {link: _kind_fit(*deleted.of(link), _blind(optimum.data, link)) for link in SAMPLED}
+
+
+class _Deleted:
+    """Residuals of a fit, weighted by the noise, and what of it the unknowns take up."""
+
+    def __init__(self, optimum: JointFit) -> None:
+        self._data = optimum.data
+        k, J = len(optimum.arm_factor), optimum.jacobian * units(optimum.layout)
+        U, s, _ = np.linalg.svd(J, full_matrices=False)
+        U = U[:, s > 1.0]
+        residuals = optimum.whitened - U @ (U.T @ optimum.whitened)
+        self._precision = np.eye(len(U))
+        if k:
+            inverse = np.linalg.inv(optimum.arm_factor)
+            self._precision[:k, :k] = inverse.T @ inverse
+            U = np.vstack([inverse.T @ U[:k], U[k:]])
+            residuals = np.concatenate([inverse.T @ residuals[:k], residuals[k:]])
+        self._U, self._residuals = U, residuals
+
+    def of(self, link: EvidenceKind) -> tuple[Array, Array, Array]:
+        """Precision (n, k, k) of every sample's rows, what the fit leaves of it, residuals (n, k)."""
+        rows = np.arange(len(self._U))[self._data.rows_of(link)].reshape(-1, SAMPLED[link])
+        block = self._precision[rows[:, :, None], rows[:, None, :]]
+        taken_up = self._U[rows] @ self._U[rows].transpose(0, 2, 1)
+        return block, block - taken_up, self._residuals[rows]
 
 
 def _kind_fit(block: Array, residual_precision: Array, residuals: Array, blind: Array) -> KindFit:

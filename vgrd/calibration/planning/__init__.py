@@ -4,7 +4,7 @@ May import joint and checks.
 """
 
 from vgrd.calibration.planning.advice import advise_session
-from vgrd.calibration.planning.budget import Budget, Systematic, error_budget
+from vgrd.calibration.planning.budget import Budget, Source, Systematic, error_budget
 from vgrd.calibration.planning.insertions import (
     CLEAN_WANTED,
     further_touches,
@@ -28,6 +28,7 @@ __all__ = [
     "Job",
     "PredictedError",
     "Reach",
+    "Source",
     "Spinning",
     "Systematic",
     "Touching",

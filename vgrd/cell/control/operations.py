@@ -37,6 +37,7 @@ from vgrd.errors import (
 )
 from vgrd.geometry import Array, exp_rotation
 from vgrd.solving.advisor import policy_called
+from vgrd.solving.goodness import levels_in_words
 from vgrd.solving.servable import places_without_cad
 from vgrd.store.sessions import SampleKind, list_sessions, session_directory
 
@@ -108,6 +109,7 @@ class Operations:
             "fault": None if fault is None else {"status": fault[0].name, "reason": fault[1]},
             "calibration": None if calibration is None else calibration.id,
             "without_cad": {} if calibration is None else places_without_cad(calibration),
+            "noise": {} if calibration is None else levels_in_words(calibration),
             "robot": self.measuring.robot_trouble() or "ok",
             "camera": self.measuring.camera_trouble() or "ok",
             "camera_moved": self.serving.faults.knock or None,
