@@ -14,7 +14,7 @@ from vgrd.geometry import Array, Pose
 from vgrd.model import Plan, Policy, Recording
 from vgrd.solving.budget import session_budget
 
-_MATTERS = 0.1  # share of the variance from which on a centre is worth a sentence
+_MATTERS = 1.1  # times the error with an exact centre, from which on it is worth a sentence
 _TO_ADD: Mapping[Source, str] = MappingProxyType(
     {
         Source.TOUCHES: "touch again, with more care or with the wrist tilted",
@@ -45,7 +45,7 @@ def goodness(
     limits = f"{worst}, {100 * shares[worst]:.0f} % of the variance"
     return {
         "good": said,
-        "limits": f"{limits}{_center_in_words(recording, budget, shares)}",
+        "limits": f"{limits}{_center_in_words(calibration)}",
         "add": _TO_ADD.get(worst, ""),
     }
 
@@ -79,15 +79,16 @@ def _budget(recording: Recording, policy: Policy) -> Budget | None:
         return None  # what cannot be predicted is in the verdict
 
 
-def _center_in_words(recording: Recording, budget: Budget, shares: Mapping[Source, float]) -> str:
-    share = shares.get(Source.TURNTABLE, 0.0)
-    if share < _MATTERS:
+def _center_in_words(calibration: Calibration) -> str:
+    """What it costs that the centre is not known exactly, and what measures it."""
+    told_mm = calibration.residuals.get("predicted_u95_mm", 0.0)
+    exact_mm = calibration.residuals.get("predicted_u95_exact_center_mm", told_mm)
+    if told_mm < _MATTERS * exact_mm:
         return ""
-    without_mm = float(budget.u95_mm.max()) * float(np.sqrt(1 - share))
     return (
-        f"; the centre, stated to {recording.facts.object.center_sigma_mm:g} mm, costs "
-        f"{float(budget.u95_mm.max()) - without_mm:.2g} mm of it: holes, touches of the turned object or "
-        "tilted touches measure it"
+        f"; an exact centre would leave {exact_mm:.2g} mm, it is stated to "
+        f"{calibration.facts.object.center_sigma_mm:g} mm: holes, touches of the turned object or tilted "
+        "touches measure it"
     )
 
 

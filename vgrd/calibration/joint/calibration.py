@@ -1,6 +1,7 @@
 """One recording -> one calibration by the joint estimate, with what speaks against it."""
 
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -9,7 +10,7 @@ from vgrd.calibration.joint.estimate import calibrate_joint, residuals_of
 from vgrd.calibration.joint.expected import work_orientation
 from vgrd.calibration.joint.fit import JointFit
 from vgrd.calibration.joint.knocks import as_seen_in_the_end, camera_moves
-from vgrd.calibration.joint.marginal import solution_of
+from vgrd.calibration.joint.marginal import kept_columns, solution_of
 from vgrd.calibration.joint.noise.remarks import level_findings
 from vgrd.calibration.joint.problem import EvidenceKind, HolePixel
 from vgrd.calibration.joint.robust import touches_left_out
@@ -29,9 +30,11 @@ from vgrd.model import (
     Recording,
     TaughtPoint,
     frozen_array,
+    frozen_copy,
     place_in,
 )
 
+_EXACT = 1e-6  # of the variance of a centre: known a thousand times better
 _OUTLIERS: Mapping[str, str] = {
     EvidenceKind.HAND_EYE.value: "look_outlier",
     EvidenceKind.TOUCHES.value: "touch_outlier",
@@ -70,7 +73,24 @@ def calibrate_jointly(
     )
     if tolerance_mm is not None:
         findings.append(accept(worst.u95_mm, tolerance_mm, covariance=worst.position_covariance))
-    return Outcome(solution, taught, _residuals(fit, worst), findings, seen)
+    residuals = _residuals(fit, worst)
+    if (knowing := _knowing_center(fit, solution)) is not None:
+        told = _predicted(knowing, seen or fit.recording, taught, policy)
+        residuals["predicted_u95_exact_center_mm"] = max(one.u95_mm for one in told)
+    return Outcome(solution, taught, residuals, findings, seen)
+
+
+def _knowing_center(fit: JointFit, solution: JointSolution) -> JointSolution | None:
+    """As it would be if CAD's centre were exact; None where there is none."""
+    if fit.data.center is None:
+        return None
+    first = fit.data.rows_of(EvidenceKind.TURNTABLE).start
+    rows = fit.jacobian[first : first + 2, kept_columns(fit.layout)]
+    C = solution.covariance
+    taken = C @ rows.T
+    noise = _EXACT * np.eye(2)
+    covariance = C - taken @ np.linalg.solve(rows @ taken + noise, taken.T)
+    return replace(solution, covariance=frozen_copy(covariance))
 
 
 def _taught(solution: JointSolution, recording: Recording, name: str) -> TaughtPoint:

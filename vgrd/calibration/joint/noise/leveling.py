@@ -8,7 +8,14 @@ import numpy as np
 from vgrd.calibration.joint.fit import JointFit, fit_joint
 from vgrd.calibration.joint.knocks import Trial
 from vgrd.calibration.joint.noise.levels import Noise, at_levels
-from vgrd.calibration.joint.noise.priors import Prior, contradicted, freed, in_words, refined_at
+from vgrd.calibration.joint.noise.priors import (
+    Prior,
+    at_sigmas,
+    contradicted,
+    in_words,
+    priors_of,
+    without,
+)
 from vgrd.calibration.joint.problem import JointData
 from vgrd.calibration.joint.robust import screen
 from vgrd.calibration.joint.state import layout_of
@@ -17,7 +24,7 @@ from vgrd.geometry import Array
 _ROUNDS = 4  # a bound only: levels and estimate settle in two
 _SETTLED = 0.03  # of a logarithm: 3 % of a sigma
 _JUDGED_ANEW = 0.2  # of a logarithm: 20 % of a sigma, which may make a sample good or bad
-_MOST_FREED = 4  # a file with more that is wrong is that of another cell
+_MOST_LEFT_OUT = 4  # a file with more that is wrong is that of another cell
 
 Scales = Mapping[str, float]
 
@@ -28,22 +35,76 @@ def at_found_levels(data: JointData, trial: Trial, *, robust: bool) -> JointFit:
     robust: samples that the others contradict are judged anew by the new levels, and so is what the cell
     file says.
     """
-    fit, scales = _settle(trial.screened.raw, trial.screened, {})
     if not robust:
-        return fit
-    if max((abs(np.log(scale)) for scale in scales.values()), default=0.0) > _JUDGED_ANEW:
-        every = at_levels(data, scales)
-        screened = screen(every, fit_joint(every, layout_of(every), trial.optimum.state))
-        fit, scales = _settle(at_levels(screened.raw, _inverse(scales)), screened, scales)
-    found: list[Prior] = []
-    while len(found) < _MOST_FREED and (worst := contradicted(fit)) is not None:
-        found.append(worst)
-        raw = freed(at_levels(fit.raw, _inverse(scales)), worst.name)
-        state = replace(fit.state, refined=refined_at(fit, raw))
-        samples = fit.samples
-        fit = replace(fit_joint(at_levels(raw, scales), fit.layout, state), samples=samples)
-        fit, scales = _settle(raw, fit, scales)
-    return replace(fit, freed=tuple(in_words(prior) for prior in found))
+        return _settle(trial.screened.raw, trial.screened, {})[0]
+    search = _Search(data, trial)
+    search.doubt()
+    search.level()
+    search.restore()
+    search.doubt()
+    return search.result()
+
+
+class _Search:
+    """Which priors of the cell file count, and the levels of noise beside them.
+
+    A wrong prior and a rough operator look alike. What the samples contradict at the stated levels is left out
+    first, so that no level takes it up; what the levels found without it explain comes back.
+    """
+
+    def __init__(self, data: JointData, trial: Trial) -> None:
+        self._every = data
+        self._state = trial.optimum.state
+        self._left_out: dict[str, Prior] = {}
+        self._scales: Scales = {}
+        self._fit = trial.screened
+
+    def doubt(self) -> None:
+        """Leave out, one after the other, what the samples contradict."""
+        while len(self._left_out) < _MOST_LEFT_OUT:
+            worst = contradicted(self._fit, tuple(self._left_out))
+            if worst is None:
+                return
+            self._left_out[worst.name] = worst
+            self._fit_anew()
+            if self._scales:
+                self._settle()
+
+    def level(self) -> None:
+        """Find the levels; where they are far from those that samples were judged by, judge these anew."""
+        self._settle()
+        changes = [abs(np.log(scale)) for scale in self._scales.values()]
+        if max(changes, default=0.0) > _JUDGED_ANEW:
+            self._fit_anew()
+            self._settle()
+
+    def restore(self) -> None:
+        """Take back the priors that the samples do not contradict at the levels found without them."""
+        names = tuple(self._left_out)
+        innocent = {
+            p.name
+            for p in priors_of(self._fit, names)
+            if p.name in names and not p.is_contradicted
+        }
+        if innocent:
+            self._left_out = {n: p for n, p in self._left_out.items() if n not in innocent}
+            self._fit_anew()
+            self._settle()
+
+    def result(self) -> JointFit:
+        """The fit, with what is told of the priors that do not count."""
+        told = {prior.name: prior for prior in priors_of(self._fit, tuple(self._left_out))}
+        return replace(self._fit, freed=tuple(in_words(told[name]) for name in self._left_out))
+
+    def _fit_anew(self) -> None:
+        """All samples without the priors left out, at the levels found; bad samples left out too."""
+        every = at_levels(without(self._every, tuple(self._left_out)), self._scales)
+        state = at_sigmas(self._state, self._every, every)
+        self._fit = screen(every, fit_joint(every, layout_of(every), state))
+
+    def _settle(self) -> None:
+        raw = at_levels(self._fit.raw, _inverse(self._scales))
+        self._fit, self._scales = _settle(raw, self._fit, self._scales)
 
 
 def _settle(raw: JointData, fit: JointFit, scales: Scales) -> tuple[JointFit, Scales]:

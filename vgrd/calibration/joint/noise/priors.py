@@ -4,7 +4,7 @@ Each of them is an unknown with a prior. A prior that the samples contradict bey
 as of a bad sample) is left out and named: what was measured then counts alone.
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -13,6 +13,7 @@ from vgrd.calibration.joint.camera_corrections import STRETCH_A, STRETCH_B, TAG_
 from vgrd.calibration.joint.fit import JointFit, determined_columns
 from vgrd.calibration.joint.noise.kinds import CENTER
 from vgrd.calibration.joint.problem import EvidenceKind, JointData
+from vgrd.calibration.joint.state import JointState
 from vgrd.calibration.touches import equivalent_sigmas
 from vgrd.geometry import Array
 from vgrd.geometry.chi2 import chi2_quantile
@@ -57,40 +58,51 @@ class Prior:
         return self.freedom > 0 and self.square > chi2_quantile(share, self.freedom)
 
 
-def priors_of(fit: JointFit) -> list[Prior]:
-    """Every prior of the cell file."""
+def priors_of(fit: JointFit, left_out: Sequence[str] = ()) -> list[Prior]:
+    """Every prior of the cell file; left_out: those that do not count in the fit."""
     Q = np.linalg.qr(fit.jacobian @ determined_columns(fit.jacobian, fit.layout))[0]
     stated = {level.name: 1 / level.ratio for level in fit.levels if level.name == CENTER}
     return [
-        _prior(name, fit.whitened[rows], Q[rows], sigma_mm, stated.get(name, 1.0))
+        _prior(
+            name,
+            fit.whitened[rows],
+            Q[rows],
+            sigma_mm,
+            stated.get(name, 1.0) / (_FREED if name in left_out else 1.0),
+        )
         for name, rows, sigma_mm in _rows_of(fit.data)
     ]
 
 
-def contradicted(fit: JointFit) -> Prior | None:
-    """The prior that the samples contradict most, beyond chance; None where there is none."""
-    priors = [prior for prior in priors_of(fit) if prior.is_contradicted]
+def contradicted(fit: JointFit, left_out: Sequence[str] = ()) -> Prior | None:
+    """The prior that the samples contradict most, beyond chance, of those that count; None: there is none."""
+    priors = [p for p in priors_of(fit) if p.is_contradicted and p.name not in left_out]
     return max(priors, key=lambda prior: prior.sigmas, default=None)
 
 
-def freed(raw: JointData, name: str) -> JointData:
-    """The evidence without that prior."""
-    corrections, turntable = raw.corrections, raw.turntable
-    if name == CENTER:
-        sigma_mm = turntable.center_sigma_mm * _FREED
-        return replace(raw, turntable=replace(turntable, center_sigma_mm=sigma_mm))
-    if name in corrections.sigmas:
-        sigmas = {**corrections.sigmas, name: corrections.sigmas[name] * _FREED}
-        return replace(raw, corrections=replace(corrections, sigmas=sigmas))
-    own = np.array([_FREED if _of(target) == name else 1.0 for target in raw.inexact])
-    return replace(raw, cad_factors=raw.cad_factors * own)
+def without(raw: JointData, names: Sequence[str]) -> JointData:
+    """The evidence without these priors."""
+
+    def factor(name: str) -> float:
+        return _FREED if name in names else 1.0
+
+    turntable, corrections = raw.turntable, raw.corrections
+    center_sigma_mm = turntable.center_sigma_mm * factor(CENTER)
+    sigmas = {name: sigma * factor(name) for name, sigma in corrections.sigmas.items()}
+    own = np.array([factor(_of(target)) for target in raw.inexact])
+    return replace(
+        raw,
+        turntable=replace(turntable, center_sigma_mm=center_sigma_mm),
+        corrections=replace(corrections, sigmas=sigmas),
+        cad_factors=raw.cad_factors * own,
+    )
 
 
-def refined_at(fit: JointFit, raw: JointData) -> Array:
-    """Values (e,) of what is refined in the sigmas of `raw`."""
-    old, new = fit.data.corrections.sigmas, raw.corrections.sigmas
-    values = zip(old, fit.state.refined, strict=True)
-    return np.array([value * old[name] / new[name] for name, value in values], dtype=np.float64)
+def at_sigmas(state: JointState, old: JointData, new: JointData) -> JointState:
+    """The same state, what is refined counted in the sigmas of other evidence."""
+    before, after = old.corrections.sigmas, new.corrections.sigmas
+    values = [v * before[n] / after[n] for n, v in zip(before, state.refined, strict=True)]
+    return replace(state, refined=np.array(values, dtype=np.float64))
 
 
 def in_words(prior: Prior) -> Finding:
