@@ -6,12 +6,21 @@ from pydantic import Field
 
 from vgrd.documents.tables import NamedTable, Number, Table
 
+SizePx = Annotated[int, Field(ge=1, le=100_000)]  # wider than any sensor: a slip
+
 
 class CameraTable(Table):
-    """Intrinsics in px: fx fy cx cy; distortion in OpenCV's order; refine: estimate them too."""
+    """Intrinsics in px: matrix fx fy cx cy, distortion in OpenCV's order; or the camera file that holds them.
 
-    matrix: Annotated[list[Number], Field(min_length=4, max_length=4)]
-    distortion: list[Number] = Field(default=[])
+    size_px: (width, height) of the pictures; name: of the camera, where the file holds several; refine:
+    estimate the intrinsics too.
+    """
+
+    matrix: Annotated[list[Number], Field(min_length=4, max_length=4)] | None = None
+    distortion: list[Number] | None = None
+    size_px: Annotated[list[SizePx], Field(min_length=2, max_length=2)] | None = None
+    file: str | None = None
+    name: str | None = None
     refine: bool = False
 
 

@@ -15,7 +15,8 @@ from vgrd.geometry.camera import CameraModel
 from vgrd.geometry.rotation_formats import RotationFormat, pose_from
 from vgrd.model import Mount
 from vgrd.solving.datasets.boards import read_target
-from vgrd.solving.datasets.document import CameraTable, SampleTable
+from vgrd.solving.datasets.cameras import read_dataset_camera
+from vgrd.solving.datasets.document import SampleTable
 from vgrd.solving.datasets.features import Places, read_features
 from vgrd.solving.datasets.points import read_points
 from vgrd.solving.flange_poses import MIN_SAMPLES, PosesTable, arm_faults, equal_pose_faults
@@ -70,7 +71,7 @@ def load_dataset(path: Path) -> Dataset:
         faults.append(
             "sample: camera_from_target cannot be mixed with image or points; split the dataset"
         )
-    camera = _camera(data, kinds, faults)
+    camera = read_dataset_camera(data, kinds, path.resolve().parent, faults)
     target = _target(data, kinds, faults)
     features = read_features(data, rows, target, faults)
     good = [sample for sample in samples if sample is not None]
@@ -110,32 +111,6 @@ def _sample_rows(data: dict[str, Any], faults: list[str]) -> list[tuple[str, Sam
             f"sample: {len(tables)} given, at least {MIN_SAMPLES} are needed (10 to 20 are good)"
         )
     return named_rows(SampleTable, "sample", tables, faults)
-
-
-def _camera(
-    data: dict[str, Any], kinds: set[str], faults: list[str]
-) -> tuple[CameraModel, bool] | None:
-    if "camera" not in data:
-        if kinds & {"image", "points"}:
-            faults.append("camera: is missing; samples with image or points need [camera] matrix")
-        return None
-    table = parse(CameraTable, data["camera"], "camera", faults)
-    if table is None:
-        return None
-    if kinds == {"camera_from_target"}:
-        if table.refine:
-            faults.append("camera.refine: poses hold no pixels to refine from; set it to false")
-        return None
-    fx, fy, cx, cy = table.matrix
-    size = (max(1, round(2 * cx)), max(1, round(2 * cy)))
-    try:
-        model = CameraModel(
-            np.array([[fx, 0, cx], [0, fy, cy], [0, 0, 1]]), np.array(table.distortion), size
-        )
-    except InputError as error:
-        faults.append(f"camera: {error}")
-        return None
-    return model, table.refine
 
 
 def _target(data: dict[str, Any], kinds: set[str], faults: list[str]) -> TargetSpec | None:
