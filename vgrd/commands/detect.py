@@ -59,13 +59,13 @@ def detect(
 
     With --board and --camera the poses of whole boards, each measured as one target.
     """
-    from vgrd.vision.print.codes import family_named
+    from vgrd.vision.print.codes import detectable_family
 
     if size_mm is not None and not size_mm > 0:
         raise InputError(f"--size-mm {size_mm:g}: give the edge of the black square in mm")
     only_boards = board and not dictionary and size_mm is None
     names = [] if only_boards else dictionary or [_DEFAULT_DICTIONARY]
-    families = list(dict.fromkeys(family_named(name) for name in names))
+    families = list(dict.fromkeys(detectable_family(name) for name in names))
     if board and camera is None:
         raise InputError(
             "--board needs --camera: a board is measured through a known lens; "

@@ -21,6 +21,7 @@ from vgrd.solving.datasets.features import Places, read_features
 from vgrd.solving.datasets.points import read_points
 from vgrd.solving.flange_poses import MIN_SAMPLES, PosesTable, arm_faults, equal_pose_faults
 from vgrd.vision.print.boards import BoardObservation, TargetSpec
+from vgrd.vision.print.targets import TagGrid
 
 _TABLES = ("mount", "camera", "poses", "target", "feature", "sample")
 _SOURCES = ("image", "points", "camera_from_target")
@@ -49,7 +50,7 @@ class Dataset:
     mount: Mount
     camera: CameraModel | None
     refine: bool
-    target: TargetSpec | None
+    target: TargetSpec | TagGrid | None
     samples: tuple[DatasetSample, ...]
     unit: str
     rotation: RotationFormat
@@ -113,7 +114,9 @@ def _sample_rows(data: dict[str, Any], faults: list[str]) -> list[tuple[str, Sam
     return named_rows(SampleTable, "sample", tables, faults)
 
 
-def _target(data: dict[str, Any], kinds: set[str], faults: list[str]) -> TargetSpec | None:
+def _target(
+    data: dict[str, Any], kinds: set[str], faults: list[str]
+) -> TargetSpec | TagGrid | None:
     table = data.get("target")
     if table is None:
         if "image" in kinds:

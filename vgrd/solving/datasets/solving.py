@@ -19,7 +19,9 @@ from vgrd.solving.datasets.loading import Dataset, DatasetSample, load_dataset
 from vgrd.solving.datasets.named_method import NamedMethodFitter, check_method
 from vgrd.solving.datasets.solution import DatasetSolution, LeaveOneOut, SampleReport
 from vgrd.solving.flange_poses import MIN_SAMPLES
-from vgrd.vision.print.boards import BoardObservation, TargetSpec, detect_board, has_direction
+from vgrd.vision.print.boards import BoardObservation, TargetSpec, has_direction
+from vgrd.vision.print.targets import TagGrid
+from vgrd.vision.tags.seeing import see_target
 
 Progress = Callable[[int, int], None]
 
@@ -132,7 +134,9 @@ def _look(dataset: Dataset, steps: _Steps) -> Sightings:
     return Sightings(samples, observations, unseen)
 
 
-def _observe(sample: DatasetSample, target: TargetSpec | None) -> BoardObservation | Pose:
+def _observe(
+    sample: DatasetSample, target: TargetSpec | TagGrid | None
+) -> BoardObservation | Pose:
     match sample.source:
         case Pose():
             return sample.source
@@ -147,7 +151,7 @@ def _observe(sample: DatasetSample, target: TargetSpec | None) -> BoardObservati
         raise InputError(f"{sample.source} is not a picture that OpenCV can read")
     if target is None:
         raise InputError("an image needs [target]")
-    return detect_board(np.asarray(image, dtype=np.uint8), target)
+    return see_target(np.asarray(image, dtype=np.uint8), target)
 
 
 def _fitter(dataset: Dataset, sightings: Sightings, method: str | None) -> Fitter:

@@ -15,7 +15,7 @@ import pyapriltags
 from vgrd.devices import Grey
 from vgrd.errors import InputError, TagNotSeen
 from vgrd.geometry import Array
-from vgrd.vision.print.codes import ARUCO_DICTIONARIES, dictionary_of
+from vgrd.vision.print.codes import ARUCO_DICTIONARIES, LIBRARY_FAMILIES, dictionary_of
 
 MIN_POINTS = (
     6  # four of a plane fix a pose without any redundancy: one wrong corner goes unnoticed
@@ -25,10 +25,7 @@ _APRILTAG_FAMILIES = {
     "16h5": "tag16h5",
     "25h9": "tag25h9",
     "36h11": "tag36h11",
-    "circle21h7": "tagCircle21h7",
-    "circle49h12": "tagCircle49h12",
-    "standard41h12": "tagStandard41h12",
-    "standard52h13": "tagStandard52h13",
+    **LIBRARY_FAMILIES,
 }
 BOARD_DICTIONARIES = tuple(ARUCO_DICTIONARIES)
 TAG_DICTIONARIES = (*_APRILTAG_FAMILIES, *ARUCO_DICTIONARIES)
@@ -95,7 +92,7 @@ class SingleTag:
 TargetSpec = Charuco | Chessboard | CircleGrid | SingleTag
 
 
-def has_direction(target: TargetSpec) -> bool:
+def has_direction(target: object) -> bool:
     """Whether a half turn changes the target's looks; otherwise its points may come reversed."""
     match target:
         case Chessboard():
