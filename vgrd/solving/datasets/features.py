@@ -8,7 +8,7 @@ import numpy as np
 from vgrd.calibration.hand_eye import FeaturePlace
 from vgrd.documents.tables import parse, tables_of
 from vgrd.documents.toml import hint
-from vgrd.solving.datasets.document import FeatureTable, SampleTable
+from vgrd.solving.datasets.reading.document import FeatureTable, SampleTable
 from vgrd.vision.print.boards import TargetSpec, has_direction
 from vgrd.vision.print.targets import TagGrid
 

@@ -15,8 +15,9 @@ from vgrd.geometry.resection import checked_points
 from vgrd.solving.datasets.fitting import Fitter, PointFitter, PoseFitter
 from vgrd.solving.datasets.half_turns import turn_alike
 from vgrd.solving.datasets.judging import DatasetEvidence, Miss, doubtful, judge, suspects
-from vgrd.solving.datasets.loading import Dataset, DatasetSample, load_dataset
+from vgrd.solving.datasets.loading import Dataset, load_dataset
 from vgrd.solving.datasets.named_method import NamedMethodFitter, check_method
+from vgrd.solving.datasets.reading.sample_reading import DatasetSample, PointInCamera
 from vgrd.solving.datasets.solution import DatasetSolution, LeaveOneOut, SampleReport
 from vgrd.solving.flange_poses import MIN_SAMPLES
 from vgrd.vision.print.boards import BoardObservation, TargetSpec, has_direction
@@ -140,6 +141,8 @@ def _observe(
     match sample.source:
         case Pose():
             return sample.source
+        case PointInCamera():
+            raise InputError("point_in_camera is solved by itself, not with a target")
         case BoardObservation():
             try:
                 checked_points(sample.source.points_in_target, sample.source.pixels)

@@ -9,7 +9,7 @@ import numpy as np
 from vgrd.documents.tables import parse
 from vgrd.errors import InputError
 from vgrd.geometry.camera import CameraModel
-from vgrd.solving.datasets.document import CameraTable
+from vgrd.solving.datasets.reading.document import CameraTable
 from vgrd.vision.intrinsics.camera_files import read_camera
 
 
