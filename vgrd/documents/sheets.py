@@ -160,6 +160,10 @@ def _rows(data: object, left: int) -> Iterator[dict[str, Cell]]:
                 yield {"name": str(name), **dict(_flat(value, "", left - 1))}
         elif len(data) == 1:
             yield from _rows(next(iter(data.values())), left - 1)
+        elif any(isinstance(value, int | float | list | Mapping) for value in data.values()):
+            yield dict(
+                _flat(data, "", left - 1)
+            )  # one sample, such as a pose in a file of its own
         return
     if not isinstance(data, list):
         return

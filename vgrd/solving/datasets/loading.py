@@ -11,6 +11,7 @@ from vgrd.documents.toml import one_word, read_toml, unknown_keys
 from vgrd.errors import ConfigError
 from vgrd.geometry import Array, Pose
 from vgrd.geometry.camera import CameraModel
+from vgrd.geometry.pose_formats import robot_numbers
 from vgrd.geometry.rotation_formats import RotationFormat
 from vgrd.model import Mount
 from vgrd.solving.datasets.boards import read_target
@@ -22,7 +23,6 @@ from vgrd.solving.datasets.reading.document import (
     SampleTable,
     TcpTable,
 )
-from vgrd.solving.datasets.reading.poses import robot_numbers
 from vgrd.solving.datasets.reading.sample_reading import DatasetSample, SampleReader, kinds_of
 from vgrd.solving.datasets.reading.samples_table import with_samples_table
 from vgrd.solving.flange_poses import MIN_SAMPLES, arm_faults, equal_pose_faults

@@ -5,7 +5,7 @@ from typing import Annotated
 from pydantic import BeforeValidator, Field
 
 from vgrd.documents.tables import NamedTable, Number, Table, one_of
-from vgrd.solving.datasets.reading.poses import MATRIX, POSE_FORMATS
+from vgrd.geometry.pose_formats import MATRIX, POSE_FORMATS
 
 
 def _flat(value: object) -> object:

@@ -9,9 +9,9 @@ from scipy.spatial.transform import Rotation
 
 from vgrd.errors import InputError
 from vgrd.geometry import Array, Pose
+from vgrd.geometry.pose_formats import MM_PER, written_pose
 from vgrd.solving.datasets.reading.document import CameraPosesTable, PosesTable, SampleTable
 from vgrd.solving.datasets.reading.points import read_points
-from vgrd.solving.datasets.reading.poses import MM_PER, dataset_pose
 from vgrd.vision.print.boards import BoardObservation
 
 _SOURCES = ("image", "points", "camera_from_target", "point_in_camera")
@@ -79,7 +79,7 @@ class SampleReader:
         if self._poses is None:
             return None
         try:
-            return dataset_pose(row.pose, self._poses.rotation, self._poses.unit)
+            return written_pose(row.pose, self._poses.rotation, self._poses.unit)
         except InputError as error:
             self._faults.append(f"{label}.pose: {error}")
             return None
@@ -117,7 +117,7 @@ class SampleReader:
 
     def _posed(self, values: Sequence[float], unit: str) -> Pose:
         try:
-            return dataset_pose(values, self._camera.rotation, unit)
+            return written_pose(values, self._camera.rotation, unit)
         except InputError as error:
             if len(values) in (12, 16):
                 raise InputError(f"{error}; 16 numbers, row by row") from error

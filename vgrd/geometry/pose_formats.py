@@ -1,11 +1,11 @@
-"""Poses of a dataset as users have them: the numbers of a robot, or matrices row by row or column by column."""
+"""Poses as files hold them: the numbers of a robot, or matrices row by row or column by column."""
 
 from collections.abc import Sequence
 
 import numpy as np
 
 from vgrd.errors import InputError
-from vgrd.geometry import Array, Pose
+from vgrd.geometry.pose import Array, Pose
 from vgrd.geometry.rotation_formats import RotationFormat, pose_from, rotation_to
 
 MATRIX = "matrix"
@@ -17,7 +17,7 @@ _LAST = np.array([0.0, 0.0, 0.0, 1.0])
 _SAME = 1e-6  # rounding of a text, as `Pose.from_matrix`
 
 
-def dataset_pose(values: Sequence[float], fmt: str, unit: str) -> Pose:
+def written_pose(values: Sequence[float], fmt: str, unit: str) -> Pose:
     """The pose, mm, of numbers in one of POSE_FORMATS; InputError names what does not fit."""
     if fmt not in (MATRIX, MATRIX_COLUMNS):
         return pose_from(values, RotationFormat(fmt), unit)
