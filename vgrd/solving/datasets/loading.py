@@ -1,6 +1,6 @@
 """DATASET.toml and the files it names, checked: every fault of all of them in one message."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -41,7 +41,7 @@ class Dataset:
 
     pose_values: the numbers of the poses as written, for the search of a wrong convention. features:
     places on the target by name, None where unknown. tcp_in_wrist (3,): the point of the tool that
-    samples with a point show, mm.
+    samples with a point show, mm, None where it is to be estimated.
     """
 
     path: Path
@@ -54,7 +54,7 @@ class Dataset:
     rotation: RotationFormat
     pose_values: tuple[tuple[float, ...], ...]
     features: Places
-    tcp_in_wrist: Array = field(default_factory=lambda: np.zeros(3))
+    tcp_in_wrist: Array | None = None
 
 
 def load_dataset(path: Path) -> Dataset:
@@ -122,9 +122,12 @@ def _sample_rows(data: dict[str, Any], faults: list[str]) -> list[tuple[str, Sam
     return named_rows(SampleTable, "sample", tables, faults)
 
 
-def _tcp(data: dict[str, Any], faults: list[str]) -> Array:
-    """tcp_in_wrist (3,), mm; the flange's centre where it is not given."""
-    table = parse(TcpTable, {"tcp_in_wrist": data.get("tcp_in_wrist", [0.0] * 3)}, "", faults)
+def _tcp(data: dict[str, Any], faults: list[str]) -> Array | None:
+    """tcp_in_wrist (3,), mm; the flange's centre where it is not given, None where it is unknown."""
+    value = data.get("tcp_in_wrist", [0.0] * 3)
+    if value == "unknown":
+        return None
+    table = parse(TcpTable, {"tcp_in_wrist": value}, "", faults)
     return np.zeros(3) if table is None else np.array(table.tcp_in_wrist, dtype=np.float64)
 
 

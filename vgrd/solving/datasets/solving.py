@@ -17,6 +17,7 @@ from vgrd.solving.datasets.half_turns import turn_alike
 from vgrd.solving.datasets.judging import DatasetEvidence, Miss, doubtful, judge, suspects
 from vgrd.solving.datasets.loading import Dataset, load_dataset
 from vgrd.solving.datasets.named_method import NamedMethodFitter, check_method
+from vgrd.solving.datasets.point_pairs import PointPairSolution, solve_point_pairs
 from vgrd.solving.datasets.reading.sample_reading import DatasetSample, PointInCamera
 from vgrd.solving.datasets.solution import DatasetSolution, LeaveOneOut, SampleReport
 from vgrd.solving.flange_poses import MIN_SAMPLES
@@ -62,7 +63,7 @@ class _Steps:
 
 def solve_dataset(
     path: Path, progress: Progress | None = None, *, method: str | None = None
-) -> DatasetSolution:
+) -> DatasetSolution | PointPairSolution:
     """Solve hand-eye from a DATASET.toml; `progress(done, total)` is called after every step.
 
     method: one of `vgrd.calibration.hand_eye.published.METHODS`, without refinement; None: maximum
@@ -73,6 +74,8 @@ def solve_dataset(
     if method is not None:
         check_method(method)
     dataset = load_dataset(path)
+    if any(isinstance(sample.source, PointInCamera) for sample in dataset.samples):
+        return solve_point_pairs(dataset, method)
     steps = _Steps(progress, 2 * len(dataset.samples) + 2)
     sightings = _look(dataset, steps)
     fitter = _fitter(dataset, sightings, method)
