@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 import yaml
 
-from vgrd.documents.text import binary_kind, decoded, read_bytes
+from vgrd.documents.text import binary_kind, brief, decoded, read_bytes
 from vgrd.errors import InputError
 
 Cell = Any  # float, str, or nested lists of floats: what the user's program wrote
@@ -45,7 +45,7 @@ def read_sheet(path: Path) -> Sheet:
     try:
         return _checked(_sheet(read_bytes(path), path.suffix.lower()))
     except InputError as error:
-        raise InputError(f"{path}: {error}") from error
+        raise InputError(f"{path}: {brief(str(error))}") from error
     except RecursionError as error:
         raise InputError(f"{path}: not valid: nested too deeply") from error
 

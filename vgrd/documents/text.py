@@ -1,11 +1,14 @@
 """The text of a file that a user names, or one line that says why it is none."""
 
 import codecs
+import re
 from pathlib import Path
 
 from vgrd.errors import InputError
 
 MOST_BYTES = 50_000_000  # a guess: ten times the largest table of samples that was seen
+SHOWN = 120  # letters of a word in a message; more hide what is said of it
+_ENDLESS = re.compile(r"\S{" + str(SHOWN + 1) + r",}")
 _MARKS = (  # of byte order; UTF-32 first: its mark begins as that of UTF-16
     (codecs.BOM_UTF32_LE, "utf-32"),
     (codecs.BOM_UTF32_BE, "utf-32"),
@@ -55,6 +58,17 @@ def read_bytes(path: Path) -> bytes:
     except (OSError, ValueError) as error:  # ValueError: a name that no file can have
         reason = getattr(error, "strerror", None) or str(error)
         raise InputError(f"cannot be read: {reason}") from error
+
+
+def brief(message: str) -> str:
+    """A message in one line, with the endless words of a broken file cut."""
+    return " ".join(_ENDLESS.sub(lambda word: word[0][: SHOWN - 3] + "...", message).split())
+
+
+def shortened(text: str) -> str:
+    """A word of the file as a message may show it: of one line, and not without end."""
+    line = " ".join(text.split())
+    return line if len(line) <= SHOWN else f"{line[: SHOWN - 3]}..."
 
 
 def binary_kind(data: bytes) -> str | None:

@@ -6,7 +6,7 @@ from collections.abc import Collection
 from pathlib import Path
 from typing import Any
 
-from vgrd.documents.text import read_text
+from vgrd.documents.text import SHOWN, read_text, shortened
 from vgrd.errors import ConfigError, InputError
 
 _ALIKE = 0.6  # difflib's own cutoff: finds a slip of the fingers, no other word
@@ -43,7 +43,11 @@ def hint(
 
 def unknown_keys(data: dict[str, Any], known: Collection[str]) -> list[str]:
     """A fault for each key of the whole file that is not known."""
-    return [f"{key}: unknown key{hint(key, known)}" for key in data if key not in known]
+    return [
+        f"{shortened(key)}: unknown key{hint(key[:SHOWN], known)}"
+        for key in data
+        if key not in known
+    ]
 
 
 def one_word(
@@ -59,5 +63,7 @@ def one_word(
     if value is None:
         faults.append(f"{key}: is missing, add {key} = {example}")
     else:
-        faults.append(f"{key}: {value!r} is unknown{hint(str(value), known)}")
+        faults.append(
+            f"{key}: {shortened(repr(value))} is unknown{hint(str(value)[:SHOWN], known)}"
+        )
     return None

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
+from vgrd.documents.text import brief
 from vgrd.documents.toml import hint, read_toml
 from vgrd.errors import InputError
 from vgrd.geometry import Pose
@@ -46,6 +47,14 @@ def import_files(paths: Sequence[Path], said: Mapping[str, str], folder: Path) -
     """
     wishes = _said(said)
     sources = look_at(paths, said.get("camera_name"))
+    try:
+        return _imported(sources, wishes, said.get("camera_name"), folder)
+    except InputError as error:
+        names = ", ".join(str(path) for path in paths[:3]) + (", ..." if len(paths) > 3 else "")
+        raise InputError(f"{names}: {brief(str(error))}") from error
+
+
+def _imported(sources: Sources, wishes: Said, camera_name: str | None, folder: Path) -> Imported:
     robot, camera, told = _sides(sources)
     if len(robot.rows) < 3:
         raise InputError(f"{len(robot.rows)} samples are there, at least 3 are needed")
@@ -54,21 +63,23 @@ def import_files(paths: Sequence[Path], said: Mapping[str, str], folder: Path) -
     parts = DatasetParts(
         mount=reading.mount,
         poses=_written(robot, reading.robot_format, reading.robot_unit, inverted=reading.inverted),
-        camera_poses=None
-        if reading.camera_format is None
-        else (
-            str(reading.camera_unit),
-            MATRIX if camera is not None and camera.inverted else str(reading.camera_format),
-        ),
+        camera_poses=_camera_poses(camera, reading),
         camera_unit=None if kind != "point_in_camera" or camera is None else unit_of(camera),
         camera=_relative(sources.camera, folder),
-        camera_name=said.get("camera_name"),
+        camera_name=camera_name,
         target=None if sources.board is None else _target(sources.board),
         names=_names(sources, len(robot.rows)),
         seen=seen,
     )
     everything = (*sources.told, *told, *assumed, *more)
     return Imported(dataset_text(parts, everything), everything, kind, len(robot.rows))
+
+
+def _camera_poses(camera: PoseColumns | None, reading: Reading) -> tuple[str, str] | None:
+    """Unit and format of the camera's poses as they are written."""
+    if reading.camera_format is None or camera is None:
+        return None
+    return str(reading.camera_unit), MATRIX if camera.inverted else str(reading.camera_format)
 
 
 def _said(words: Mapping[str, str]) -> Said:

@@ -10,6 +10,7 @@ from typing import Literal
 import cv2
 import numpy as np
 
+from vgrd.documents.text import brief
 from vgrd.errors import InputError
 from vgrd.geometry import Array
 from vgrd.geometry.camera import CameraModel
@@ -51,7 +52,7 @@ def read_camera(
         table = _chosen(cameras_in(document, strict=path.suffix.lower() != ".toml"), name)
         return _camera(table, size_px)
     except InputError as error:
-        raise InputError(f"{path}: {error}") from error
+        raise InputError(f"{path}: {brief(str(error))}") from error
 
 
 def write_camera(path: Path, camera: CameraModel, kind: Kind, name: str = "camera") -> None:
