@@ -64,6 +64,15 @@ def test_the_file_is_read_as_its_program_means_it(tmp_path, form):
     assert_is(read_camera(written(tmp_path, *FORMS[form]), SIZE), D)
 
 
+def test_what_tells_nothing_of_the_lens_does_no_harm(tmp_path):
+    text = (
+        f"K: {K}\nD: null\nwidth: 640\nheight: 480\nlens: Fujinon HF12\nmodel_name: acA1300\n"
+        "camera_id: 3\nfocal_length_mm: 12.0\nper_view_errors: [0.1, 0.2]\nboard_width: 9\n"
+        "flags: 0\nrvecs: [[1, 2, 3]]\nnew_camera_matrix: [[1, 0, 0], [0, 1, 0], [0, 0, 1]]\n"
+    )
+    assert_is(read_camera(written(tmp_path, "a.yaml", text)))
+
+
 def test_open3d_writes_column_by_column(tmp_path):
     flat = np.reshape(K, (3, 3)).T.ravel().tolist()
     text = json.dumps({"width": 640, "height": 480, "intrinsic_matrix": flat})

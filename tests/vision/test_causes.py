@@ -152,6 +152,11 @@ def test_the_cause_is_named(change, target, cause):
 def test_a_first_id_that_is_not_0_is_named():
     grey = seen(charuco_sheet(5, 4, "4x4_50", first=20), at(120, 96))
     assert "is first_id = 20 meant" in told(grey, Charuco(5, 4, 24, 18, "4x4_50"))
+    board = Charuco(5, 4, 24.0, 18.0, "4x4_50", first_id=20)
+    assert len(see_target(grey, board).pixels) == 12
+    report = inspect_board(grey, "b", board, CAMERA)
+    assert not report.findings
+    assert report.pose.distance(at(120, 96))[0] < 0.1
     grid = seen(kalibr_sheet(3, 2, 30, 9, border=1, first=12, joints=False), at(110, 70))
     assert "is first_id = 12 meant" in told(grid, TagGrid("36h11", 3, 2, 30.0, 9.0))
 

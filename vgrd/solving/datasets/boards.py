@@ -36,10 +36,12 @@ class CharucoTable(Table):
     square_mm: LengthMm
     marker_mm: LengthMm
     dictionary: Annotated[str, AfterValidator(plain_family), one_of(BOARD_DICTIONARIES)]
+    first_id: Annotated[int, Field(ge=0)] = 0
 
     def spec(self) -> TargetSpec:
         """The target as the detector knows it; InputError when it cannot exist."""
-        return Charuco(self.columns, self.rows, self.square_mm, self.marker_mm, self.dictionary)
+        sizes = (self.columns, self.rows, self.square_mm, self.marker_mm)
+        return Charuco(*sizes, self.dictionary, self.first_id)
 
 
 class ChessboardTable(Table):

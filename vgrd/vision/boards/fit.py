@@ -120,7 +120,7 @@ def fit_charuco(picture: Grey, board: Charuco, camera: CameraModel) -> BoardFit:
     Raises TagNotSeen when it is not in the picture, is there twice, shows too little of itself, or has
     other sizes than stated.
     """
-    markers = {(board.dictionary, i) for i in range((board.columns * board.rows + 1) // 2)}
+    markers = {(board.dictionary, tag_id) for tag_id in board.marker_ids}
     _single(find_tags(picture, [board.dictionary]), markers)
     try:
         detection = detect_board(picture, board)
@@ -181,7 +181,10 @@ def _charuco_layout(board: Charuco, *, legacy: bool) -> _Layout:
     inset = (board.square_mm - board.marker_mm) / 2
     markers = [
         _part(
-            board.dictionary, i, board.marker_mm, board.square_mm * np.array([column, row]) + inset
+            board.dictionary,
+            board.first_id + i,
+            board.marker_mm,
+            board.square_mm * np.array([column, row]) + inset,
         )
         for i, (row, column) in enumerate(np.argwhere(squares == 1).tolist())
     ]

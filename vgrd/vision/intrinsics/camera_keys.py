@@ -44,7 +44,8 @@ _HARMLESS = re.compile(  # by which a key tells of something else than the lens
     r"description|header|rectif|projectionmatrix|newcamera|optimal|extrinsic|rvec|tvec|rotation|"
     r"translation|^t(cn|cam|body|ci|ic|bs)|timeshift|roi|binning|fov|points?|views?|count|^num|^nr|^nf|"
     r"pixelsize|sensor|exposure|gain|aspect|grid|marker|calib|frames?|lensposition|cameratype|"
-    r"^info|source|depth|baseline|stereo|^ros|std|sigma|covariance|file|path|scale|host|rate|model$"
+    r"^info|source|depth|baseline|stereo|^ros|std|sigma|covariance|file|path|scale|host|rate|focal|index|id$|port$|gamma|iso$|"
+    r"temperature|quality|threshold|success|valid|user|revision|mean|median|maximum|minimum|model$"
 )
 
 
@@ -128,7 +129,7 @@ def _cameras_of(
 def _camera_of(
     table: Mapping[str, Any], name: str, matrix_key: str, *, strict: bool
 ) -> CameraTable:
-    left = dict(table)
+    left = {key: value for key, value in table.items() if value is not None}
     focal = {plain(key): left.pop(key) for key in list(left) if plain(key) in FOCAL}
     matrix = left.pop(matrix_key) if matrix_key else focal
     key = next((k for k in left if _DISTORTION.fullmatch(plain(k)) and _is_numbers(left[k])), "")
@@ -143,6 +144,8 @@ def _camera_of(
     more = {plain(k): v for k, v in left.items()}
     for unknown in left:
         word = plain(unknown)
+        if isinstance(left[unknown], str | bool) and not _tells_lens(unknown, left[unknown]):
+            continue  # words tell no numbers
         if (_LENS.search(word) and not _is_harmless(word)) or (strict and not _is_harmless(word)):
             raise _not_understood(f"{name}.{unknown}".lstrip("."))
     return CameraTable(name, matrix, matrix_key or "fx", distortion, key, models, size, more)

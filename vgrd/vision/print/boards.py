@@ -33,13 +33,17 @@ TAG_DICTIONARIES = (*_APRILTAG_FAMILIES, *ARUCO_DICTIONARIES)
 
 @dataclass(frozen=True, slots=True)
 class Charuco:
-    """ChArUco board of columns x rows squares, in OpenCV's layout before or since 4.6."""
+    """ChArUco board of columns x rows squares, in OpenCV's layout before or since 4.6.
+
+    first_id: of its first marker; the others count on from there.
+    """
 
     columns: int
     rows: int
     square_mm: float
     marker_mm: float
     dictionary: str
+    first_id: int = 0
 
     def __post_init__(self) -> None:
         if not 0 < self.marker_mm < self.square_mm:
@@ -50,11 +54,17 @@ class Charuco:
             self.columns * self.rows // 2,
             len(dictionary_of(self.dictionary).bytesList),
         )
-        if count > capacity:
+        if self.first_id < 0 or self.first_id + count > capacity:
+            start = f" from id {self.first_id} on" if self.first_id else ""
             raise InputError(
-                f"{self.columns} x {self.rows} squares hold {count} markers, dictionary "
+                f"{self.columns} x {self.rows} squares hold {count} markers{start}, dictionary "
                 f"{self.dictionary} has {capacity}: columns, rows or dictionary are wrong"
             )
+
+    @property
+    def marker_ids(self) -> range:
+        """Ids of its markers, in the order of their places; of the layout with the most."""
+        return range(self.first_id, self.first_id + (self.columns * self.rows + 1) // 2)
 
 
 @dataclass(frozen=True, slots=True)
@@ -148,6 +158,7 @@ def _charuco_detector(target: Charuco, *, legacy: bool) -> cv2.aruco.CharucoDete
         target.square_mm,
         target.marker_mm,
         dictionary_of(target.dictionary),
+        np.array(target.marker_ids[: target.columns * target.rows // 2]),
     )
     board.setLegacyPattern(legacy)
     return cv2.aruco.CharucoDetector(board)

@@ -163,6 +163,7 @@ def config_lines(target: Printable) -> tuple[str, ...]:
             values = {"type": "charuco", "columns": target.columns, "rows": target.rows}
             values |= {"square_mm": target.square_mm, "marker_mm": target.marker_mm}
             values |= {"dictionary": target.dictionary}
+            values |= {"first_id": target.first_id} if target.first_id else {}
     return tuple(
         f"{key} = " + (f'"{value}"' if isinstance(value, str) else f"{value}")
         for key, value in values.items()
@@ -210,6 +211,7 @@ def _charuco(board: Charuco) -> _Drawn:
         board.square_mm,
         board.marker_mm,
         dictionary_of(board.dictionary),
+        np.array(board.marker_ids[: board.columns * board.rows // 2]),
     )
     markers = tuple(
         _marker(board.dictionary, int(tag_id), np.min(corners, axis=0), board.marker_mm)

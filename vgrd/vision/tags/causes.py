@@ -57,10 +57,8 @@ def cause_for_target(grey: Grey, target: TargetSpec | TagGrid) -> str | None:
         case Chessboard() | CircleGrid():
             return _grid_cause(grey, target)
         case Charuco():
-            count = target.columns * target.rows // 2
-            wanted = range(count)
             return _charuco_cause(grey, target) or _marker_cause(
-                grey, target.dictionary, wanted, _OF_A_BOARD
+                grey, target.dictionary, target.marker_ids, _OF_A_BOARD
             )
         case TagGrid():
             return _marker_cause(grey, target.dictionary, sorted(target.corners()), _OF_A_BOARD)
