@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import HealthCheck, given, settings
+from hypothesis import HealthCheck, Phase, given, settings
 from hypothesis import strategies as st
 
 from vgrd.documents.sheets import read_sheet
@@ -107,6 +107,7 @@ def faults_of(reader, path):
     derandomize=True,
     max_examples=25,  # 400 in all; the slowest reader takes 0.2 s for one
     deadline=None,
+    phases=[Phase.explicit, Phase.generate],  # shrinking takes minutes on a busy machine
     suppress_health_check=[HealthCheck.function_scoped_fixture],
 )
 @given(data=st.data())

@@ -222,6 +222,47 @@ def test_pictures_a_table_a_camera_file_and_a_board(tmp_path):
         imported(tmp_path, *(tmp_path / name for name in names))
 
 
+@pytest.mark.parametrize("suffix", [".xml", ".yaml"])
+def test_matrices_in_a_storage_of_opencv(tmp_path, suffix):
+    robot, seen = recording(count=11)
+    path = tmp_path / f"samples{suffix}"
+    storage = cv2.FileStorage(str(path), cv2.FILE_STORAGE_WRITE)
+    for i, (r, s) in enumerate(zip(robot, seen, strict=True)):
+        storage.write(f"robot_{i}", r.matrix())
+        storage.write(f"camera_{i}", s.matrix())
+    storage.release()
+    dataset, _ = imported(tmp_path, path)
+    check(dataset, robot, seen)
+
+
+def test_trajectories_and_lists_in_cells(tmp_path):
+    robot, seen = recording()
+    rows = [[1.5 * i, *(r.translation / 1000), *quaternion(r)] for i, r in enumerate(robot)]
+    np.savetxt(tmp_path / "robot.txt", rows)
+    lines = ["rvec;tvec"]
+    for s in seen:
+        lines.append(";".join(str(list(map(float, v))) for v in (s.rotvec(), s.translation)))
+    (tmp_path / "camera.csv").write_text("\n".join(lines))
+    dataset, told = imported(tmp_path, tmp_path / "robot.txt", tmp_path / "camera.csv")
+    check(dataset, robot, seen)
+    assert "7 numbers a row" in told or "numbers a row; lengths in m" in told
+
+
+def test_columns_of_rostopic_echo(tmp_path):
+    robot, seen = recording()
+    names = [f"field.pose.position.{c}" for c in "xyz"] + [
+        f"field.pose.orientation.{c}" for c in "xyzw"
+    ]
+    lines = [",".join(["%time", "field.header.seq", "field.header.frame_id", *names])]
+    for i, r in enumerate(robot):
+        values = [*(r.translation / 1000), *quaternion(r)]
+        lines.append(",".join([f"{i}", f"{i}", "base", *map(str, values)]))
+    (tmp_path / "robot.csv").write_text("\n".join(lines))
+    np.savez(tmp_path / "target.npz", board_poses=[s.matrix() for s in seen])
+    dataset, _ = imported(tmp_path, tmp_path / "robot.csv", tmp_path / "target.npz")
+    check(dataset, robot, seen)
+
+
 def test_a_folder_of_files_with_a_pose_each(tmp_path):
     folder = tmp_path / "poses"
     folder.mkdir()

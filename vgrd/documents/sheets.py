@@ -24,6 +24,8 @@ Cell = Any  # float, str, or nested lists of floats: what the user's program wro
 _MOST_ROWS = 100_000  # a guess: a day of a tracker at 1 Hz; more is no list of samples
 _DELIMITERS = (",", ";", "\t")
 _DECIMAL_COMMA = re.compile(r"[-+]?\d+,\d+([eE][-+]?\d+)?")
+_MOST_COMPONENTS = 4  # of a quaternion: columns of lists count no further
+_COUNTED = re.compile(r"(.*?[^0-9])([0-9]{1,6})")
 _COMMENTS = ("#", "%", "//")
 _DEEPEST = 8  # of tables in tables; a guess: ROS messages have four
 _SLOW_YAML = 3_000_000  # characters: its reader takes half a minute for them
@@ -85,6 +87,8 @@ def _sheet(data: bytes, suffix: str) -> Sheet:
             return from_nested(json.loads(text))
         except ValueError as error:
             raise InputError(f"not valid JSON: {error}") from error
+    if text.startswith("%YAML:") or "<opencv_storage" in text[:1000]:
+        raise InputError("is a file of OpenCV's FileStorage: read it with its reader")
     if suffix in (".yaml", ".yml"):
         return from_nested(_yaml(text))
     if suffix in (".xml", ".html") or text.lstrip().startswith("<"):
@@ -149,6 +153,8 @@ def _rows(data: object, left: int) -> Iterator[dict[str, Cell]]:
         tables = {k: v for k, v in lists.items() if all(isinstance(e, Mapping) for e in v)}
         if tables:
             yield from _rows(max(tables.values(), key=len), left - 1)
+        elif numbered := _numbered(data):
+            yield from numbered
         elif lists and len({len(v) for v in lists.values()}) == 1:
             for values in zip(*lists.values(), strict=True):
                 yield dict(zip(lists, values, strict=True))
@@ -174,6 +180,22 @@ def _rows(data: object, left: int) -> Iterator[dict[str, Cell]]:
             yield {str(i): cell for i, cell in enumerate(row)}
 
 
+def _numbered(data: Mapping[Any, Any]) -> list[dict[str, Cell]]:
+    """Rows of keys that count: robot_0, camera_0, robot_1, ...; none where they do not."""
+    rows: dict[int, dict[str, Cell]] = {}
+    for key, value in data.items():
+        found = _COUNTED.fullmatch(str(key))
+        if found and isinstance(value, list):
+            rows.setdefault(int(found[2]), {})[found[1].rstrip("_-. ")] = value
+    names = {frozenset(row) for row in rows.values()}
+    if len(rows) < 2 or len(names) > 1:
+        return []
+    cells = [cell for row in rows.values() for cell in row.values()]
+    are_matrices = all(isinstance(inner, list) for cell in cells for inner in cell)
+    # q1 to q4 are columns of a table that is written column by column.
+    return [rows[i] for i in sorted(rows)] if are_matrices or len(rows) > _MOST_COMPONENTS else []
+
+
 def _flat(table: Mapping[Any, Any], prefix: str, left: int) -> Iterator[tuple[str, Cell]]:
     if left == 0:
         raise InputError("not valid: nested too deeply")
@@ -197,7 +219,7 @@ def _csv(text: str) -> Sheet:
         delimiter = " "
     rows = [(number, _cells(line, delimiter)) for number, line in lines]
     first = [cell.lstrip("#%/ ") for cell in rows[0][1] if cell.lstrip("#%/ ")]
-    if all(isinstance(_value(cell, delimiter), float) for cell in first):
+    if any(isinstance(_value(cell, delimiter), float) for cell in first):
         names = [str(i) for i in range(len(first))]
     else:
         names, rows = first, rows[1:]
@@ -223,7 +245,12 @@ def _cells(line: str, delimiter: str) -> list[str]:
     return [cell.strip() for cell in cells]
 
 
-def _value(cell: str, delimiter: str) -> float | str:
+def _value(cell: str, delimiter: str) -> float | str | list[float]:
+    if cell.startswith("[") and cell.endswith("]"):  # as pandas and NumPy write lists into a cell
+        try:
+            return [float(word) for word in re.split(r"[\s,;]+", cell.strip("[] ")) if word]
+        except ValueError:
+            return cell
     plain = cell.replace(",", ".") if delimiter != "," and _DECIMAL_COMMA.fullmatch(cell) else cell
     try:
         return float(plain)

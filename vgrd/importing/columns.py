@@ -167,11 +167,12 @@ def _turn(columns: Mapping[str, str]) -> tuple[str, list[str]]:
 def _unnamed(sheet: Sheet, columns: Mapping[str, str]) -> PoseColumns | None:
     """A table without a header: x y z and the rotation in 6 or 7 numbers, or a matrix in 12 or 16."""
     names = sorted((name for name in columns.values() if name.isdigit()), key=int)
-    shapes = {6: "rotation", 7: "four", 12: "matrix", 16: "matrix"}
+    shapes = {6: "rotation", 7: "four", 8: "xyzw", 12: "matrix", 16: "matrix"}
     if len(names) not in shapes or len(names) != len(sheet.columns):
         return None
-    rows = _numbers(sheet, names)
     turn = shapes[len(names)]
+    names = names[1:] if turn == "xyzw" else names  # a trajectory: the time first
+    rows = _numbers(sheet, names)
     rows = _as_rows(rows, "no header") if turn == "matrix" else rows
     return PoseColumns(f"{len(names)} numbers a row", rows, turn, None, None, None)
 

@@ -1,16 +1,17 @@
 """What each file is that a user names: a camera, a board, pictures, a table; others are refused by what they are."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
 from vgrd.documents.natural_order import natural_order
-from vgrd.documents.sheets import Sheet, read_sheet
-from vgrd.documents.text import binary_kind, read_bytes
+from vgrd.documents.sheets import Sheet, from_nested, read_sheet
+from vgrd.documents.text import binary_kind, decoded, read_bytes
 from vgrd.documents.toml import read_toml
 from vgrd.errors import ConfigError, InputError
 from vgrd.importing.columns import pose_columns
 from vgrd.vision.images.pictures import SUFFIXES
+from vgrd.vision.intrinsics.camera_documents import read_storage
 from vgrd.vision.intrinsics.camera_files import read_camera
 
 _OTHERS = {  # by ending: what it is, and what to bring instead
@@ -159,7 +160,7 @@ def _take_data(sources: Sources, path: Path, camera_name: str | None) -> None:
             sources.told.append(f"{path}: the camera")
             return
     try:
-        sheet = read_sheet(path)
+        sheet = _sheet(path, data)
     except InputError as error:
         raise doubt or error from error
     if doubt is not None and not pose_columns(sheet):
@@ -167,3 +168,26 @@ def _take_data(sources: Sources, path: Path, camera_name: str | None) -> None:
     sources.sheets.append((path, sheet))
     shown = ", ".join(list(sheet.columns)[:8])
     sources.told.append(f"{path}: a table of {len(sheet)} samples, columns {shown}")
+
+
+def _sheet(path: Path, data: bytes) -> Sheet:
+    """The table of a file; those of OpenCV's FileStorage are read by OpenCV."""
+    if not binary_kind(data):
+        try:
+            stored = read_storage(decoded(data).lstrip())
+            if stored is not None:
+                return from_nested(_with_rows(stored))
+        except InputError as error:
+            raise InputError(f"{path}: {error}") from error
+    return read_sheet(path)
+
+
+def _with_rows(value: object) -> object:
+    """Matrices of OpenCV as lists of rows."""
+    if isinstance(value, Mapping):
+        if {"rows", "cols", "data"} <= value.keys():
+            rows, columns = int(value["rows"]), int(value["cols"])
+            data = list(value["data"])
+            return [data[i * columns : (i + 1) * columns] for i in range(rows)]
+        return {key: _with_rows(inner) for key, inner in value.items()}
+    return [_with_rows(inner) for inner in value] if isinstance(value, list) else value

@@ -45,6 +45,20 @@ def read_document(path: Path) -> Document:
     return found
 
 
+def read_storage(text: str) -> Document | None:
+    """A file of OpenCV's FileStorage as nested tables, matrices as lists of rows; None for other text.
+
+    Raises InputError where OpenCV cannot read it.
+    """
+    if not (text.startswith("%YAML:") or "<opencv_storage" in text[:1000]):
+        return None
+    try:
+        found = _storage(text)
+    except (cv2.error, SystemError) as error:
+        raise InputError(f"not valid: {str(error).splitlines()[0][:200]}") from error
+    return found if isinstance(found, Mapping) else {}
+
+
 def _parsed(text: str, suffix: str) -> object:
     if suffix == ".toml":
         return tomllib.loads(text)
