@@ -8,7 +8,8 @@ from scipy.spatial.transform import Rotation
 
 from vgrd.errors import InputError, NotObservable, TooFewObservations
 from vgrd.geometry import Pose
-from vgrd.solving.datasets import solve_dataset
+from vgrd.solving.datasets import load_dataset, solve_dataset
+from vgrd.solving.datasets.point_pairs import solve_point_pairs
 
 TURN = Rotation.from_euler("zyx", [2.0, 0.4, 2.6]).as_matrix()
 PLACE = np.array([640.0, 105.0, 1150.0])
@@ -113,6 +114,27 @@ def test_a_flange_that_never_turned_is_told_as_the_report_of_others_was(tmp_path
     assert codes(result) == []
     rows = dict(solve_dataset(tmp_path / "dataset.toml").summary_rows())
     assert rows["prediction"].startswith("at 95 % a point amid the samples is placed to within")
+
+
+def test_a_further_look_is_within_what_is_told_and_judged_by_the_tolerance(tmp_path):
+    within = 0
+    for seed in range(60):
+        scene = Scene(seed, count=13)
+        for array in ("places", "seen"):
+            setattr(scene, f"whole_{array}", getattr(scene, array))
+            setattr(scene, array, getattr(scene, array)[1:])
+        scene.turns = scene.turns[1:]
+        solution = solve_dataset(scene.write(tmp_path))
+        predicted = solution.fit.X @ scene.whole_seen[0]
+        bound = solution.fit.u95_mm(scene.whole_seen[0], of_a_look=True)
+        within += np.linalg.norm(predicted - scene.whole_places[0]) < bound
+    assert within >= 53
+    dataset = load_dataset(tmp_path / "dataset.toml")
+    look = solution.look_u95_mm
+    assert solution.u95_mm < look
+    assert solve_point_pairs(dataset, tolerance_mm=1.1 * look).verdict.ok
+    told = solve_point_pairs(dataset, tolerance_mm=0.9 * look).verdict
+    assert [found.code for found in told.findings if found.fatal] == ["tolerance_exceeded"]
 
 
 def test_a_ball_that_is_not_at_the_flange_is_named(tmp_path):

@@ -92,10 +92,13 @@ class PointPairsFit:
         wider = self.freedom / (self.freedom - 2) if self.freedom > 2 else np.nan
         return np.asarray(self.level_mm**2 * wider * self.cofactor[:6, :6])
 
-    def u95_mm(self, point: Array) -> float:
-        """95 % radius of X applied to a point (3,) of the camera, mm, along its worst direction."""
+    def u95_mm(self, point: Array, *, of_a_look: bool = False) -> float:
+        """95 % radius of X applied to a point (3,) of the camera, mm, taken as wide as its worst direction.
+
+        of_a_look: with the noise of one further look and one robot pose.
+        """
         J = np.hstack([np.eye(3), -hat(self.X @ point)])
-        worst = float(np.linalg.eigvalsh(J @ self.cofactor[:6, :6] @ J.T)[-1])
+        worst = float(np.linalg.eigvalsh(J @ self.cofactor[:6, :6] @ J.T)[-1]) + of_a_look
         if self.freedom <= 0:
             return float("nan")
         bound = 3 * float(f_law.ppf(0.95, 3, self.freedom))

@@ -34,7 +34,10 @@ _TOOL_POINT_MM = 0.5  # a shift of the tool's point below it is nobody's concern
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PointPairSolution:
-    """The camera's pose from places of one point, with what it may be believed for."""
+    """The camera's pose from places of one point, with what it may be believed for.
+
+    u95_mm: of a point amid the samples by the calibration alone; look_u95_mm: with the noise of one more look.
+    """
 
     mount: Mount
     names: tuple[str, ...]
@@ -43,6 +46,8 @@ class PointPairSolution:
     misses: tuple[SampleMiss | None, ...]
     scale: tuple[float, float]
     u95_mm: float
+    look_u95_mm: float
+    tolerance_mm: float | None
     verdict: Verdict
 
     def transforms(self) -> Mapping[str, Pose]:
@@ -59,6 +64,8 @@ class PointPairSolution:
             point: {"value": self.fit.tool_point.tolist(), "estimated": not self.point_is_known},
             "level_mm": _known(self.fit.level_mm),
             "u95_mm": _known(self.u95_mm),
+            "look_u95_mm": _known(self.look_u95_mm),
+            "tolerance_mm": self.tolerance_mm,
             "leave_one_out": {"deg": None, "mm": _known(self._mean_mm()), "px": None},
             "scale": {"value": self.scale[0], "sigma": self.scale[1]},
             "samples": [
@@ -90,8 +97,10 @@ class PointPairSolution:
         rows = [
             (
                 "prediction",
-                f"at 95 % a point amid the samples is placed to within {_text(self.u95_mm)} mm, from "
-                f"{len(self.names)} samples; one that was left out is missed by {_text(mean)} mm on average",
+                f"at 95 % a point amid the samples is placed to within {_text(self.look_u95_mm)} mm, from "
+                f"{len(self.names)} samples; noise of one look and one robot pose included, the calibration "
+                f"alone {_text(self.u95_mm)} mm; a sample that was left out is missed by {_text(mean)} mm on "
+                "average",
             )
         ]
         for name, pose in self.transforms().items():
@@ -111,8 +120,15 @@ class PointPairSolution:
         ]
         if not self.point_is_known:
             rows.append(("point", f"{_triple(self.fit.tool_point)} mm, estimated"))
-        rows.append(("verdict", "ok" if self.verdict.ok else "not to be used"))
+        rows.append(("verdict", self._verdict_words()))
         return rows + [(found.code, found.message) for found in self.verdict.findings]
+
+    def _verdict_words(self) -> str:
+        if not self.verdict.ok:
+            return "not to be used"
+        if self.tolerance_mm is None:
+            return "nothing is wrong; no tolerance given (--tolerance-mm)"
+        return f"ok, within {self.tolerance_mm:g} mm"
 
     def _mean_mm(self) -> float:
         known = [miss.mm for miss in self.misses if miss is not None]
@@ -124,8 +140,13 @@ class PointPairSolution:
             yield f"{miss.mm:.2f} mm off the fit of the others" if is_odd and miss else ""
 
 
-def solve_point_pairs(dataset: Dataset, method: str | None = None) -> PointPairSolution:
-    """Solve and judge; raises as `fit_point_pairs`, and InputError where a published method is asked for."""
+def solve_point_pairs(
+    dataset: Dataset, method: str | None = None, tolerance_mm: float | None = None
+) -> PointPairSolution:
+    """Solve and judge; raises as `fit_point_pairs`, and InputError where a published method is asked for.
+
+    tolerance_mm: what a further look may miss by at 95 %.
+    """
     if method is not None:
         raise InputError(
             f"{dataset.path}: method '{method}' is of poses; points have one: leave it out"
@@ -134,6 +155,14 @@ def solve_point_pairs(dataset: Dataset, method: str | None = None) -> PointPairS
     fit = fit_point_pairs(pairs)
     misses = tuple(leave_one_out(pairs))
     scale = scale_of(pairs, fit)
+    middle = pairs.points.mean(0)
+    look_mm = fit.u95_mm(middle, of_a_look=True)
+    findings = list(_findings(pairs, fit, misses, scale))
+    if tolerance_mm is not None and not look_mm <= tolerance_mm:
+        told = f"{_text(look_mm)} mm at 95 %, the tolerance is {tolerance_mm:g} mm"
+        findings.append(
+            Finding("tolerance_exceeded", f"a further look is placed to {told}", fatal=True)
+        )
     return PointPairSolution(
         mount=dataset.mount,
         names=tuple(pairs.names),
@@ -141,8 +170,10 @@ def solve_point_pairs(dataset: Dataset, method: str | None = None) -> PointPairS
         point_is_known=pairs.tool_point is not None,
         misses=misses,
         scale=scale,
-        u95_mm=fit.u95_mm(pairs.points.mean(0)),
-        verdict=Verdict(tuple(_findings(pairs, fit, misses, scale))),
+        u95_mm=fit.u95_mm(middle),
+        look_u95_mm=look_mm,
+        tolerance_mm=tolerance_mm,
+        verdict=Verdict(tuple(findings)),
     )
 
 
