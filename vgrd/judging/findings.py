@@ -282,6 +282,11 @@ OF_FILES: Mapping[str, Kind] = MappingProxyType(
             "length",
             "3 sigma and 0.1 %",
         ),
+        "tolerance_exceeded": Kind(
+            "a further look is predicted to miss by more than the tolerance",
+            "",
+            "95 %, out of sample",
+        ),
         "camera_scale": Kind(
             "lengths of a 3D camera are not those of the robot",
             "check both units, and the camera with a bar of known length",

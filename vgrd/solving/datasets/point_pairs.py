@@ -160,9 +160,7 @@ def solve_point_pairs(
     findings = list(_findings(pairs, fit, misses, scale))
     if tolerance_mm is not None and not look_mm <= tolerance_mm:
         told = f"{_text(look_mm)} mm at 95 %, the tolerance is {tolerance_mm:g} mm"
-        findings.append(
-            Finding("tolerance_exceeded", f"a further look is placed to {told}", fatal=True)
-        )
+        findings.append(finding("tolerance_exceeded", f"a look is placed to {told}", fatal=True))
     return PointPairSolution(
         mount=dataset.mount,
         names=tuple(pairs.names),
