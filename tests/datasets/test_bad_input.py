@@ -147,7 +147,7 @@ def test_a_fault_of_a_points_file_is_named_with_its_line(tmp_path, recording, te
 @pytest.mark.parametrize(
     ("numbers", "message"),
     [
-        ([1.0] * 15, "List should have at least 16 items"),
+        ([1.0] * 15, "a matrix has 16 numbers, or 12 without its last row"),
         ([1.0] * 16, "the last row of a homogeneous matrix is 0 0 0 1"),
         ([2.0, 0, 0, 0, 0, 2.0, 0, 0, 0, 0, 2.0, 1, 0, 0, 0, 1], "not a rotation matrix"),
     ],

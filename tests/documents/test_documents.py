@@ -32,7 +32,7 @@ class Cell(Table):
     [
         (lambda _: None, "no such file: give the path of a list of tools"),
         (lambda path: path.mkdir(), "cannot be read: "),
-        (lambda path: path.write_bytes(b"\xff\xfe"), "cannot be read: "),
+        (lambda path: path.write_bytes(b"\xe9"), "cannot be read: "),
         (lambda path: path.write_text("a = 1\na = 2\n"), "not valid TOML: "),
     ],
 )

@@ -1,7 +1,9 @@
-"""The board that a command's options mean."""
+"""The board that a command's options mean, and the option that chooses a camera of a file."""
 
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Annotated
+
+import typer
 
 from vgrd.errors import InputError
 
@@ -9,6 +11,11 @@ if TYPE_CHECKING:
     from vgrd.vision.intrinsics.pictures import Board
     from vgrd.vision.print.boards import Charuco
     from vgrd.vision.print.targets import TagGrid
+
+CameraNameOption = Annotated[
+    str | None,
+    typer.Option("--camera-name", help="Which camera, where the camera file holds several."),
+]
 
 
 def charuco_board(squares: str, square_mm: float, marker_mm: float, dictionary: str) -> "Charuco":

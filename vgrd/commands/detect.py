@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from vgrd.commands.boards import board_in_file
+from vgrd.commands.boards import CameraNameOption, board_in_file
 from vgrd.commands.printing import JsonOption, Result, console, print_result, table
 from vgrd.errors import InputError
 
@@ -15,6 +15,7 @@ if TYPE_CHECKING:
     from vgrd.geometry.camera import CameraModel
     from vgrd.vision.boards.fit import MeasurableBoard
 
+Lens = tuple[Path, str | None]  # camera file, which camera of it
 _DEFAULT_DICTIONARY = "36h11"
 
 _BOARD_COLUMNS = ("board", "sigma px", "misfit px", "x, y, z mm", "1 sigma mm", "quality")
@@ -46,8 +47,9 @@ def detect(
         ),
     ] = None,
     camera: Annotated[
-        Path | None, typer.Option(help="Camera file: OpenCV, ROS camera_info or a cell file.")
+        Path | None, typer.Option(help="Camera file: whatever vgrd camera reads.")
     ] = None,
+    camera_name: CameraNameOption = None,
     draw: Annotated[
         Path | None, typer.Option(help="Folder for pictures with what was found.")
     ] = None,
@@ -57,25 +59,26 @@ def detect(
 
     With --board and --camera the poses of whole boards, each measured as one target.
     """
-    from vgrd.vision.print.codes import family_named
+    from vgrd.vision.print.codes import detectable_family
 
     if size_mm is not None and not size_mm > 0:
         raise InputError(f"--size-mm {size_mm:g}: give the edge of the black square in mm")
     only_boards = board and not dictionary and size_mm is None
     names = [] if only_boards else dictionary or [_DEFAULT_DICTIONARY]
-    families = list(dict.fromkeys(family_named(name) for name in names))
+    families = list(dict.fromkeys(detectable_family(name) for name in names))
     if board and camera is None:
         raise InputError(
             "--board needs --camera: a board is measured through a known lens; "
             "vgrd intrinsics makes the camera file from pictures of the board"
         )
     boards = {str(path): _measurable(path) for path in board or ()}
-    if camera is not None:
-        _camera_of(camera, (1, 1))  # a fault of the file is told once, not for every picture
+    lens = None if camera is None else (camera, camera_name)
+    if lens is not None:
+        _camera_of(lens, (1, 1))  # a fault of the file is told once, not for every picture
     rows, failures = [], []
     for image, drawn in zip(images, _drawn_files(images, draw), strict=True):
         try:
-            rows.append(_one(image, families, size_mm, camera, boards, drawn))
+            rows.append(_one(image, families, size_mm, lens, boards, drawn))
         except InputError as error:
             failures.append(str(error))
             told = [_failure(image, error)]
@@ -89,7 +92,7 @@ def _one(
     image: Path,
     families: list[str],
     size_mm: float | None,
-    camera_file: Path | None,
+    lens: Lens | None,
     boards: Mapping[str, "MeasurableBoard"],
     drawn: Path | None,
 ) -> dict[str, object]:
@@ -99,10 +102,10 @@ def _one(
 
     picture = read_picture(image)
     height, width = picture.pixels.shape
-    camera = None if camera_file is None else _camera_of(camera_file, (width, height))
-    if camera is not None and camera.size_px != (width, height):
+    camera = None if lens is None else _camera_of(lens, (width, height))
+    if lens is not None and camera is not None and camera.size_px != (width, height):
         raise InputError(
-            f"{image}: has {width} x {height} px, the camera of {camera_file} has "
+            f"{image}: has {width} x {height} px, the camera of {lens[0]} has "
             f"{camera.size_px[0]} x {camera.size_px[1]}: give the camera file of this picture"
         )
     report = inspect_picture(picture, families, size_mm, camera, boards)
@@ -124,10 +127,11 @@ def _measurable(path: Path) -> "MeasurableBoard":
     return board
 
 
-def _camera_of(path: Path, size_px: tuple[int, int]) -> "CameraModel":
+def _camera_of(lens: Lens, size_px: tuple[int, int]) -> "CameraModel":
     from vgrd.vision.intrinsics.camera_files import read_camera
 
-    return read_camera(path, size_px)
+    path, name = lens
+    return read_camera(path, size_px, name)
 
 
 def _drawn_files(images: Sequence[Path], folder: Path | None) -> Sequence[Path | None]:

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from vgrd.commands.boards import board_in_file, charuco_board, tag_grid
+from vgrd.commands.boards import CameraNameOption, board_in_file, charuco_board, tag_grid
 from vgrd.commands.printing import (
     JsonOption,
     Result,
@@ -104,7 +104,19 @@ def intrinsics(
 
 
 def camera(
-    source: Annotated[Path, typer.Argument(help="OpenCV, ROS camera_info, Kalibr or cell file.")],
+    source: Annotated[
+        Path,
+        typer.Argument(
+            help="File of OpenCV, ROS, Kalibr, RealSense, Open3D, Zivid, NPZ, or a cell file."
+        ),
+    ],
+    camera_name: CameraNameOption = None,
+    size_px: Annotated[
+        str | None,
+        typer.Option(
+            "--size-px", metavar="WIDTHxHEIGHT", help="Of the pictures, where the file tells none."
+        ),
+    ] = None,
     out: Annotated[
         Path | None, typer.Option(help="Write .toml, or OpenCV's .yaml, .xml, .json.")
     ] = None,
@@ -114,11 +126,21 @@ def camera(
     """Show the intrinsics in a camera file, and convert them."""
     from vgrd.vision.intrinsics.camera_files import Kind, camera_json, read_camera, write_camera
 
-    found = read_camera(source)
+    found = read_camera(source, _size(size_px), camera_name)
     if out is not None:
         kind: Kind = "ros" if ros else "toml" if out.suffix.lower() == ".toml" else "opencv"
         write_camera(out, found, kind, out.stem)
     print_result(camera_json(found), json_to, show_fields(str(source)))
+
+
+def _size(text: str | None) -> tuple[int, int] | None:
+    if text is None:
+        return None
+    try:
+        width, height = (int(number) for number in text.lower().split("x"))
+    except ValueError:
+        raise InputError(f"--size-px {text}: write width x height, such as 1280x960") from None
+    return width, height
 
 
 def _check_views(pictures: "BoardPictures") -> None:

@@ -6,6 +6,7 @@ from typing import Annotated, Any, TypeVar, get_args
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError
 from pydantic_core import ErrorDetails
 
+from vgrd.documents.text import shortened
 from vgrd.documents.toml import hint
 
 Number = Annotated[float, Field(allow_inf_nan=False)]
@@ -35,7 +36,7 @@ def one_of(known: tuple[str, ...]) -> AfterValidator:
 
     def check(word: str) -> str:
         if word not in known:
-            raise ValueError(f"{word!r} is unknown{hint(word, known)}")
+            raise ValueError(f"{shortened(repr(word))} is unknown{hint(shortened(word), known)}")
         return word
 
     return AfterValidator(check)
@@ -69,7 +70,7 @@ def named_rows(
     rows = []
     for index, table in enumerate(tables):
         name = table.get("name") if isinstance(table, dict) else None
-        where = f"{key}[{index}]" + (f" '{name}'" if name is not None else "")
+        where = f"{key}[{index}]" + (f" '{shortened(str(name))}'" if name is not None else "")
         row = parse(model, table, where, faults)
         if row is not None:
             rows.append((where, row))
@@ -95,7 +96,7 @@ def faults_of(
 def _fault(detail: ErrorDetails, model: type[Table], where: str, ending: Hint) -> str:
     location = detail["loc"]
     parts = [where] if where else []
-    key = ".".join([*parts, *(str(part) for part in location)]) or "(file)"
+    key = ".".join([*parts, *(shortened(str(part)) for part in location)]) or "(file)"
     if detail["type"] == "extra_forbidden":
         return f"{key}: unknown key{ending(str(location[-1]), tuple(_keys(location[:-1], model)))}"
     if detail["type"] == "missing":
@@ -106,7 +107,7 @@ def _fault(detail: ErrorDetails, model: type[Table], where: str, ending: Hint) -
         not where and len(location) == 1
     ):  # a whole section, such as [[camera]] for [camera], is long
         return f"{key}: {detail['msg']}"
-    return f"{key}: {detail['msg']} (got {detail['input']!r})"
+    return f"{key}: {detail['msg']} (got {shortened(repr(detail['input']))})"
 
 
 def _keys(location: Location, model: type[Table]) -> Iterator[str]:

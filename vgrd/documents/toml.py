@@ -6,7 +6,8 @@ from collections.abc import Collection
 from pathlib import Path
 from typing import Any
 
-from vgrd.errors import ConfigError
+from vgrd.documents.text import SHOWN, read_text, shortened
+from vgrd.errors import ConfigError, InputError
 
 _ALIKE = 0.6  # difflib's own cutoff: finds a slip of the fingers, no other word
 
@@ -17,12 +18,13 @@ def read_toml(path: Path, kind: str) -> dict[str, Any]:
     kind: of file that is expected, such as "a board file", for the one who named a missing file.
     """
     try:
-        return tomllib.loads(path.read_text(encoding="utf-8"))
-    except FileNotFoundError as error:
-        raise ConfigError(str(path), [f"no such file: give the path of {kind}"]) from error
-    except (OSError, UnicodeDecodeError) as error:
-        raise ConfigError(str(path), [f"cannot be read: {error}"]) from error
-    except tomllib.TOMLDecodeError as error:
+        return tomllib.loads(read_text(path))
+    except InputError as error:
+        remedy = "" if path.is_file() else f": give the path of {kind}"
+        raise ConfigError(str(path), [f"{error}{remedy}"]) from error
+    except RecursionError as error:
+        raise ConfigError(str(path), ["not valid TOML: nested too deeply"]) from error
+    except ValueError as error:  # also a whole number of more than 4300 digits
         raise ConfigError(str(path), [f"not valid TOML: {error}"]) from error
 
 
@@ -41,7 +43,11 @@ def hint(
 
 def unknown_keys(data: dict[str, Any], known: Collection[str]) -> list[str]:
     """A fault for each key of the whole file that is not known."""
-    return [f"{key}: unknown key{hint(key, known)}" for key in data if key not in known]
+    return [
+        f"{shortened(key)}: unknown key{hint(key[:SHOWN], known)}"
+        for key in data
+        if key not in known
+    ]
 
 
 def one_word(
@@ -57,5 +63,7 @@ def one_word(
     if value is None:
         faults.append(f"{key}: is missing, add {key} = {example}")
     else:
-        faults.append(f"{key}: {value!r} is unknown{hint(str(value), known)}")
+        faults.append(
+            f"{key}: {shortened(repr(value))} is unknown{hint(str(value)[:SHOWN], known)}"
+        )
     return None

@@ -327,6 +327,21 @@ OF_FILES: Mapping[str, Kind] = MappingProxyType(
             "length",
             "3 sigma and 0.1 %",
         ),
+        "tolerance_exceeded": Kind(
+            "a further look is predicted to miss by more than the tolerance",
+            "",
+            "95 %, out of sample",
+        ),
+        "camera_scale": Kind(
+            "lengths of a 3D camera are not those of the robot",
+            "check both units, and the camera with a bar of known length",
+            "3 sigma and 0.1 %",
+        ),
+        "tool_point": Kind(
+            "the point that a 3D camera saw is not where the tool is said to have it",
+            'correct tcp_in_wrist, or write tcp_in_wrist = "unknown" to have it estimated',
+            "F test, 1 in 1,000, and 0.5 mm",
+        ),
         "target_not_seen": Kind("a picture does not show the target", "", "detection"),
         "few_points": Kind("a picture shows part of the target", "", "detection"),
         "sample_rejected": Kind("a sample was left out", "", "leaving it out"),

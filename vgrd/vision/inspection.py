@@ -20,9 +20,11 @@ from vgrd.vision.boards.inspection import BoardReport, findings_json, inspect_bo
 from vgrd.vision.images.drawing import TagMark, axes_px
 from vgrd.vision.images.pictures import Picture, as_8_bit
 from vgrd.vision.images.warp import lens_vector
-from vgrd.vision.print.codes import marker_cells, square_corners
+from vgrd.vision.print.codes import LIBRARY_FAMILIES, marker_cells, square_corners
 from vgrd.vision.print.raster import tag_raster
+from vgrd.vision.tags.causes import cause_for_family
 from vgrd.vision.tags.detection import FoundTag, find_tags
+from vgrd.vision.tags.library_tags import CELLS_ACROSS, find_library_tags
 from vgrd.vision.tags.planar_pose import MOST_MISFIT_PX, PlanarPose, is_ambiguous, planar_poses
 
 _UNREFINED_SIGMA_PX = 0.3  # a guess: as if rounded to whole pixels (0.29 px)
@@ -138,7 +140,9 @@ def inspect_picture(
     reports = tuple(
         inspect_board(grey, name, board, camera) for name, board in boards.items() if camera
     )
-    everything = find_tags(grey, families) if families else []
+    square = [family for family in families if family not in LIBRARY_FAMILIES]
+    everything = find_tags(grey, square) if square else []
+    everything += find_library_tags(grey, [f for f in families if f in LIBRARY_FAMILIES])
     lone_tags = [tag for tag in everything if not any(_is_within(tag, board) for board in reports)]
     counts = Counter((tag.family, tag.id) for tag in lone_tags)
     tags = tuple(
@@ -146,7 +150,11 @@ def inspect_picture(
     )
     findings = []
     if families and not everything:
-        findings.append(Finding("no_tag", f"no tag found; looked for {', '.join(families)}"))
+        cause = cause_for_family(grey, families)
+        ending = "" if cause is None else f"; {cause}"
+        findings.append(
+            Finding("no_tag", f"no tag found; looked for {', '.join(families)}{ending}")
+        )
     if picture.is_turned:
         findings.append(
             Finding("turned", "the file asks viewers to turn it; pixels here are as stored")
@@ -170,8 +178,10 @@ def remarks(findings: Sequence[Mapping[str, str]]) -> Iterator[str]:
 def _measured(
     grey: Grey, tag: FoundTag, size_mm: float | None, camera: CameraModel | None, count: int
 ) -> TagReport:
-    raster = tag_raster(tag.family, tag.id, size_mm or 1.0)
-    refined = refine(grey, raster, tag.corners_px, lens_vector(camera))
+    refined = None
+    if tag.family not in LIBRARY_FAMILIES:
+        raster = tag_raster(tag.family, tag.id, size_mm or 1.0)
+        refined = refine(grey, raster, tag.corners_px, lens_vector(camera))
     corners, covariance = tag.corners_px, _UNREFINED_SIGMA_PX**2 * np.eye(8)
     if refined is not None:
         corners, covariance = refined.corners_px, refined.covariance
@@ -215,6 +225,9 @@ def _light_remarks(grey: Grey, tag: FoundTag, refined: Refined | None) -> list[t
         remarks.append(("contrast", f"only {tag.contrast:.0f} grey levels: give it more light"))
     if _clipped_share(grey, tag.corners_px) > _CLIPPED_SHARE:
         remarks.append(("overexposed", "white is as bright as it can get: expose less"))
+    if tag.family in LIBRARY_FAMILIES:
+        rough = "corners of this family are rough, as the library finds them"
+        return [*remarks, ("unmeasured", f"{rough}: print one of 36h11 for exact ones")]
     if refined is None:
         return [
             *remarks,
@@ -266,7 +279,9 @@ def _clipped_share(grey: Grey, corners_px: Array) -> float:
 
 
 def _is_small(tag: FoundTag) -> bool:
-    return tag.side_px / len(marker_cells(tag.family, tag.id)) < _LEAST_CELL_PX
+    is_square = tag.family not in LIBRARY_FAMILIES
+    cells = len(marker_cells(tag.family, tag.id)) if is_square else CELLS_ACROSS[tag.family]
+    return tag.side_px / cells < _LEAST_CELL_PX
 
 
 def _blur_px(blur: Array) -> float:

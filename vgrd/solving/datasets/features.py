@@ -8,8 +8,9 @@ import numpy as np
 from vgrd.calibration.hand_eye import FeaturePlace
 from vgrd.documents.tables import parse, tables_of
 from vgrd.documents.toml import hint
-from vgrd.solving.datasets.document import FeatureTable, SampleTable
+from vgrd.solving.datasets.reading.document import FeatureTable, SampleTable
 from vgrd.vision.print.boards import TargetSpec, has_direction
+from vgrd.vision.print.targets import TagGrid
 
 Places = Mapping[str, FeaturePlace | None]
 _SIGHTINGS = 2  # two rays fix a point
@@ -18,7 +19,7 @@ _SIGHTINGS = 2  # two rays fix a point
 def read_features(
     data: Mapping[str, Any],
     rows: Sequence[tuple[str, SampleTable]],
-    target: TargetSpec | None,
+    target: TargetSpec | TagGrid | None,
     faults: list[str],
 ) -> Places:
     """Place on the target, None where unknown, by name; faults of [[feature]] and of sightings appended."""

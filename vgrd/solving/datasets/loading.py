@@ -1,7 +1,6 @@
 """DATASET.toml and the files it names, checked: every fault of all of them in one message."""
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -9,31 +8,31 @@ import numpy as np
 
 from vgrd.documents.tables import named_rows, parse, tables_of
 from vgrd.documents.toml import one_word, read_toml, unknown_keys
-from vgrd.errors import ConfigError, InputError
+from vgrd.errors import ConfigError
 from vgrd.geometry import Array, Pose
 from vgrd.geometry.camera import CameraModel
-from vgrd.geometry.rotation_formats import RotationFormat, pose_from
+from vgrd.geometry.pose_formats import robot_numbers
+from vgrd.geometry.rotation_formats import RotationFormat
 from vgrd.model import Mount
 from vgrd.solving.datasets.boards import read_target
-from vgrd.solving.datasets.document import CameraTable, SampleTable
 from vgrd.solving.datasets.features import Places, read_features
-from vgrd.solving.datasets.points import read_points
-from vgrd.solving.flange_poses import MIN_SAMPLES, PosesTable, arm_faults, equal_pose_faults
-from vgrd.vision.print.boards import BoardObservation, TargetSpec
+from vgrd.solving.datasets.reading.cameras import read_dataset_camera
+from vgrd.solving.datasets.reading.document import (
+    CameraPosesTable,
+    PosesTable,
+    SampleTable,
+    TcpTable,
+)
+from vgrd.solving.datasets.reading.sample_reading import DatasetSample, SampleReader, kinds_of
+from vgrd.solving.datasets.reading.samples_table import with_samples_table
+from vgrd.solving.flange_poses import MIN_SAMPLES, arm_faults, equal_pose_faults
+from vgrd.vision.print.boards import TargetSpec
+from vgrd.vision.print.targets import TagGrid
 
-_TABLES = ("mount", "camera", "poses", "target", "feature", "sample")
-_SOURCES = ("image", "points", "camera_from_target")
-_MM_PER = {"mm": 1.0, "m": 1000.0}  # by definition
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class DatasetSample:
-    """A flange pose and what the camera saw: a picture, points or a pose; features: pixels (2,)."""
-
-    name: str
-    base_from_wrist: Pose
-    source: Path | BoardObservation | Pose
-    features: Mapping[str, Array] = field(default_factory=dict)
+_TABLES = (
+    *("mount", "camera", "poses", "camera_poses", "tcp_in_wrist", "target", "feature"),
+    *("samples", "sample"),
+)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -41,36 +40,42 @@ class Dataset:
     """A checked dataset; camera and target are None where the samples need none.
 
     pose_values: the numbers of the poses as written, for the search of a wrong convention. features:
-    places on the target by name, None where unknown.
+    places on the target by name, None where unknown. tcp_in_wrist (3,): the point of the tool that
+    samples with a point show, mm, None where it is to be estimated.
     """
 
     path: Path
     mount: Mount
     camera: CameraModel | None
     refine: bool
-    target: TargetSpec | None
+    target: TargetSpec | TagGrid | None
     samples: tuple[DatasetSample, ...]
     unit: str
     rotation: RotationFormat
     pose_values: tuple[tuple[float, ...], ...]
     features: Places
+    tcp_in_wrist: Array | None = None
 
 
 def load_dataset(path: Path) -> Dataset:
     """Read and check a dataset; ConfigError holds every fault, each with its key and remedy."""
     data = read_toml(path, "a DATASET.toml")
     faults = unknown_keys(data, _TABLES)
+    data = with_samples_table(data, path.resolve().parent, faults)
     mount = _mount(data, faults)
     poses = parse(PosesTable, data.get("poses", {}), "poses", faults)
+    camera_poses = parse(CameraPosesTable, data.get("camera_poses", {}), "camera_poses", faults)
+    tcp = _tcp(data, faults)
     rows = _sample_rows(data, faults)
-    reader = _SampleReader(path.resolve().parent, poses, faults)
+    reader = SampleReader(path.resolve().parent, poses, camera_poses, faults)
     samples = [reader.read(row, label) for label, row in rows]
-    kinds = {kind for _, row in rows for kind in _SOURCES if getattr(row, kind) is not None}
-    if "camera_from_target" in kinds and len(kinds) > 1:
-        faults.append(
-            "sample: camera_from_target cannot be mixed with image or points; split the dataset"
-        )
-    camera = _camera(data, kinds, faults)
+    kinds = {kind for _, row in rows for kind in kinds_of(row)}
+    for alone in {"camera_from_target", "point_in_camera"} & kinds:
+        if len(kinds) > 1:
+            others = " or ".join(sorted(kinds - {alone}))
+            faults.append(f"sample: {alone} cannot be mixed with {others}; split the dataset")
+            break
+    camera = read_dataset_camera(data, kinds, path.resolve().parent, faults)
     target = _target(data, kinds, faults)
     features = read_features(data, rows, target, faults)
     good = [sample for sample in samples if sample is not None]
@@ -80,6 +85,10 @@ def load_dataset(path: Path) -> Dataset:
         faults += equal_pose_faults(cameras, "sample.camera_from_target", "camera")
     if faults or mount is None or poses is None:
         raise ConfigError(str(path), faults)
+    numbers = [
+        robot_numbers(row.pose, sample.base_from_wrist, poses.rotation, poses.unit)
+        for (_, row), sample in zip(rows, good, strict=True)
+    ]
     return Dataset(
         path=path,
         mount=mount,
@@ -88,9 +97,10 @@ def load_dataset(path: Path) -> Dataset:
         target=target,
         samples=tuple(good),
         unit=poses.unit,
-        rotation=RotationFormat(poses.rotation),
-        pose_values=tuple(tuple(row.pose) for _, row in rows),
+        rotation=numbers[0][1],
+        pose_values=tuple(values for values, _ in numbers),
         features=features,
+        tcp_in_wrist=tcp,
     )
 
 
@@ -112,96 +122,21 @@ def _sample_rows(data: dict[str, Any], faults: list[str]) -> list[tuple[str, Sam
     return named_rows(SampleTable, "sample", tables, faults)
 
 
-def _camera(
+def _tcp(data: dict[str, Any], faults: list[str]) -> Array | None:
+    """tcp_in_wrist (3,), mm; the flange's centre where it is not given, None where it is unknown."""
+    value = data.get("tcp_in_wrist", [0.0] * 3)
+    if value == "unknown":
+        return None
+    table = parse(TcpTable, {"tcp_in_wrist": value}, "", faults)
+    return np.zeros(3) if table is None else np.array(table.tcp_in_wrist, dtype=np.float64)
+
+
+def _target(
     data: dict[str, Any], kinds: set[str], faults: list[str]
-) -> tuple[CameraModel, bool] | None:
-    if "camera" not in data:
-        if kinds & {"image", "points"}:
-            faults.append("camera: is missing; samples with image or points need [camera] matrix")
-        return None
-    table = parse(CameraTable, data["camera"], "camera", faults)
-    if table is None:
-        return None
-    if kinds == {"camera_from_target"}:
-        if table.refine:
-            faults.append("camera.refine: poses hold no pixels to refine from; set it to false")
-        return None
-    fx, fy, cx, cy = table.matrix
-    size = (max(1, round(2 * cx)), max(1, round(2 * cy)))
-    try:
-        model = CameraModel(
-            np.array([[fx, 0, cx], [0, fy, cy], [0, 0, 1]]), np.array(table.distortion), size
-        )
-    except InputError as error:
-        faults.append(f"camera: {error}")
-        return None
-    return model, table.refine
-
-
-def _target(data: dict[str, Any], kinds: set[str], faults: list[str]) -> TargetSpec | None:
+) -> TargetSpec | TagGrid | None:
     table = data.get("target")
     if table is None:
         if "image" in kinds:
             faults.append("target: is missing; samples with an image need [target] type, ...")
         return None
     return read_target(table, faults)
-
-
-class _SampleReader:
-    """Turns checked rows into samples; appends what is wrong with their numbers and files."""
-
-    def __init__(self, folder: Path, poses: PosesTable | None, faults: list[str]) -> None:
-        self._folder = folder
-        self._poses = poses
-        self._faults = faults
-
-    def read(self, row: SampleTable, label: str) -> DatasetSample | None:
-        """The sample, or None with its faults appended."""
-        fault_count = len(self._faults)
-        kinds = [kind for kind in _SOURCES if getattr(row, kind) is not None]
-        if len(kinds) != 1:
-            self._faults.append(
-                f"{label}: needs exactly one of {', '.join(_SOURCES)}, has "
-                + (" and ".join(kinds) or "none")
-            )
-        pose = self._pose(row, label)
-        source = self._source(row, kinds[0], label) if kinds else None
-        if len(self._faults) > fault_count or pose is None or source is None:
-            return None
-        features = {name: np.array(pixel) for name, pixel in row.features.items()}
-        return DatasetSample(row.name, pose, source, features)
-
-    def _pose(self, row: SampleTable, label: str) -> Pose | None:
-        if self._poses is None:
-            return None
-        try:
-            return pose_from(row.pose, RotationFormat(self._poses.rotation), self._poses.unit)
-        except InputError as error:
-            self._faults.append(f"{label}.pose: {error}")
-            return None
-
-    def _source(
-        self, row: SampleTable, kind: str, label: str
-    ) -> Path | BoardObservation | Pose | None:
-        try:
-            if row.camera_from_target is not None:
-                return self._matrix(row.camera_from_target)
-            path = self._file(str(getattr(row, kind)))
-            return path if kind == "image" else read_points(path)
-        except InputError as error:
-            self._faults.append(f"{label}.{kind}: {error}")
-            return None
-
-    def _file(self, name: str) -> Path:
-        path = self._folder / name
-        if not path.is_file():
-            raise InputError(f"no such file: {path} (paths count from the dataset's folder)")
-        return path
-
-    def _matrix(self, numbers: Sequence[float]) -> Pose | None:
-        matrix = np.array(numbers).reshape(4, 4)
-        matrix[:3, 3] *= _MM_PER[self._poses.unit] if self._poses else 1.0
-        try:
-            return Pose.from_matrix(matrix)
-        except InputError as error:
-            raise InputError(f"{error}; 16 numbers, row by row") from error

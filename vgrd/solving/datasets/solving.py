@@ -15,11 +15,15 @@ from vgrd.geometry.resection import checked_points
 from vgrd.solving.datasets.fitting import Fitter, PointFitter, PoseFitter
 from vgrd.solving.datasets.half_turns import turn_alike
 from vgrd.solving.datasets.judging import DatasetEvidence, Miss, doubtful, judge, suspects
-from vgrd.solving.datasets.loading import Dataset, DatasetSample, load_dataset
+from vgrd.solving.datasets.loading import Dataset, load_dataset
 from vgrd.solving.datasets.named_method import NamedMethodFitter, check_method
+from vgrd.solving.datasets.point_pairs import PointPairSolution, solve_point_pairs
+from vgrd.solving.datasets.reading.sample_reading import DatasetSample, PointInCamera
 from vgrd.solving.datasets.solution import DatasetSolution, LeaveOneOut, SampleReport
 from vgrd.solving.flange_poses import MIN_SAMPLES
-from vgrd.vision.print.boards import BoardObservation, TargetSpec, detect_board, has_direction
+from vgrd.vision.print.boards import BoardObservation, TargetSpec, has_direction
+from vgrd.vision.print.targets import TagGrid
+from vgrd.vision.tags.seeing import see_target
 
 Progress = Callable[[int, int], None]
 
@@ -59,7 +63,7 @@ class _Steps:
 
 def solve_dataset(
     path: Path, progress: Progress | None = None, *, method: str | None = None
-) -> DatasetSolution:
+) -> DatasetSolution | PointPairSolution:
     """Solve hand-eye from a DATASET.toml; `progress(done, total)` is called after every step.
 
     method: one of `vgrd.calibration.hand_eye.published.METHODS`, without refinement; None: maximum
@@ -70,6 +74,8 @@ def solve_dataset(
     if method is not None:
         check_method(method)
     dataset = load_dataset(path)
+    if any(isinstance(sample.source, PointInCamera) for sample in dataset.samples):
+        return solve_point_pairs(dataset, method)
     steps = _Steps(progress, 2 * len(dataset.samples) + 2)
     sightings = _look(dataset, steps)
     fitter = _fitter(dataset, sightings, method)
@@ -132,10 +138,14 @@ def _look(dataset: Dataset, steps: _Steps) -> Sightings:
     return Sightings(samples, observations, unseen)
 
 
-def _observe(sample: DatasetSample, target: TargetSpec | None) -> BoardObservation | Pose:
+def _observe(
+    sample: DatasetSample, target: TargetSpec | TagGrid | None
+) -> BoardObservation | Pose:
     match sample.source:
         case Pose():
             return sample.source
+        case PointInCamera():
+            raise InputError("point_in_camera is solved by itself, not with a target")
         case BoardObservation():
             try:
                 checked_points(sample.source.points_in_target, sample.source.pixels)
@@ -147,7 +157,7 @@ def _observe(sample: DatasetSample, target: TargetSpec | None) -> BoardObservati
         raise InputError(f"{sample.source} is not a picture that OpenCV can read")
     if target is None:
         raise InputError("an image needs [target]")
-    return detect_board(np.asarray(image, dtype=np.uint8), target)
+    return see_target(np.asarray(image, dtype=np.uint8), target)
 
 
 def _fitter(dataset: Dataset, sightings: Sightings, method: str | None) -> Fitter:

@@ -18,18 +18,21 @@ from vgrd.geometry.camera import CameraModel
 from vgrd.geometry.pose import hat
 from vgrd.model import TagSpec
 from vgrd.vision.alignment.refinement import Refined, refine
-from vgrd.vision.boards.sizes import marker_excess
+from vgrd.vision.boards.sizes import marker_excess, seen_share
 from vgrd.vision.images.homography import apply
 from vgrd.vision.images.warp import lens_vector
 from vgrd.vision.print.boards import Charuco, detect_board
 from vgrd.vision.print.codes import marker_cells, square_corners
 from vgrd.vision.print.raster import Raster, joined
 from vgrd.vision.print.targets import TagGrid
+from vgrd.vision.tags.causes import cause_for_target
 from vgrd.vision.tags.detection import FoundTag, find_tags
 from vgrd.vision.tags.planar_pose import PlanarPose, planar_poses
 
 MeasurableBoard = Charuco | TagGrid
 
+NO_JOINTS: Array = np.zeros((0, 2))  # a board without squares between its tags
+_RIGHT_FILE = ": is its file the right one?"  # asked where nothing tells the cause
 _LEAST_POINTS = 4  # of a homography
 _POINT_PX = 4.0  # by which a point that was only detected, on a bent board, may be off
 _AGREEING = 0.9  # share of points that are where the board has them; a guess: one of ten is wrong
@@ -46,12 +49,14 @@ class BoardFit:
 
     outline (4, 3): those corners in the board's frame, mm; excess: share by which the ratio of its
     markers' size to their distances is larger than stated; 0 where the difference is not significant.
+    seen: share of its edges that the picture shows, also where they were printed a little off.
     """
 
     refined: Refined
     poses: list[PlanarPose]
     outline: Array
     excess: float
+    seen: float
 
     @property
     def covariance(self) -> Array:
@@ -84,7 +89,16 @@ def fit_board(picture: Grey, board: MeasurableBoard, camera: CameraModel) -> Boa
         TagSpec(board.dictionary, tag_id, board.size_mm): corners[:, :2].mean(0)
         for tag_id, corners in board.corners().items()
     }
-    return fit_tag_board(picture, centres, board.cell_mm, camera)
+    joints = board.joints()
+    try:
+        return fit_tag_board(
+            picture, centres, board.gap_mm if len(joints) else board.cell_mm, camera, joints
+        )
+    except TagNotSeen as error:
+        cause = cause_for_target(picture, board)
+        if cause is None:
+            raise
+        raise TagNotSeen(f"{str(error).removesuffix(_RIGHT_FILE)}; {cause}") from error
 
 
 def charuco_raster(board: Charuco, *, legacy: bool = False) -> Raster:
@@ -106,12 +120,13 @@ def fit_charuco(picture: Grey, board: Charuco, camera: CameraModel) -> BoardFit:
     Raises TagNotSeen when it is not in the picture, is there twice, shows too little of itself, or has
     other sizes than stated.
     """
-    markers = {(board.dictionary, i) for i in range((board.columns * board.rows + 1) // 2)}
+    markers = {(board.dictionary, tag_id) for tag_id in board.marker_ids}
     _single(find_tags(picture, [board.dictionary]), markers)
     try:
         detection = detect_board(picture, board)
     except TagNotSeen as error:
-        remedy = "show more of it, or correct columns, rows and dictionary of its file"
+        cause = cause_for_target(picture, board)
+        remedy = cause or "show more of it, or correct columns, rows and dictionary of its file"
         raise TagNotSeen(f"{error}: {remedy}") from error
     both = (False, True) if board.rows % 2 == 0 else (False,)
     layouts = [_charuco_layout(board, legacy=legacy) for legacy in both]
@@ -119,9 +134,16 @@ def fit_charuco(picture: Grey, board: Charuco, camera: CameraModel) -> BoardFit:
 
 
 def fit_tag_board(
-    picture: Grey, tags: Mapping[TagSpec, Array], margin_mm: float, camera: CameraModel
+    picture: Grey,
+    tags: Mapping[TagSpec, Array],
+    margin_mm: float,
+    camera: CameraModel,
+    joints: Array = NO_JOINTS,
 ) -> BoardFit:
-    """Measure a board of tags at the places of their centres (2,) mm. Raises as `fit_charuco`."""
+    """Measure a board of tags at the places of their centres (2,) mm. Raises as `fit_charuco`.
+
+    joints (n, 2): lowest corners of black squares of edge margin_mm, mm.
+    """
     place = {(tag.family, tag.id): (tag, np.asarray(centre)) for tag, centre in tags.items()}
     points, pixels = [], []
     candidates = find_tags(picture, sorted({tag.family for tag in tags}))
@@ -130,8 +152,8 @@ def fit_tag_board(
         points.append(centre + square_corners(tag.size_mm)[:, :2])
         pixels.append(marker.corners_px)
     if not points:
-        raise TagNotSeen("none of the board's tags is in the picture: is its file the right one?")
-    layout = _tags_layout(tags, margin_mm)
+        raise TagNotSeen(f"none of the board's tags is in the picture{_RIGHT_FILE}")
+    layout = _tags_layout(tags, margin_mm, joints)
     return _fitted(picture, camera, np.concatenate(points), np.concatenate(pixels), [layout])
 
 
@@ -159,7 +181,10 @@ def _charuco_layout(board: Charuco, *, legacy: bool) -> _Layout:
     inset = (board.square_mm - board.marker_mm) / 2
     markers = [
         _part(
-            board.dictionary, i, board.marker_mm, board.square_mm * np.array([column, row]) + inset
+            board.dictionary,
+            board.first_id + i,
+            board.marker_mm,
+            board.square_mm * np.array([column, row]) + inset,
         )
         for i, (row, column) in enumerate(np.argwhere(squares == 1).tolist())
     ]
@@ -167,7 +192,9 @@ def _charuco_layout(board: Charuco, *, legacy: bool) -> _Layout:
     return _Layout(raster, _extents(markers))
 
 
-def _tags_layout(tags: Mapping[TagSpec, Array], margin_mm: float) -> _Layout:
+def _tags_layout(
+    tags: Mapping[TagSpec, Array], margin_mm: float, joints: Array = NO_JOINTS
+) -> _Layout:
     parts = [
         _part(tag.family, tag.id, tag.size_mm, np.asarray(centre) - tag.size_mm / 2)
         for tag, centre in tags.items()
@@ -175,7 +202,11 @@ def _tags_layout(tags: Mapping[TagSpec, Array], margin_mm: float) -> _Layout:
     extents = _extents(parts)
     low, high = extents[:, 0].min(0) - margin_mm, extents[:, 1].max(0) + margin_mm
     rim = (np.array([low[0], high[0]]), np.array([low[1], high[1]]))
-    return _Layout(joined(parts, rim), extents)
+    squares = [
+        (np.zeros((1, 1)), x + margin_mm * np.arange(2.0), y + margin_mm * np.arange(2.0))
+        for x, y in joints
+    ]
+    return _Layout(joined([*parts, *squares], rim), extents)
 
 
 def _part(family: str, tag_id: int, size_mm: float, corner: Array) -> tuple[Array, Array, Array]:
@@ -222,7 +253,8 @@ def _fitted(
     )
     outline = np.column_stack([layout.raster.corners, np.zeros(4)])
     poses = planar_poses(camera, outline, best.corners_px, best.covariance)
-    return BoardFit(best, poses, outline, excess)
+    seen = seen_share(picture, layout.raster, best.corners_px, lens)
+    return BoardFit(best, poses, outline, excess, seen)
 
 
 def _projected(camera: CameraModel, rays_from_board: Array, points: Array) -> Array:

@@ -107,7 +107,7 @@ def _origin_sigma_mm(camera_from_board: Pose, covariance: Array) -> float:
 def _remarks(fit: BoardFit) -> list[tuple[str, str]]:
     """What makes a pose worse than it could be."""
     remarks = [("sizes", sizes_remark(fit.excess))] if fit.excess else []
-    share = fit.refined.edge_share
+    share = fit.seen
     if share < _WHOLE:  # looks like a shadow to the fit of the light
         remark = (
             f"only {share:.0%} of its edges are seen: uncover it, or bring it into the picture"

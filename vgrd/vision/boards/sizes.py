@@ -1,4 +1,4 @@
-"""Whether the markers of a board have the size against their distances that its file states.
+"""Whether the markers of a board have the size against their distances that its file states, and are seen.
 
 A homography fits a board of wrong proportions almost as well as the right one, only at another distance. The
 edges tell the proportion: it is one more unknown in their fit.
@@ -16,6 +16,10 @@ from vgrd.vision.print.raster import Raster
 
 _PRIOR_SIGMA = 1.0  # of the excess: as good as none
 _STEP = 1e-4  # of the size, of the central difference: curvature costs 1e-8, rounding less
+_OF_CELL = (
+    0.1  # within which an edge is at its place: half a pixel of a board drawn with 5 px a cell
+)
+_LEAST_REACH_PX = 0.3  # idem, for small cells: three times the noise of one profile in poor light
 _FEWEST_EDGES = 20  # twice the 10 unknowns
 
 
@@ -45,6 +49,20 @@ def marker_excess(
     scores = np.zeros((edge.max() + 1, J.shape[1]))
     np.add.at(scores, edge, J * (weight * residuals)[:, None])  # an edge errs as a whole
     return float(change[-1]), float(np.linalg.norm(scores @ bread[-1]))
+
+
+def seen_share(picture: Grey, raster: Raster, corners_px: Array, lens: Array) -> float:
+    """Share of the raster's edges that the picture shows within a tenth of a cell of their place.
+
+    Programs that draw boards round each marker to whole pixels: such edges are seen, only elsewhere.
+    """
+    frame = LocalFrame.around(lens, corners_px.mean(0))
+    H = from_points(raster.corners, frame.q_of(corners_px))
+    _, _, offset, edge = edge_offsets(picture, raster, frame, H, wide=False)
+    extent = np.linalg.norm(raster.corners[1] - raster.corners[0])
+    side = np.linalg.norm(corners_px[1] - corners_px[0])
+    reach = max(_OF_CELL * raster.smallest_cell * float(side / extent), _LEAST_REACH_PX)
+    return len(np.unique(edge[np.abs(offset) < reach])) / len(edge_segments(raster))
 
 
 def _from_centre(points: Array, segments: Array, markers: Array) -> Array:

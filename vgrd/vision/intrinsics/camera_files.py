@@ -1,47 +1,58 @@
-"""Intrinsics in files: OpenCV's YAML, XML and JSON, ROS camera_info, Kalibr, and our own TOML.
+"""Intrinsics in files: OpenCV, ROS camera_info, Kalibr, RealSense, Open3D, Zivid, NPZ, and our own TOML.
 
-Whatever the format, keys are compared without case and underscores, so that `camera_matrix`,
-`cameraMatrix` and `Camera_Matrix` are one. Focal lengths, principal point and size in px.
+Focal lengths, principal point and size in px.
 """
 
-import tomllib
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any, Literal
+from typing import Literal
 
 import cv2
 import numpy as np
-import yaml
-from scipy.optimize import least_squares
 
+from vgrd.documents.text import brief
 from vgrd.errors import InputError
 from vgrd.geometry import Array
 from vgrd.geometry.camera import CameraModel
+from vgrd.vision.intrinsics.camera_documents import read_document
+from vgrd.vision.intrinsics.camera_keys import NUMBERED, CameraTable, cameras_in, plain
+from vgrd.vision.intrinsics.lens_models import RAYS, expressed, opencv_rays
 
-_MATRIX = ("cameramatrix", "k", "matrix", "intrinsicmatrix", "intrinsics", "m1")
-_DISTORTION = (
-    *("distortioncoefficients", "distcoeffs", "distortion", "distortioncoeffs"),
-    *("distcoefficients", "dist", "d", "d1"),
+_PINHOLE = frozenset(
+    (
+        *("", "none", "false", "0", "0.0", "standard", "opencv", "pinhole", "perspective"),
+        *(
+            "plumbbob",
+            "rationalpolynomial",
+            "thinprism",
+            "thinprismmodel",
+            "brown",
+            "brownconrady",
+        ),
+        *("radtan", "radialtangential", "pinholeradtan"),
+    )
 )
-_SIZES = ("imagesize", "sizepx", "resolution", "size")
-_PINHOLE = ("plumbbob", "rationalpolynomial", "radtan", "thinprism", "opencv", "none", "")
+_REALSENSE = frozenset(("inversebrownconrady", "modifiedbrownconrady"))
 _LENGTHS = (0, 4, 5, 8, 12, 14)  # what OpenCV knows
 _OURS = 8  # the most that `CameraModel` takes: without thin prism and tilt
-_SAME_PX = 0.02  # by which another model may differ: OpenCV's corners of boards err more
 Kind = Literal["opencv", "ros", "toml"]
-Document = Mapping[str, Any]
 
 
-def read_camera(path: Path, size_px: tuple[int, int] | None = None) -> CameraModel:
+def read_camera(
+    path: Path, size_px: tuple[int, int] | None = None, name: str | None = None
+) -> CameraModel:
     """Intrinsics of one camera; size_px (width, height) is used where the file tells none.
 
-    Distortion with 12 or 14 numbers is expressed with 8. Raises InputError naming the file and
-    what is wrong: not readable, several cameras, a fisheye model, no size.
+    name: of the camera, where the file holds several. Distortion with 12 or 14 numbers is expressed
+    with 8. Raises InputError naming the file and what is wrong: not readable, a key that is not
+    understood, several cameras, another lens model, no size.
     """
     try:
-        return _camera(_table(_document(path)), size_px)
+        document = read_document(path)
+        table = _chosen(cameras_in(document, strict=path.suffix.lower() != ".toml"), name)
+        return _camera(table, size_px)
     except InputError as error:
-        raise InputError(f"{path}: {error}") from error
+        raise InputError(f"{path}: {brief(str(error))}") from error
 
 
 def write_camera(path: Path, camera: CameraModel, kind: Kind, name: str = "camera") -> None:
@@ -119,97 +130,103 @@ def opencv_text(camera: CameraModel, suffix: str) -> str:
     return str(storage.releaseAndGetString())
 
 
-def _document(path: Path) -> Document:
-    """The file as nested tables, whatever its format."""
-    try:
-        text = path.read_text(encoding="utf-8")
-    except FileNotFoundError as error:
-        raise InputError("no such file") from error
-    except (OSError, UnicodeDecodeError) as error:
-        raise InputError(f"cannot be read: {error}") from error
-    start = text.lstrip()[:5]
-    try:
-        if path.suffix.lower() == ".toml":
-            data: object = tomllib.loads(text)
-        elif start in ("%YAML", "<?xml") or start[:1] == "{":
-            storage = cv2.FileStorage(text, cv2.FILE_STORAGE_READ | cv2.FILE_STORAGE_MEMORY)
-            data = _plain(storage.root())
-        else:
-            data = yaml.safe_load(text)
-    except (tomllib.TOMLDecodeError, yaml.YAMLError, cv2.error, SystemError) as error:
-        raise InputError(f"not valid: {str(error).splitlines()[0]}") from error
-    if not isinstance(data, Mapping):
-        raise InputError("holds no camera: neither OpenCV's, nor ROS camera_info, nor our TOML")
-    return data
-
-
-def _plain(node: cv2.FileNode) -> object:
-    """A node of OpenCV's storage as plain values; a matrix is a table with rows, cols, data."""
-    if node.isMap():
-        return {key: _plain(node.getNode(key)) for key in node.keys()}  # noqa: SIM118 (a FileNode does not iterate)
-    if node.isSeq():
-        return [_plain(node.at(index)) for index in range(node.size())]
-    if node.isString():
-        return node.string()
-    return node.real() if node.isReal() or node.isInt() else None
-
-
-def _table(document: Document) -> Document:
-    """The one table with a camera matrix, its keys made plain."""
-    tables = list(_tables(document, ""))
-    if not tables:
-        raise InputError("holds no camera matrix (camera_matrix, K, or [camera] matrix)")
-    if len(tables) > 1:
-        names = ", ".join(name or "(top)" for name, _ in tables)
-        raise InputError(f"holds several cameras: {names}; give a file with one")
-    return tables[0][1]
-
-
-def _tables(table: Document, name: str) -> Iterator[tuple[str, Document]]:
-    plain = {str(key).lower().replace("_", ""): value for key, value in table.items()}
-    if any(key in plain for key in _MATRIX):
-        yield name, plain
-        return
-    for key, value in table.items():
-        if isinstance(value, Mapping):
-            yield from _tables(value, f"{name}.{key}".lstrip("."))
-
-
-def _camera(table: Document, size_px: tuple[int, int] | None) -> CameraModel:
-    _refuse_fisheye(table)
-    numbers = next((table[key] for key in _DISTORTION if key in table), None)
-    distortion = np.zeros(0) if numbers is None else _values(numbers, "distortion").ravel()
-    if distortion.size not in _LENGTHS:
+def _chosen(cameras: Sequence[CameraTable], name: str | None) -> CameraTable:
+    """The camera that is meant."""
+    if not cameras:
         raise InputError(
-            f"distortion has {distortion.size} numbers, OpenCV knows "
-            + ", ".join(map(str, _LENGTHS))
+            "holds no camera matrix (camera_matrix, K, fx fy cx cy, or [camera] matrix)"
         )
+    names = ", ".join(camera.name or "(top)" for camera in cameras)
+    if name is not None:
+        meant = [camera for camera in cameras if name in (camera.name, camera.name.split(".")[-1])]
+        if len(meant) != 1:
+            raise InputError(f"holds no camera named '{name}'; its cameras: {names}")
+        return meant[0]
+    if len(cameras) > 1:
+        raise InputError(
+            f"holds several cameras: {names}; choose with --camera-name, or name in [camera]"
+        )
+    return cameras[0]
+
+
+def _camera(table: CameraTable, size_px: tuple[int, int] | None) -> CameraModel:
+    model = _model(table)
+    distortion = _distortion(table)
     size = _size(table) or size_px
     if size is None:
-        raise InputError("does not tell the picture's size: add image_width and image_height")
-    matrix = _matrix(next(table[key] for key in _MATRIX if key in table))
-    if distortion.size > _OURS and not distortion[_OURS:].any():
-        distortion = distortion[:_OURS]
-    if distortion.size > _OURS:
-        return _expressed(matrix, distortion, size)
-    return CameraModel(matrix, distortion, size)
-
-
-def _refuse_fisheye(table: Document) -> None:
-    model = str(table.get("distortionmodel", "")).lower().replace("_", "")
-    flag = table.get("fisheyemodel", 0)
-    if flag in (1, 1.0, True, "1") or (model and model not in _PINHOLE):
-        name = table.get("distortionmodel", "fisheye")
         raise InputError(
-            f"distortion model {name!r} is not known here: a pinhole camera with OpenCV's "
-            "plumb_bob or rational_polynomial is needed; calibrate anew with vgrd intrinsics"
+            "does not tell the picture's size: add image_width and image_height, or give it beside "
+            "the file (--size-px, size_px in [camera])"
         )
+    matrix = _matrix(table.matrix, table.matrix_key)
+    _check_size_order(matrix, size)
+    if model in _REALSENSE and distortion.any():
+        camera = expressed(matrix, size, distortion[:5], RAYS[model], f"model {model}")
+    elif distortion.size > _OURS and distortion[_OURS:].any():
+        camera = expressed(matrix, size, distortion, opencv_rays, "thin prism or tilt distortion")
+    else:
+        camera = CameraModel(matrix, distortion[:_OURS], size)
+    return _of_the_pictures(camera, table.more)
 
 
-def _matrix(value: object) -> Array:
-    if isinstance(value, Mapping) and {"fx", "fy", "cx", "cy"} <= value.keys():
-        value = [value[key] for key in ("fx", "fy", "cx", "cy")]
-    numbers = _values(value, "camera matrix").ravel()
+def _distortion(table: CameraTable) -> Array:
+    value = table.distortion
+    if value is None:
+        return np.zeros(0)
+    if isinstance(value, Mapping) and "data" not in value:
+        named = {plain(key): number for key, number in value.items()}
+        unknown = next((key for key in value if plain(key) not in NUMBERED), None)
+        if unknown is not None:
+            raise InputError(
+                f"{table.distortion_key}.{unknown}: is not understood; known: "
+                + ", ".join(NUMBERED)
+            )
+        last = max((NUMBERED.index(key) for key in named), default=-1) + 1
+        length = next(count for count in _LENGTHS if count >= last)
+        value = [named.get(key, 0.0) for key in NUMBERED[:length]]
+    numbers = _values(value, table.distortion_key or "distortion").ravel()
+    if numbers.size not in _LENGTHS:
+        raise InputError(
+            f"distortion has {numbers.size} numbers, OpenCV knows " + ", ".join(map(str, _LENGTHS))
+        )
+    return numbers
+
+
+def _model(table: CameraTable) -> str:
+    """The lens model as one word, "" where none is told; InputError for one that is not known here."""
+    special = ""
+    for key, value in table.models.items():
+        word = plain(value)
+        if plain(key).endswith(("fisheye", "fisheyemodel")):
+            if word in ("1", "10", "true"):
+                raise _other_lens("fisheye")
+            continue
+        word = word.removeprefix("rs2").removeprefix("distortionmodel").removeprefix("distortion")
+        if word in _REALSENSE:
+            special = word
+        elif word not in _PINHOLE:
+            raise _other_lens(str(value), key)
+    return special
+
+
+def _other_lens(name: str, key: str = "") -> InputError:
+    where = f" ({key})" if key else ""
+    return InputError(
+        f"distortion model {name!r} is not known here{where}: a pinhole camera with OpenCV's "
+        "plumb_bob or rational_polynomial is needed; calibrate anew with vgrd intrinsics"
+    )
+
+
+def _matrix(value: object, key: str) -> Array:
+    if isinstance(value, Mapping) and "data" not in value:
+        named = {plain(k): v for k, v in value.items()}
+        named |= {"cx": named.get("cx", named.get("ppx")), "cy": named.get("cy", named.get("ppy"))}
+        lacking = [k for k in ("fx", "fy", "cx", "cy") if named.get(k) is None]
+        if lacking:
+            raise InputError(f"{key}: lacks {', '.join(lacking)}")
+        value = [named[k] for k in ("fx", "fy", "cx", "cy")]
+    numbers = _values(value, "camera matrix")
+    is_flat, numbers = numbers.ndim == 1, numbers.ravel()
     if numbers.size == 4:
         fx, fy, cx, cy = numbers
         return np.array([[fx, 0, cx], [0, fy, cy], [0, 0, 1]])
@@ -217,14 +234,21 @@ def _matrix(value: object) -> Array:
         raise InputError(
             f"the camera matrix has {numbers.size} numbers, 9 or fx fy cx cy are needed"
         )
-    return numbers.reshape(3, 3)
+    matrix = numbers.reshape(3, 3)
+    if matrix[2, :2].any() and not matrix[:2, 2].any():
+        if is_flat and plain(key) == "intrinsicmatrix":  # Open3D writes column by column
+            return np.ascontiguousarray(matrix.T)
+        raise InputError(f"{key}: is written column by column; write it row by row")
+    return matrix
 
 
-def _size(table: Document) -> tuple[int, int] | None:
-    for width, height in (("imagewidth", "imageheight"), ("width", "height")):
-        if width in table and height in table:
-            return _whole([table[width], table[height]])
-    return next((_whole(table[key]) for key in _SIZES if key in table), None)
+def _size(table: CameraTable) -> tuple[int, int] | None:
+    value = table.size
+    if isinstance(value, Mapping):
+        named = {plain(key): number for key, number in value.items()}
+        if {"width", "height"} <= named.keys():
+            value = [named["width"], named["height"]]
+    return None if value is None else _whole(value)
 
 
 def _whole(value: object) -> tuple[int, int]:
@@ -234,44 +258,48 @@ def _whole(value: object) -> tuple[int, int]:
     return int(numbers[0]), int(numbers[1])
 
 
+def _check_size_order(matrix: Array, size: tuple[int, int]) -> None:
+    """Refuse height and width in the wrong order where the principal point tells it."""
+    centre = matrix[:2, 2]
+    if (centre >= size).any() and (centre < size[::-1]).all():
+        raise InputError(
+            f"picture size {size[0]} x {size[1]}: the principal point ({centre[0]:.0f}, "
+            f"{centre[1]:.0f}) lies outside: are width and height swapped?"
+        )
+
+
+def _of_the_pictures(camera: CameraModel, more: Mapping[str, object]) -> CameraModel:
+    """The camera as its pictures are: of a region, binned; camera_info is of the whole sensor."""
+    region = more.get("roi")
+    x, y, width, height = (
+        _count(region.get(key, 0), f"roi.{key}") if isinstance(region, Mapping) else 0
+        for key in ("x_offset", "y_offset", "width", "height")
+    )
+    bins = [max(1, _count(more.get(key, 0), key)) for key in ("binningx", "binningy")]
+    if bins == [1, 1] and not (x or y):
+        return camera
+    size = (width or camera.size_px[0] - x, height or camera.size_px[1] - y)
+    K = camera.matrix.copy()
+    K[:2, 2] = (K[:2, 2] - [x, y] + 0.5) / bins - 0.5  # pixels count from the first one's centre
+    K[[0, 1], [0, 1]] /= bins
+    return CameraModel(K, camera.distortion, (size[0] // bins[0], size[1] // bins[1]))
+
+
+def _count(value: object, key: str) -> int:
+    if not isinstance(value, int | float) or value % 1 or not 0 <= value < 1e6:
+        raise InputError(f"{key} {value!r}: a whole number is needed")
+    return int(value)
+
+
 def _values(value: object, key: str) -> Array:
     data = value.get("data") if isinstance(value, Mapping) else value
     try:
         numbers = np.array(data, dtype=np.float64)
-    except (TypeError, ValueError) as error:
+    except (TypeError, ValueError, OverflowError) as error:
         raise InputError(f"{key} {data!r}: numbers are needed") from error
     if not np.isfinite(numbers).all():
         raise InputError(f"{key} {data!r}: finite numbers are needed")
     return numbers
-
-
-def _expressed(matrix: Array, distortion: Array, size: tuple[int, int]) -> CameraModel:
-    """The same camera with eight distortion numbers: thin prisms and tilted sensors are no others here.
-
-    Fitted to rays over the whole picture; InputError where that leaves more than 0.02 px.
-    """
-    u, v = np.meshgrid(np.linspace(0, size[0] - 1, 21), np.linspace(0, size[1] - 1, 17))
-    pixels = np.stack([u.ravel(), v.ravel()], axis=1)
-    criteria = (cv2.TERM_CRITERIA_COUNT + cv2.TERM_CRITERIA_EPS, 100, 1e-12)
-    rays = cv2.undistortPointsIter(pixels, matrix, distortion, np.eye(3), np.eye(3), criteria)
-    points = np.hstack([rays.reshape(-1, 2), np.ones((len(pixels), 1))])
-
-    def camera(x: Array) -> CameraModel:
-        K = np.array([[x[0], 0, x[2]], [0, x[1], x[3]], [0, 0, 1]])
-        return CameraModel(K, x[4:], size)
-
-    def residuals(x: Array) -> Array:
-        return np.asarray((camera(x).project(points) - pixels).ravel())
-
-    start = np.append(matrix[[0, 1, 0, 1], [0, 1, 2, 2]], distortion[:_OURS])
-    minimum = least_squares(residuals, start, x_scale="jac")
-    worst = float(np.abs(minimum.fun).max())
-    if not worst < _SAME_PX:
-        raise InputError(
-            f"its thin prism or tilt distortion cannot be expressed with 8 numbers ({worst:.2g} px "
-            "off): calibrate anew with vgrd intrinsics"
-        )
-    return camera(minimum.x)
 
 
 def _numbers(values: object) -> str:

@@ -11,16 +11,13 @@ import numpy as np
 from vgrd.devices import Grey
 from vgrd.errors import InputError, TagNotSeen
 from vgrd.geometry import Array
-from vgrd.vision.alignment.refinement import refine
 from vgrd.vision.images.drawing import BLUE, GOOD, RED, Colour, circle_at
 from vgrd.vision.images.pictures import SUFFIXES, as_8_bit, read_picture
-from vgrd.vision.images.warp import lens_vector
 from vgrd.vision.intrinsics.estimate import IntrinsicsResult
 from vgrd.vision.intrinsics.fit import BoardView
-from vgrd.vision.print.boards import Charuco, Chessboard, CircleGrid, detect_board
-from vgrd.vision.print.raster import tag_raster
+from vgrd.vision.print.boards import Charuco, Chessboard, CircleGrid
 from vgrd.vision.print.targets import TagGrid
-from vgrd.vision.tags.detection import FoundTag, find_tags
+from vgrd.vision.tags.seeing import see_target
 
 Board = Charuco | Chessboard | CircleGrid | TagGrid
 COVERAGE_CELLS = (6, 4)  # columns, rows; a guess: each is smaller than the board in a picture
@@ -95,34 +92,9 @@ def _grid(columns: int, rows: int) -> Array:
 
 
 def _view(name: str, grey: Grey, board: Board, points: Array) -> BoardView:
-    if isinstance(board, TagGrid):
-        return _tags_view(name, grey, board)
-    observation = detect_board(grey, board)
+    observation = see_target(grey, board)
     distances = np.linalg.norm(observation.points_in_target[:, None] - points, axis=2)
     return BoardView(name, distances.argmin(axis=1), observation.pixels)
-
-
-def _tags_view(name: str, grey: Grey, board: TagGrid) -> BoardView:
-    places = board.corners()
-    tags = [tag for tag in find_tags(grey, [board.dictionary]) if tag.id in places]
-    counts = Counter(tag.id for tag in tags)
-    corners = {tag.id: _exact_corners(grey, tag, board) for tag in tags if counts[tag.id] == 1}
-    measured = {
-        tag_id: corners_px for tag_id, corners_px in corners.items() if corners_px is not None
-    }
-    if not measured:
-        raise TagNotSeen(f"none of the board's {len(places)} tags can be measured in the picture")
-    first = np.array([4 * (tag_id - board.first_id) for tag_id in measured])
-    ids = (first[:, None] + np.arange(4)).ravel()
-    return BoardView(name, ids, np.concatenate(list(measured.values())))
-
-
-def _exact_corners(grey: Grey, tag: FoundTag, board: TagGrid) -> Array | None:
-    """Corners (4, 2) as all pixels of the tag tell them; a tag is small enough to see no distortion."""
-    refined = refine(
-        grey, tag_raster(tag.family, tag.id, board.size_mm), tag.corners_px, lens_vector(None)
-    )
-    return None if refined is None else refined.corners_px
 
 
 def coverage(views: tuple[BoardView, ...], size_px: tuple[int, int]) -> Array:

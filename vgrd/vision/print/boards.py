@@ -15,7 +15,7 @@ import pyapriltags
 from vgrd.devices import Grey
 from vgrd.errors import InputError, TagNotSeen
 from vgrd.geometry import Array
-from vgrd.vision.print.codes import ARUCO_DICTIONARIES, dictionary_of
+from vgrd.vision.print.codes import ARUCO_DICTIONARIES, LIBRARY_FAMILIES, dictionary_of
 
 MIN_POINTS = (
     6  # four of a plane fix a pose without any redundancy: one wrong corner goes unnoticed
@@ -25,10 +25,7 @@ _APRILTAG_FAMILIES = {
     "16h5": "tag16h5",
     "25h9": "tag25h9",
     "36h11": "tag36h11",
-    "circle21h7": "tagCircle21h7",
-    "circle49h12": "tagCircle49h12",
-    "standard41h12": "tagStandard41h12",
-    "standard52h13": "tagStandard52h13",
+    **LIBRARY_FAMILIES,
 }
 BOARD_DICTIONARIES = tuple(ARUCO_DICTIONARIES)
 TAG_DICTIONARIES = (*_APRILTAG_FAMILIES, *ARUCO_DICTIONARIES)
@@ -36,13 +33,17 @@ TAG_DICTIONARIES = (*_APRILTAG_FAMILIES, *ARUCO_DICTIONARIES)
 
 @dataclass(frozen=True, slots=True)
 class Charuco:
-    """ChArUco board of columns x rows squares, in OpenCV's layout before or since 4.6."""
+    """ChArUco board of columns x rows squares, in OpenCV's layout before or since 4.6.
+
+    first_id: of its first marker; the others count on from there.
+    """
 
     columns: int
     rows: int
     square_mm: float
     marker_mm: float
     dictionary: str
+    first_id: int = 0
 
     def __post_init__(self) -> None:
         if not 0 < self.marker_mm < self.square_mm:
@@ -53,11 +54,17 @@ class Charuco:
             self.columns * self.rows // 2,
             len(dictionary_of(self.dictionary).bytesList),
         )
-        if count > capacity:
+        if self.first_id < 0 or self.first_id + count > capacity:
+            start = f" from id {self.first_id} on" if self.first_id else ""
             raise InputError(
-                f"{self.columns} x {self.rows} squares hold {count} markers, dictionary "
+                f"{self.columns} x {self.rows} squares hold {count} markers{start}, dictionary "
                 f"{self.dictionary} has {capacity}: columns, rows or dictionary are wrong"
             )
+
+    @property
+    def marker_ids(self) -> range:
+        """Ids of its markers, in the order of their places; of the layout with the most."""
+        return range(self.first_id, self.first_id + (self.columns * self.rows + 1) // 2)
 
 
 @dataclass(frozen=True, slots=True)
@@ -95,7 +102,7 @@ class SingleTag:
 TargetSpec = Charuco | Chessboard | CircleGrid | SingleTag
 
 
-def has_direction(target: TargetSpec) -> bool:
+def has_direction(target: object) -> bool:
     """Whether a half turn changes the target's looks; otherwise its points may come reversed."""
     match target:
         case Chessboard():
@@ -151,6 +158,7 @@ def _charuco_detector(target: Charuco, *, legacy: bool) -> cv2.aruco.CharucoDete
         target.square_mm,
         target.marker_mm,
         dictionary_of(target.dictionary),
+        np.array(target.marker_ids[: target.columns * target.rows // 2]),
     )
     board.setLegacyPattern(legacy)
     return cv2.aruco.CharucoDetector(board)

@@ -66,17 +66,49 @@ class TagGrid:
         """Edge of one cell of a tag."""
         return self.size_mm / len(marker_cells(self.dictionary, self.first_id))
 
+    def id_at(self, row: int, column: int) -> int:
+        """Id of the tag in a row and a column."""
+        return self.first_id + row * self.columns + column
+
+    def joints(self) -> Array:
+        """Lowest corners (n, 2) of black squares of edge gap_mm between the tags: none."""
+        return np.zeros((0, 2))
+
     def corners(self) -> Mapping[int, Array]:
         """Corners (4, 3) of every tag by id, in the tag's own order, board frame, mm."""
         pitch = self.size_mm + self.gap_mm
         half = self.size_mm / 2
         square = square_corners(self.size_mm)
         return {
-            self.first_id + row * self.columns + column: square
+            self.id_at(row, column): square
             + np.array([column * pitch + half, row * pitch + half, 0])
             for row in range(self.rows)
             for column in range(self.columns)
         }
+
+
+@dataclass(frozen=True, slots=True)
+class AprilGrid(TagGrid):
+    """Kalibr's AprilGrid: ids from the bottom left, row by row upwards, a black square at every corner of a tag.
+
+    Its origin is the outer corner of the top left tag, as of the other boards: Kalibr counts y upwards from
+    the bottom left one. gap_mm: tagSpacing times tagSize.
+    """
+
+    def id_at(self, row: int, column: int) -> int:
+        """Id of the tag in a row, 0 at the top, and a column."""
+        return self.first_id + (self.rows - 1 - row) * self.columns + column
+
+    def joints(self) -> Array:
+        """Lowest corners (n, 2) of the black squares of edge gap_mm, board frame, mm."""
+        pitch = self.size_mm + self.gap_mm
+        return np.array(
+            [
+                (column * pitch - self.gap_mm, row * pitch - self.gap_mm)
+                for row in range(self.rows + 1)
+                for column in range(self.columns + 1)
+            ]
+        )
 
 
 Printable = SingleTag | TagGrid | Charuco
@@ -122,7 +154,8 @@ def config_lines(target: Printable) -> tuple[str, ...]:
             key = "family" if target.dictionary in APRILTAG_FAMILIES else "dictionary"
             values = {key: target.dictionary, "id": target.id, "size_mm": target.size_mm}
         case TagGrid():
-            values = {"type": "tags", "dictionary": target.dictionary}
+            kind = "aprilgrid" if isinstance(target, AprilGrid) else "tags"
+            values = {"type": kind, "dictionary": target.dictionary}
             values |= {"columns": target.columns, "rows": target.rows}
             values |= {"size_mm": target.size_mm, "gap_mm": target.gap_mm}
             values |= {"first_id": target.first_id}
@@ -130,6 +163,7 @@ def config_lines(target: Printable) -> tuple[str, ...]:
             values = {"type": "charuco", "columns": target.columns, "rows": target.rows}
             values |= {"square_mm": target.square_mm, "marker_mm": target.marker_mm}
             values |= {"dictionary": target.dictionary}
+            values |= {"first_id": target.first_id} if target.first_id else {}
     return tuple(
         f"{key} = " + (f'"{value}"' if isinstance(value, str) else f"{value}")
         for key, value in values.items()
@@ -156,10 +190,15 @@ def _drawn(target: Printable) -> _Drawn:
                 _marker(target.dictionary, tag_id, corners.min(0), target.size_mm)
                 for tag_id, corners in target.corners().items()
             )
+            black = np.ones((1, 1), dtype=np.bool_)
+            joints = tuple(
+                SheetRaster(float(x), float(y), target.gap_mm, target.gap_mm, black)
+                for x, y in target.joints()
+            )
             pitch = target.size_mm + target.gap_mm
             width, height = pitch * target.columns, pitch * target.rows
-            rim = 2 * target.cell_mm
-            return _Drawn(markers, width - target.gap_mm, height - target.gap_mm, rim)
+            rim = 2 * target.cell_mm + (target.gap_mm if joints else 0)
+            return _Drawn((*markers, *joints), width - target.gap_mm, height - target.gap_mm, rim)
         case Charuco():
             return _charuco(target)
 
@@ -172,6 +211,7 @@ def _charuco(board: Charuco) -> _Drawn:
         board.square_mm,
         board.marker_mm,
         dictionary_of(board.dictionary),
+        np.array(board.marker_ids[: board.columns * board.rows // 2]),
     )
     markers = tuple(
         _marker(board.dictionary, int(tag_id), np.min(corners, axis=0), board.marker_mm)

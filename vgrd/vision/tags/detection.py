@@ -14,7 +14,13 @@ import pyapriltags
 from vgrd.devices import Grey
 from vgrd.errors import InputError
 from vgrd.geometry import Array
-from vgrd.vision.print.codes import APRILTAG_FAMILIES, dictionary_of, family_named, marker_cells
+from vgrd.vision.print.codes import (
+    APRILTAG_FAMILIES,
+    border_cells,
+    dictionary_of,
+    family_named,
+    marker_cells,
+)
 
 _COARSE_WIDTH_PX = 1300  # wider pictures are halved until they are not wider: 12 megapixels twice
 _FINEST_WIDTH_PX = 2600  # of the pictures that a fast search looks at: one level finer than coarse
@@ -215,6 +221,7 @@ def _candidates(level: Grey, family: str, *, thorough: bool) -> Iterable[tuple[i
 def _aruco(family: str, thorough: bool) -> cv2.aruco.ArucoDetector:
     parameters = cv2.aruco.DetectorParameters()
     parameters.cornerRefinementMethod = cv2.aruco.CORNER_REFINE_SUBPIX
+    parameters.markerBorderBits = border_cells(family)
     if thorough:
         parameters.adaptiveThreshWinSizeMax = _WIDEST_WINDOW_PX
         parameters.minMarkerPerimeterRate = _LEAST_PERIMETER
