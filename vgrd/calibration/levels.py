@@ -17,7 +17,7 @@ from vgrd.geometry import Array
 
 STATED_FACTOR = 2.0  # a stated sigma is right within this factor in two of three cases: a guess
 _ROUNDS = 30  # of scoring, a bound only
-_SETTLED = 1e-3  # of a logarithm: a thousandth of a variance changes no figure that is printed
+_SETTLED = 0.01  # of a logarithm: half a percent of a sigma, of which a tenth is known at best
 _LARGEST_STEP = 1.5  # of a logarithm: scoring overshoots far from the optimum
 _FINEST = np.log(1e-3)  # of a variance: exact data leave no noise at all, and nothing to weigh by
 _LEAST_FREEDOM = 2.5  # below it a t distribution has hardly a variance

@@ -22,7 +22,7 @@ from vgrd.calibration.joint.state import layout_of
 from vgrd.geometry import Array
 
 _ROUNDS = 4  # a bound only: levels and estimate settle in two
-_SETTLED = 0.03  # of a logarithm: 3 % of a sigma
+_SETTLED = 0.05  # of a logarithm: 5 % of a sigma, of which a tenth is known at best
 _JUDGED_ANEW = 0.2  # of a logarithm: 20 % of a sigma, which may make a sample good or bad
 _MOST_LEFT_OUT = 4  # a file with more that is wrong is that of another cell
 
@@ -113,13 +113,16 @@ def _settle(raw: JointData, fit: JointFit, scales: Scales) -> tuple[JointFit, Sc
     samples = fit.samples
     for _ in range(_ROUNDS):
         noise = Noise(raw, fit.layout, fit.state)
+        if start is None and scales:
+            start = 2 * np.log([scales.get(name, 1.0) for name in noise.parts])
         levels = noise.find(start)
         start = levels.log_variances
         found = dict(zip(noise.parts, map(float, levels.scales), strict=True))
         changes = [abs(np.log(scale / scales.get(name, 1.0))) for name, scale in found.items()]
-        scales = found
-        if max(changes, default=0.0) < _SETTLED and fit.levels:
+        if scales and max(changes, default=0.0) < _SETTLED:
+            fit = replace(fit, levels=noise.named(levels))
             break
+        scales = found
         fit = fit_joint(at_levels(raw, scales), fit.layout, fit.state)
         fit = replace(fit, samples=samples, levels=noise.named(levels))
     return fit.widened(noise.widening(levels)), scales
