@@ -298,9 +298,14 @@ OF_FILES: Mapping[str, Kind] = MappingProxyType(
             "3 times the promised scatter and 3 mm rms",
         ),
         "touches_scatter": Kind(
-            "the touches scatter more than their sigma promises; the covariance is enlarged by that",
+            "the touches scatter more or less than the file states; the level that was found is used",
             "touch more carefully or correct sigma_mm",
-            "chance of 1 in 1,000",
+            "restricted maximum likelihood: factor 1.5 and 3 of its own sigmas",
+        ),
+        "tcp_beyond_tolerance": Kind(
+            "the tip is not known as well as was asked for",
+            "add touches with the wrist tilted to several sides, or relax the tolerance",
+            "covariance of the TCP, the spread of the levels included",
         ),
         "not_proven": Kind(
             "another solution may fit better",

@@ -7,17 +7,37 @@ from vgrd.calibration.tcp.contact import ContactTcp, contact_tcp
 from vgrd.calibration.tcp.fixed_point import FixedPointResult, calibrate_fixed_point
 from vgrd.calibration.tcp.plane import Plane, calibrate_plane, check_one_plane, fit_plane
 from vgrd.calibration.tcp.sphere import calibrate_sphere, check_one_sphere, fit_sphere
+from vgrd.calibration.tcp.touch_levels import (
+    TouchRows,
+    by_kind,
+    find_touch_levels,
+    freedom_of_unknowns,
+    named_levels,
+    point_rows,
+    surface_rows,
+    touch_kinds,
+    with_levels,
+)
 
 __all__ = [
     "ContactTcp",
     "FixedPointResult",
     "Plane",
+    "TouchRows",
+    "by_kind",
     "calibrate_fixed_point",
     "calibrate_plane",
     "calibrate_sphere",
     "check_one_plane",
     "check_one_sphere",
     "contact_tcp",
+    "find_touch_levels",
     "fit_plane",
     "fit_sphere",
+    "freedom_of_unknowns",
+    "named_levels",
+    "point_rows",
+    "surface_rows",
+    "touch_kinds",
+    "with_levels",
 ]

@@ -1,0 +1,216 @@
+"""The fit of each kind of touches, robust, and with the level of noise that the touches show."""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+from types import MappingProxyType
+from typing import Any
+
+import numpy as np
+
+from vgrd.calibration.levels import Level, Levels, wider_by_freedom
+from vgrd.calibration.observability import RobustFit, fit_without_outliers, noise_scale
+from vgrd.calibration.tcp import (
+    FixedPointResult,
+    TouchRows,
+    by_kind,
+    calibrate_fixed_point,
+    check_one_plane,
+    check_one_sphere,
+    find_touch_levels,
+    fit_plane,
+    fit_sphere,
+    freedom_of_unknowns,
+    named_levels,
+    point_rows,
+    surface_rows,
+    touch_kinds,
+    with_levels,
+)
+from vgrd.calibration.touches import TouchSet
+from vgrd.calibration.universal import (
+    UniversalProblem,
+    UniversalResult,
+    calibrate_universal,
+)
+from vgrd.geometry import Array, Pose
+from vgrd.geometry.rotation_relaxation import Certificate
+from vgrd.solving.touch_files.document import TouchFile, TouchKind
+
+_CLOSED_FORM = Certificate(0.0, tight=True)
+_ROUNDS = 2  # of fit and levels: bad touches are told by the levels, and these by the others
+_FIXED_POINT = slice(0, 3)  # columns of the TCP in the fit of a point, a plane and a ball
+_UNIVERSAL = slice(6, 9)  # the same of the universal method
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Estimate:
+    """What the kinds have in common; misses_mm: (m,); covariance: (3, 3) of the TCP.
+
+    rows: whitened, of the touches in use; tcp_columns: of their Jacobian. point_in_base: (3,), fixed point only,
+    and the covariance (6, 6) of TCP and point.
+    """
+
+    fit: RobustFit[Any]
+    tcp_in_wrist: Array
+    covariance: Array
+    misses_mm: Array
+    rows: TouchRows
+    tcp_columns: slice
+    object_from_base: Pose | None = None
+    certificate: Certificate | None = _CLOSED_FORM
+    point_in_base: Array | None = None
+    covariance_with_point: Array | None = None
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Levelled:
+    """An estimate with the levels that its touches show.
+
+    touches: with the found sigmas. stated_scale: scatter over what the stated sigmas promise. wider: factor by which
+    the spread of the levels widens a sigma's 95 %, in the covariance already.
+    """
+
+    estimate: Estimate
+    touches: TouchSet
+    levels: tuple[Level, ...]
+    stated_scale: float
+    wider: float
+
+    @property
+    def rms_mm(self) -> float:
+        """Of the misses of the touches in use."""
+        return float(np.sqrt(np.mean(self.estimate.misses_mm[self.estimate.fit.used] ** 2)))
+
+
+def fit_touches(file: TouchFile) -> Estimate:
+    """TCP by the sigmas as they stand, bad touches left out.
+
+    Raises TooFewObservations, NotObservable (names the missing motion) or DidNotConverge.
+    """
+    return _FITS[file.kind](file)
+
+
+def fit_with_levels(file: TouchFile) -> Levelled:
+    """TCP with the sigmas that the touches show, those of the file being their prior.
+
+    Raises as `fit_touches`.
+    """
+    kinds = touch_kinds(file.touches, np.array(file.sigma_given))
+    estimate = fit_touches(file)
+    stated_scale = noise_scale(estimate.fit.result)
+    levels = Levels.stated(len(kinds))
+    levelled = file
+    for _ in range(_ROUNDS):
+        rows = by_kind(estimate.rows, kinds)
+        levels = find_touch_levels(rows, kinds, estimate.fit.used, levels.log_variances)
+        levelled = replace(file, touches=with_levels(file.touches, kinds, levels.scales))
+        estimate = fit_touches(levelled)
+    rows = by_kind(estimate.rows, kinds)
+    used = estimate.fit.used
+    freedom = freedom_of_unknowns(rows, used, levels, estimate.tcp_columns)
+    wider = wider_by_freedom(freedom, _dimensions(estimate.covariance))
+    with_point = estimate.covariance_with_point
+    estimate = replace(
+        estimate,
+        covariance=estimate.covariance * wider**2,
+        covariance_with_point=None if with_point is None else with_point * wider**2,
+    )
+    return Levelled(estimate, levelled.touches, named_levels(levels, kinds), stated_scale, wider)
+
+
+def _universal(file: TouchFile) -> Estimate:
+    def solve(weights: Array) -> UniversalResult:
+        weighted = file.touches.weighted(weights)
+        return calibrate_universal(UniversalProblem(file.points_in_object, weighted))
+
+    fit = _robust(solve, file)
+    best = fit.result
+    X = best.object_from_base
+    wrists = np.broadcast_to(np.eye(3), file.touches.rotations.shape)
+    if file.touches.is_isotropic:  # then the rows stand in the frame of the object
+        wrists = np.swapaxes(file.touches.rotations, 1, 2) @ X.rotation.T
+    return Estimate(
+        fit,
+        best.tcp_in_wrist,
+        best.covariance[6:, 6:],
+        _measured_mm(file.touches, best.residuals_mm @ X.rotation),
+        point_rows(file.touches, best.whitened, best.jacobian, wrists),
+        _UNIVERSAL,
+        X,
+        best.certificate,
+    )
+
+
+def _fixed_point(file: TouchFile) -> Estimate:
+    def solve(weights: Array) -> FixedPointResult:
+        return calibrate_fixed_point(file.touches.weighted(weights))
+
+    fit = _robust(solve, file)
+    best = fit.result
+    wrists = np.broadcast_to(np.eye(3), file.touches.rotations.shape)
+    return Estimate(
+        fit,
+        best.tcp_in_wrist,
+        best.covariance[:3, :3],
+        _measured_mm(file.touches, best.residuals_mm),
+        point_rows(file.touches, best.whitened, best.jacobian, wrists),
+        _FIXED_POINT,
+        point_in_base=best.point_in_base,
+        covariance_with_point=best.covariance,
+    )
+
+
+def _plane(file: TouchFile) -> Estimate:
+    fit = _robust(lambda weights: fit_plane(file.touches.weighted(weights), file.plane), file)
+    best = fit.result
+    check_one_plane(best)
+    proof = _CLOSED_FORM if file.plane else None
+    return Estimate(
+        fit,
+        best.tcp_in_wrist,
+        best.covariance,
+        np.abs(best.residuals_mm),
+        surface_rows(file.touches, best.whitened, best.jacobian, best.normals_in_base),
+        _FIXED_POINT,
+        certificate=proof,
+    )
+
+
+def _sphere(file: TouchFile) -> Estimate:
+    fit = _robust(lambda weights: fit_sphere(file.touches.weighted(weights), file.radius_mm), file)
+    best = fit.result
+    check_one_sphere(best)
+    return Estimate(
+        fit,
+        best.tcp_in_wrist,
+        best.covariance,
+        np.abs(best.residuals_mm),
+        surface_rows(file.touches, best.whitened, best.jacobian, best.normals_in_base),
+        _FIXED_POINT,
+        certificate=None,
+    )
+
+
+_FITS: Mapping[TouchKind, Callable[[TouchFile], Estimate]] = MappingProxyType(
+    {
+        TouchKind.UNIVERSAL: _universal,
+        TouchKind.FIXED_POINT: _fixed_point,
+        TouchKind.PLANE: _plane,
+        TouchKind.SPHERE: _sphere,
+    }
+)
+
+
+def _dimensions(covariance: Array) -> float:
+    """In how many directions a vector of this covariance is uncertain, as `radius_of` counts them."""
+    return float(np.trace(covariance)) ** 2 / float(np.sum(covariance**2))
+
+
+def _robust(solve: Callable[[Array], Any], file: TouchFile) -> RobustFit[Any]:
+    return fit_without_outliers(solve, len(file.names))
+
+
+def _measured_mm(touches: TouchSet, errors_in_base: Array) -> Array:
+    """Length (m,) of errors (m, 3), directions that were not measured left out."""
+    errors = np.einsum("mij,mj->mi", touches.measured().base_sqrt_informations(), errors_in_base)
+    return np.asarray(np.linalg.norm(errors, axis=1))

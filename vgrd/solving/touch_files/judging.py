@@ -1,0 +1,121 @@
+"""What is said about the touches of a file and their TCP, in findings."""
+
+from collections.abc import Iterator, Sequence
+
+import numpy as np
+
+from vgrd.calibration.checks import VariedWrists, misinterpretation
+from vgrd.calibration.levels import Level
+from vgrd.calibration.observability import noise_scale
+from vgrd.calibration.universal import UniversalProblem, calibrate_universal
+from vgrd.geometry import Array
+from vgrd.geometry.covariance import radius95
+from vgrd.judging.findings import finding
+from vgrd.judging.thresholds import NOISY_SCALE, TOUCHES_CONTRADICT_MM, WEAK_TCP_MM
+from vgrd.model import Finding
+from vgrd.solving.touch_files.document import TouchFile, TouchKind
+from vgrd.solving.touch_files.fitting import Estimate, Levelled
+from vgrd.solving.touch_files.solution import TouchReport
+
+_CLEARLY_OFF = 3.0  # sigmas of a level's own spread: 1 in 400 good files
+_FAR_OFF = 1.5  # times what was stated: a stated sigma is right within it in two of three cases
+
+
+def judge(file: TouchFile, levelled: Levelled, tolerance_mm: float | None) -> Iterator[Finding]:
+    """Every finding, what refuses the TCP first."""
+    contradiction = _contradiction(file, levelled)
+    estimate = levelled.estimate
+    if contradiction:
+        yield contradiction
+    else:
+        yield from _level_findings(file, levelled.levels)
+    yield from _unproven(estimate)
+    yield from _weakness(estimate.covariance, len(file.names))
+    yield from _tolerance(estimate.covariance, tolerance_mm)
+    yield from _outliers(file, estimate)
+
+
+def reports(file: TouchFile, estimate: Estimate) -> Sequence[TouchReport]:
+    """Every touch's fate."""
+    return [
+        TouchReport(
+            name,
+            bool(used),
+            "" if used else f"left out, {miss_mm:.2f} mm and {score:.1f} sigma off the others",
+            float(miss_mm),
+        )
+        for name, used, miss_mm, score in zip(
+            file.names, estimate.fit.used, estimate.misses_mm, estimate.fit.scores, strict=True
+        )
+    ]
+
+
+def _is_far_off(level: Level) -> bool:
+    """Whether the touches tell another level than was stated, beyond chance and beyond its prior."""
+    ratio = abs(float(np.log(level.ratio)))
+    return ratio > max(float(np.log(_FAR_OFF)), _CLEARLY_OFF * level.log_sigma)
+
+
+def _contradiction(file: TouchFile, levelled: Levelled) -> Finding | None:
+    estimate, scale, rms = levelled.estimate, levelled.stated_scale, levelled.rms_mm
+    noisy = any(level.ratio > 1 and _is_far_off(level) for level in levelled.levels)
+    if file.kind is TouchKind.UNIVERSAL and (noisy or not estimate.fit.used.all()):
+        points = file.points_in_object
+        everything = calibrate_universal(UniversalProblem(points, file.touches))
+        wrists = VariedWrists(file.touches)
+        mistake = misinterpretation(file.names, points, wrists, noise_scale(everything))
+        if mistake is not None:
+            return mistake
+    if noisy and scale > NOISY_SCALE and rms > TOUCHES_CONTRADICT_MM:
+        message = f"the touches contradict each other, {rms:.1f} mm rms"
+        return finding("touches_contradict", message, fatal=True)
+    return None
+
+
+def _level_findings(file: TouchFile, levels: Sequence[Level]) -> Iterator[Finding]:
+    told = [level for level in levels if _is_far_off(level)]
+    if not any(file.sigma_given):  # a default that was too careful is no news
+        told = [level for level in told if level.ratio > 1]
+    if told:
+        source = "the file says" if any(file.sigma_given) else "a file without sigma_mm means"
+        found = " and ".join(
+            f"{level.found:.2g} mm {level.name.removeprefix('touches ')} ({source} {level.stated:.2g})"
+            for level in told
+        )
+        yield finding("touches_scatter", f"you touch to {found}")
+
+
+def _unproven(estimate: Estimate) -> Iterator[Finding]:
+    proof = estimate.certificate
+    if proof is not None and not proof.tight:
+        message = f"another solution may fit better (gap {proof.gap:.1e})"
+        yield finding("not_proven", message, fatal=True)
+
+
+def _weakness(covariance: Array, count: int) -> Iterator[Finding]:
+    radius = radius95(covariance)
+    if radius < WEAK_TCP_MM:
+        return
+    x, y, z = np.linalg.eigh(covariance)[1][:, -1]
+    message = (
+        f"the TCP is known to {radius:.0f} mm only (95 %), least along ({x:.2f}, {y:.2f}, {z:.2f}) "
+        f"of the flange: add to the {count} touches some with the wrist tilted further, "
+        "to several sides"
+    )
+    yield finding("weak_motion", message, fatal=True)
+
+
+def _tolerance(covariance: Array, tolerance_mm: float | None) -> Iterator[Finding]:
+    radius = radius95(covariance)
+    if tolerance_mm is not None and radius > tolerance_mm:
+        yield finding(
+            "tcp_beyond_tolerance",
+            f"at 95 % the tip is known to within {radius:.2f} mm, the tolerance is {tolerance_mm:g} mm",
+            fatal=True,
+        )
+
+
+def _outliers(file: TouchFile, estimate: Estimate) -> Iterator[Finding]:
+    for report in reports(file, estimate):
+        if not report.used:
+            yield finding("touch_outlier", f"touch {report.name}: {report.reason}")
