@@ -297,6 +297,21 @@ OF_FILES: Mapping[str, Kind] = MappingProxyType(
             "its tip",
             "3 times the promised scatter and 3 mm rms",
         ),
+        "rotations_misread": Kind(
+            "the orientations of the touches are written in another format, or inverted",
+            "correct rotation in [poses]",
+            "fit of the touches under every reading: a third of the scatter as written",
+        ),
+        "tcp_at_flange": Kind(
+            "the TCP comes out at the flange's origin",
+            "if so, set the pendant's TCP to zero and read the poses again",
+            "5 mm",
+        ),
+        "reference_moved": Kind(
+            "what was touched moved between two touches",
+            "fasten it and touch anew, or keep the larger group only",
+            "a jump of the place at one touch: 1 in 1,000 good files, and 3.5 sigma of a touch",
+        ),
         "touches_scatter": Kind(
             "the touches scatter more or less than the file states; the level that was found is used",
             "touch more carefully or correct sigma_mm",

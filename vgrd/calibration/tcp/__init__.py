@@ -8,6 +8,7 @@ from vgrd.calibration.tcp.fixed_point import FixedPointResult, calibrate_fixed_p
 from vgrd.calibration.tcp.plane import Plane, calibrate_plane, check_one_plane, fit_plane
 from vgrd.calibration.tcp.sphere import calibrate_sphere, check_one_sphere, fit_sphere
 from vgrd.calibration.tcp.touch_levels import (
+    TouchKind,
     TouchRows,
     by_kind,
     find_touch_levels,
@@ -23,6 +24,7 @@ __all__ = [
     "ContactTcp",
     "FixedPointResult",
     "Plane",
+    "TouchKind",
     "TouchRows",
     "by_kind",
     "calibrate_fixed_point",

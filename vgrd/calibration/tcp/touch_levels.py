@@ -1,7 +1,7 @@
 """How well the touches were made, found in what they leave over: levels of noise across and along the tool."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -30,13 +30,15 @@ class TouchKind:
 class TouchRows:
     """Whitened rows of a fit: residuals (r,), jacobian (r, n), touch_of (r,) index of the touch.
 
-    shares: (r, k), of each row's variance as it was whitened, by the kinds; a row sums to 1.
+    shares: (r, k), of each row's variance as it was whitened, by the kinds; a row sums to 1. shift:
+    (r, 3), how the residuals change when what was touched moves in the base.
     """
 
     residuals: Array
     jacobian: Array
     touch_of: NDArray[np.intp]
     shares: Array
+    shift: Array
 
     def whiten(self, log_variances: Array) -> Whitened:
         """The rows as if the variances of the kinds were larger by exp of these (k,)."""
@@ -54,7 +56,11 @@ class TouchRows:
         """The rows of the touches (m,)."""
         kept = chosen[self.touch_of]
         return TouchRows(
-            self.residuals[kept], self.jacobian[kept], self.touch_of[kept], self.shares[kept]
+            self.residuals[kept],
+            self.jacobian[kept],
+            self.touch_of[kept],
+            self.shares[kept],
+            self.shift[kept],
         )
 
 
@@ -77,10 +83,13 @@ def touch_kinds(touches: TouchSet, is_stated: NDArray[np.bool_]) -> tuple[TouchK
     return tuple(kinds)
 
 
-def point_rows(touches: TouchSet, whitened: Array, jacobian: Array, turns: Array) -> TouchRows:
+def point_rows(
+    touches: TouchSet, whitened: Array, jacobian: Array, turns: Array, sign: int
+) -> TouchRows:
     """Rows of touches of points, in the frame of the tool: whitened (m, 3), jacobian (3 m, n).
 
-    turns: (m, 3, 3), from the frame in which they were whitened to that of the wrist. Two kinds: across, along.
+    turns: (m, 3, 3), from the frame in which they were whitened to that of the wrist. sign: 1 where residuals are
+    the place less the tip, -1 where they are the tip less the place. Two kinds: across, along.
     """
     m = len(touches)
     tool = np.linalg.svd(touches.axis_in_wrist[None])[2][[1, 2, 0]]  # across, across, along
@@ -92,7 +101,10 @@ def point_rows(touches: TouchSet, whitened: Array, jacobian: Array, turns: Array
     )
     shares = np.broadcast_to([[1.0, 0.0], [1.0, 0.0], [0.0, 1.0]], (m, 3, 2))
     touch_of = np.broadcast_to(np.arange(m)[:, None], (m, 3))
-    return TouchRows(r[measured], J[measured], touch_of[measured], shares[measured])
+    shift = sign * tool @ touches.base_sqrt_informations()
+    return TouchRows(
+        r[measured], J[measured], touch_of[measured], shares[measured], shift[measured]
+    )
 
 
 def surface_rows(touches: TouchSet, whitened: Array, jacobian: Array, normals: Array) -> TouchRows:
@@ -105,7 +117,8 @@ def surface_rows(touches: TouchSet, whitened: Array, jacobian: Array, normals: A
     axial = np.clip(axial[measured], 0, 1)
     shares = np.column_stack([1 - axial, axial])
     rows = np.flatnonzero(measured)
-    return TouchRows(whitened[measured, 0], jacobian[measured], rows, shares)
+    shift = -normals[measured] / np.sqrt(total[measured])[:, None]
+    return TouchRows(whitened[measured, 0], jacobian[measured], rows, shares, shift)
 
 
 def by_kind(rows: TouchRows, kinds: Sequence[TouchKind]) -> TouchRows:
@@ -113,7 +126,7 @@ def by_kind(rows: TouchRows, kinds: Sequence[TouchKind]) -> TouchRows:
     shares = np.column_stack(
         [rows.shares[:, int(kind.is_axial)] * kind.of_touches[rows.touch_of] for kind in kinds]
     )
-    return TouchRows(rows.residuals, rows.jacobian, rows.touch_of, shares)
+    return replace(rows, shares=shares)
 
 
 def find_touch_levels(

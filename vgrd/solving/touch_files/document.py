@@ -1,13 +1,14 @@
 """The file of touches, checked: every fault of it in one message."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import StrEnum
 from pathlib import Path
 from types import MappingProxyType
 from typing import Annotated, Any
 
 import numpy as np
+from numpy.typing import NDArray
 from pydantic import Field
 
 from vgrd.calibration.tcp import Plane
@@ -83,7 +84,8 @@ _NEEDED: Mapping[TouchKind, tuple[int, int]] = MappingProxyType(
 class TouchFile:
     """m checked touches; points_in_object: (m, 3) mm, zeros unless kind is universal.
 
-    sigma_given: (m,), whether the file gives the sigma of a touch.
+    sigma_given: (m,), whether the file gives the sigma of a touch. rotations: (m, 3 or 4), the numbers
+    of the orientations as they are written, and rotation_format how they are said to be meant.
     """
 
     kind: TouchKind
@@ -91,8 +93,27 @@ class TouchFile:
     touches: TouchSet
     points_in_object: Array
     sigma_given: tuple[bool, ...]
+    rotations: Array
+    rotation_format: RotationFormat
     plane: Plane | None = None
     radius_mm: float | None = None
+
+    def subset(self, chosen: NDArray[np.intp]) -> "TouchFile":
+        """The same with the touches of these indices."""
+        return replace(
+            self,
+            names=tuple(self.names[i] for i in chosen),
+            touches=self.touches.subset(chosen),
+            points_in_object=self.points_in_object[chosen],
+            sigma_given=tuple(self.sigma_given[i] for i in chosen),
+            rotations=self.rotations[chosen],
+        )
+
+    def with_poses(self, rotations: Array, translations: Array) -> "TouchFile":
+        """The same touches with other flange poses: (m, 3, 3) and (m, 3) mm."""
+        return replace(
+            self, touches=replace(self.touches, rotations=rotations, translations=translations)
+        )
 
 
 def load_touches(path: Path) -> TouchFile:
@@ -109,7 +130,7 @@ def load_touches(path: Path) -> TouchFile:
     points = np.array([row.target or (0, 0, 0) for _, row in rows], dtype=np.float64)
     if kind is TouchKind.UNIVERSAL and not faults:
         faults += _line_faults(points)
-    if faults or kind is None:
+    if faults or kind is None or poses is None:
         raise ConfigError(str(path), faults)
     sigmas = [row.sigma_mm or (DEFAULT_SIGMA_MM, DEFAULT_SIGMA_MM) for _, row in rows]
     return TouchFile(
@@ -118,6 +139,8 @@ def load_touches(path: Path) -> TouchFile:
         touches=touch_set(arm, axis, [s[0] for s in sigmas], [s[1] for s in sigmas]),
         points_in_object=points.reshape(-1, 3),
         sigma_given=tuple(row.sigma_mm is not None for _, row in rows),
+        rotations=np.array([row.pose[3:] for _, row in rows], dtype=np.float64),
+        rotation_format=RotationFormat(poses.rotation),
         plane=plane,
         radius_mm=sphere.radius_mm if sphere else None,
     )

@@ -118,23 +118,35 @@ def fit_with_levels(file: TouchFile) -> Levelled:
     return Levelled(estimate, levelled.touches, named_levels(levels, kinds), stated_scale, wider)
 
 
-def _universal(file: TouchFile) -> Estimate:
-    def solve(weights: Array) -> UniversalResult:
-        weighted = file.touches.weighted(weights)
-        return calibrate_universal(UniversalProblem(file.points_in_object, weighted))
+def point_fit(file: TouchFile, weights: Array | None = None) -> FixedPointResult | UniversalResult:
+    """Fit to touches of points, by the sigmas as they stand; weights (m,) of the touches, 1 by default."""
+    touches = file.touches if weights is None else file.touches.weighted(weights)
+    if file.kind is TouchKind.UNIVERSAL:
+        return calibrate_universal(UniversalProblem(file.points_in_object, touches))
+    return calibrate_fixed_point(touches)
 
-    fit = _robust(solve, file)
-    best = fit.result
+
+def rows_of(file: TouchFile, fit: FixedPointResult | UniversalResult) -> TouchRows:
+    """Rows of a `point_fit`, across and along the tool."""
+    turns, sign = np.broadcast_to(np.eye(3), file.touches.rotations.shape), -1
+    if isinstance(fit, UniversalResult):
+        sign = 1
+        if file.touches.is_isotropic:  # then the rows stand in the frame of the object
+            R_X = fit.object_from_base.rotation
+            turns = np.swapaxes(file.touches.rotations, 1, 2) @ R_X.T
+    return point_rows(file.touches, fit.whitened, fit.jacobian, turns, sign)
+
+
+def _universal(file: TouchFile) -> Estimate:
+    fit = _robust(lambda weights: point_fit(file, weights), file)
+    best: UniversalResult = fit.result
     X = best.object_from_base
-    wrists = np.broadcast_to(np.eye(3), file.touches.rotations.shape)
-    if file.touches.is_isotropic:  # then the rows stand in the frame of the object
-        wrists = np.swapaxes(file.touches.rotations, 1, 2) @ X.rotation.T
     return Estimate(
         fit,
         best.tcp_in_wrist,
         best.covariance[6:, 6:],
         _measured_mm(file.touches, best.residuals_mm @ X.rotation),
-        point_rows(file.touches, best.whitened, best.jacobian, wrists),
+        rows_of(file, best),
         _UNIVERSAL,
         X,
         best.certificate,
@@ -142,18 +154,14 @@ def _universal(file: TouchFile) -> Estimate:
 
 
 def _fixed_point(file: TouchFile) -> Estimate:
-    def solve(weights: Array) -> FixedPointResult:
-        return calibrate_fixed_point(file.touches.weighted(weights))
-
-    fit = _robust(solve, file)
-    best = fit.result
-    wrists = np.broadcast_to(np.eye(3), file.touches.rotations.shape)
+    fit = _robust(lambda weights: point_fit(file, weights), file)
+    best: FixedPointResult = fit.result
     return Estimate(
         fit,
         best.tcp_in_wrist,
         best.covariance[:3, :3],
         _measured_mm(file.touches, best.residuals_mm),
-        point_rows(file.touches, best.whitened, best.jacobian, wrists),
+        rows_of(file, best),
         _FIXED_POINT,
         point_in_base=best.point_in_base,
         covariance_with_point=best.covariance,

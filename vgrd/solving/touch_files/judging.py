@@ -4,32 +4,33 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from vgrd.calibration.checks import VariedWrists, misinterpretation
 from vgrd.calibration.levels import Level
-from vgrd.calibration.observability import noise_scale
-from vgrd.calibration.universal import UniversalProblem, calibrate_universal
 from vgrd.geometry import Array
 from vgrd.geometry.covariance import radius95
 from vgrd.judging.findings import finding
-from vgrd.judging.thresholds import NOISY_SCALE, TOUCHES_CONTRADICT_MM, WEAK_TCP_MM
+from vgrd.judging.thresholds import WEAK_TCP_MM
 from vgrd.model import Finding
-from vgrd.solving.touch_files.document import TouchFile, TouchKind
+from vgrd.solving.touch_files.contradictions import find_contradiction
+from vgrd.solving.touch_files.document import TouchFile
 from vgrd.solving.touch_files.fitting import Estimate, Levelled
 from vgrd.solving.touch_files.solution import TouchReport
 
-_CLEARLY_OFF = 3.0  # sigmas of a level's own spread: 1 in 400 good files
+_CLEARLY_OFF = 3.5  # sigmas of a level's own spread: with 3 sigmas 3 % of clean files were told
+_NO_TOOL_MM = 5.0  # from the flange's origin: no tip is so near, a TCP taught badly is that wrong
 _FAR_OFF = 1.5  # times what was stated: a stated sigma is right within it in two of three cases
 
 
 def judge(file: TouchFile, levelled: Levelled, tolerance_mm: float | None) -> Iterator[Finding]:
     """Every finding, what refuses the TCP first."""
-    contradiction = _contradiction(file, levelled)
     estimate = levelled.estimate
+    noisy = any(level.ratio > 1 and is_far_off(level) for level in levelled.levels)
+    contradiction = find_contradiction(file, levelled, noisy=noisy)
     if contradiction:
         yield contradiction
-    else:
-        yield from _level_findings(file, levelled.levels)
+        return
+    yield from _level_findings(file, levelled.levels)
     yield from _unproven(estimate)
+    yield from _no_tool(estimate)
     yield from _weakness(estimate.covariance, len(file.names))
     yield from _tolerance(estimate.covariance, tolerance_mm)
     yield from _outliers(file, estimate)
@@ -50,30 +51,14 @@ def reports(file: TouchFile, estimate: Estimate) -> Sequence[TouchReport]:
     ]
 
 
-def _is_far_off(level: Level) -> bool:
+def is_far_off(level: Level) -> bool:
     """Whether the touches tell another level than was stated, beyond chance and beyond its prior."""
     ratio = abs(float(np.log(level.ratio)))
     return ratio > max(float(np.log(_FAR_OFF)), _CLEARLY_OFF * level.log_sigma)
 
 
-def _contradiction(file: TouchFile, levelled: Levelled) -> Finding | None:
-    estimate, scale, rms = levelled.estimate, levelled.stated_scale, levelled.rms_mm
-    noisy = any(level.ratio > 1 and _is_far_off(level) for level in levelled.levels)
-    if file.kind is TouchKind.UNIVERSAL and (noisy or not estimate.fit.used.all()):
-        points = file.points_in_object
-        everything = calibrate_universal(UniversalProblem(points, file.touches))
-        wrists = VariedWrists(file.touches)
-        mistake = misinterpretation(file.names, points, wrists, noise_scale(everything))
-        if mistake is not None:
-            return mistake
-    if noisy and scale > NOISY_SCALE and rms > TOUCHES_CONTRADICT_MM:
-        message = f"the touches contradict each other, {rms:.1f} mm rms"
-        return finding("touches_contradict", message, fatal=True)
-    return None
-
-
 def _level_findings(file: TouchFile, levels: Sequence[Level]) -> Iterator[Finding]:
-    told = [level for level in levels if _is_far_off(level)]
+    told = [level for level in levels if is_far_off(level)]
     if not any(file.sigma_given):  # a default that was too careful is no news
         told = [level for level in told if level.ratio > 1]
     if told:
@@ -90,6 +75,16 @@ def _unproven(estimate: Estimate) -> Iterator[Finding]:
     if proof is not None and not proof.tight:
         message = f"another solution may fit better (gap {proof.gap:.1e})"
         yield finding("not_proven", message, fatal=True)
+
+
+def _no_tool(estimate: Estimate) -> Iterator[Finding]:
+    distance = float(np.linalg.norm(estimate.tcp_in_wrist))
+    if distance < _NO_TOOL_MM and radius95(estimate.covariance) < WEAK_TCP_MM:
+        yield finding(
+            "tcp_at_flange",
+            f"the TCP is {distance:.1f} mm from the flange's origin: were these poses of an active TCP",
+            fatal=True,
+        )
 
 
 def _weakness(covariance: Array, count: int) -> Iterator[Finding]:

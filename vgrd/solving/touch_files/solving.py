@@ -2,7 +2,9 @@
 
 from pathlib import Path
 
+from vgrd.errors import NotObservable
 from vgrd.model import Verdict
+from vgrd.solving.touch_files.contradictions import misread
 from vgrd.solving.touch_files.document import load_touches
 from vgrd.solving.touch_files.fitting import fit_with_levels
 from vgrd.solving.touch_files.judging import judge, reports
@@ -17,7 +19,15 @@ def solve_touches(path: Path, *, tolerance_mm: float | None = None) -> TouchSolu
     or DidNotConverge.
     """
     file = load_touches(path)
-    levelled = fit_with_levels(file)
+    try:
+        levelled = fit_with_levels(file)
+    except NotObservable as error:
+        mistake = misread(file)
+        if mistake is None:
+            raise
+        raise NotObservable(
+            f"{mistake.message} ({error})", rank=error.rank, unknowns=error.unknowns
+        ) from error
     estimate = levelled.estimate
     return TouchSolution(
         tcp_in_wrist=estimate.tcp_in_wrist,
