@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vgrd.calibration.levels import Level, Levels, Whitened, find_levels
-from vgrd.calibration.touches.equations import TouchSet
+from vgrd.calibration.touches import TouchSet
 from vgrd.geometry import Array
 
 _HAND_FACTOR = (
