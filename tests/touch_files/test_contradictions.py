@@ -126,3 +126,47 @@ def test_inverted_poses_of_touched_cad_points_are_named(tmp_path):
 def test_poses_of_an_active_tcp_are_asked_about(tmp_path):
     told = found(write(tmp_path, 1, n=8, tcp=np.array([0.3, 0.0, -0.4])))
     assert "were these poses of an active TCP" in told["tcp_at_flange"]
+
+
+def pivot(folder, field, *, n=800, read="quaternion-wxyz"):
+    """A tracked pointer that pivots about its tip; field: mm by which the tracker is off 100 mm from its middle."""
+    rng = np.random.default_rng(n)
+    phase = np.linspace(0, 2 * np.pi, n)[:, None] * (5.0, 3.3, 1.7)
+    turn = Rotation.from_euler("xyz", 0.5 * np.sin(np.add(phase, (0, 1, 2))))
+    R = (turn * Rotation.from_rotvec([2.8, 0.3, 0.2])).as_matrix()
+    t = np.array([120.0, -40.0, -900.0]) - R @ TCP
+    x, y, z = ((t - t.mean(axis=0)) / 100).T
+    t = t + field * np.column_stack([x * y, y**2 - z, x * z + z**2])
+    t = t + rng.normal(0, 0.2, (n, 3))
+    lines = ['kind = "fixed-point"', "[poses]", 'unit = "mm"', f'rotation = "{read}"']
+    for i in range(n):
+        pose = [float(v) for v in (*t[i], *rotation_to(R[i], RotationFormat.QUATERNION_WXYZ))]
+        lines += ["[[touch]]", f'name = "{i + 1}"', f"pose = {pose}"]
+    path = folder / "pivot.toml"
+    path.write_text("\n".join(lines))
+    return solve_touches(path)
+
+
+def test_a_distorted_field_is_told_and_the_radius_holds_all_the_same(tmp_path):
+    solution = pivot(tmp_path, 3.0)
+    codes = [one.code for one in solution.verdict.findings]
+    assert "touches_alike" in codes
+    assert "reference_moved" not in codes
+    off = np.linalg.norm(solution.tcp_in_wrist - TCP)
+    assert 0.2 < off < solution.u95_mm
+    clean = pivot(tmp_path, 0.0)
+    assert clean.verdict.findings == ()
+    assert np.linalg.norm(clean.tcp_in_wrist - TCP) < 1.5 * clean.u95_mm
+    assert clean.u95_mm < 0.1
+
+
+def test_a_strong_field_refuses_with_what_it_means_for_the_tip(tmp_path):
+    solution = pivot(tmp_path, 20.0)
+    (found,) = solution.verdict.findings
+    assert found.code == "touches_contradict"
+    assert f"known to {solution.u95_mm:.1f} mm at 95 %" in found.message
+
+
+def test_many_frames_with_a_quaternion_in_the_other_order_are_named(tmp_path):
+    (found,) = pivot(tmp_path, 0.0, read="quaternion-xyzw").verdict.findings
+    assert 'when rotation = "quaternion-wxyz"' in found.message

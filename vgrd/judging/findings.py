@@ -307,6 +307,11 @@ OF_FILES: Mapping[str, Kind] = MappingProxyType(
             "if so, set the pendant's TCP to zero and read the poses again",
             "5 mm",
         ),
+        "touches_alike": Kind(
+            "errors are shared by touches of like orientation: a distorted field of a tracker, a bent arm",
+            "keep metal away from a magnetic tracker, touch where the tool will work, or calibrate the arm",
+            "covariance by 16 groups of orientations, from 64 touches on: twice the one of single touches",
+        ),
         "reference_moved": Kind(
             "what was touched moved between two touches",
             "fasten it and touch anew, or keep the larger group only",

@@ -18,6 +18,7 @@ from vgrd.judging.thresholds import CHANCE, OUTLIER_SIGMA
 
 _EACH_SIDE = 2  # touches: one alone is a bad touch
 _MOST_BAD = 1 / 3  # of the touches: where more are bad nobody can say which
+_AT_ONCE = 25  # of so many touches one is left out at a time
 _ROUNDS = 4  # of jump and linearisation; the fixed point needs one
 _SETTLED = 0.05  # sigmas of a touch: a smaller change of the jump decides nothing
 _TOLD_APART = 1e-3  # of a jump's length: less of it is left where the wrists take it up
@@ -89,11 +90,12 @@ class _Search:
             )
             rows = self._whitened(levels)
             first, gain = self._best_jump(rows)
-            worst, touch_gain = self._worst_touch(rows)
-            is_bad = touch_gain >= gain and touch_gain > OUTLIER_SIGMA**2 + 3
-            if first is None or not is_bad or int(np.sum(~self._kept)) >= most_bad:
+            gains = self._gains(rows)
+            bad = gains > max(gain, OUTLIER_SIGMA**2 + 3)  # of chi2 with 3: its mean is 3
+            worst = np.argsort(-gains)[: max(1, self._count // _AT_ONCE)]
+            if first is None or not bad.any() or int(np.sum(~self._kept)) >= most_bad:
                 break
-            self._kept[worst] = False
+            self._kept[worst[bad[worst]]] = False
         if first is None:
             return None, levels
         return self._judged(first, levels), levels
@@ -147,8 +149,8 @@ class _Search:
         best = int(np.argmax(gains))
         return int(firsts[best]), float(gains[best])
 
-    def _worst_touch(self, rows: TouchRows) -> tuple[int, float]:
-        """The touch without which the sum of squares falls most, and by how much."""
+    def _gains(self, rows: TouchRows) -> Array:
+        """By how much (m,) the sum of squares falls without each touch."""
         U = _column_space(rows.jacobian)
         r = rows.residuals - U @ (U.T @ rows.residuals)
         gains = np.zeros(self._count)
@@ -157,8 +159,7 @@ class _Search:
             own = U[start:stop]
             left = np.eye(stop - start) - own @ own.T
             gains[rows.touch_of[start]] = r[start:stop] @ np.linalg.pinv(left) @ r[start:stop]
-        worst = int(np.argmax(gains))
-        return worst, float(gains[worst])
+        return gains
 
 
 def _column_space(J: Array) -> Array:

@@ -7,6 +7,7 @@ from vgrd.calibration.tcp.contact import ContactTcp, contact_tcp
 from vgrd.calibration.tcp.fixed_point import FixedPointResult, calibrate_fixed_point
 from vgrd.calibration.tcp.plane import Plane, calibrate_plane, check_one_plane, fit_plane
 from vgrd.calibration.tcp.sphere import calibrate_sphere, check_one_sphere, fit_sphere
+from vgrd.calibration.tcp.systematic import grouped_covariance
 from vgrd.calibration.tcp.touch_levels import (
     TouchKind,
     TouchRows,
@@ -37,6 +38,7 @@ __all__ = [
     "fit_plane",
     "fit_sphere",
     "freedom_of_unknowns",
+    "grouped_covariance",
     "named_levels",
     "point_rows",
     "surface_rows",

@@ -3,6 +3,7 @@
 from collections.abc import Iterator
 
 import numpy as np
+from numpy.typing import NDArray
 
 from vgrd.calibration.checks import (
     DISTINCT_FORMATS,
@@ -15,6 +16,7 @@ from vgrd.calibration.observability import noise_scale
 from vgrd.calibration.tcp import TouchRows, by_kind, touch_kinds
 from vgrd.errors import CalibrationError, InputError
 from vgrd.geometry import Array
+from vgrd.geometry.covariance import radius95
 from vgrd.geometry.rotation_formats import rotation_from, rotation_to, value_count
 from vgrd.judging.findings import finding
 from vgrd.judging.thresholds import NOISY_SCALE, TOUCHES_CONTRADICT_MM
@@ -22,7 +24,8 @@ from vgrd.model import Finding
 from vgrd.solving.touch_files.document import TouchFile, TouchKind
 from vgrd.solving.touch_files.fitting import Levelled, point_fit, rows_of
 
-_ENOUGH = 400  # touches show a mistake in all of them: more would cost time only
+_ENOUGH = 150  # touches show a mistake in all of them: more would cost time only
+_MOST_TARGETS = 40  # of which every pair is exchanged: 780 fits
 _FITS = 3.0  # times the promised scatter, as of targets that are mixed up
 _CLEARLY_BETTER = 0.3  # of the scatter as written: chance does not explain a third
 _FAR_BETTER = 0.1  # of it: that is the reading, however rough the touches are
@@ -36,15 +39,19 @@ def find_contradiction(file: TouchFile, levelled: Levelled, *, noisy: bool) -> F
     """Why the touches contradict each other; None where they do not. noisy: more than was stated."""
     used = levelled.estimate.fit.used
     doubtful = noisy or not used.all()
-    some = file.subset(_evenly(len(file.names)))
+    some = file.subset(_evenly(len(file.names), _ENOUGH))
     if file.kind in _POINTS:
-        mistake = (misread(some) or _mixed_up(file)) if doubtful else None
+        mistake = (misread(some) or _mixed_up(some)) if doubtful else None
         mistake = mistake or _moved(some)
         if mistake:
             return mistake
     rms = levelled.rms_mm
     if noisy and levelled.stated_scale > NOISY_SCALE and rms > TOUCHES_CONTRADICT_MM:
-        message = f"the touches contradict each other, {rms:.1f} mm rms"
+        radius = radius95(levelled.estimate.covariance)
+        message = (
+            f"the touches contradict each other, {rms:.1f} mm rms; by that the tip would be known to "
+            f"{radius:.1f} mm at 95 %"
+        )
         return finding("touches_contradict", message, fatal=True)
     return None
 
@@ -116,6 +123,8 @@ def _mixed_up(file: TouchFile) -> Finding | None:
     """Targets that are exchanged, mirrored or in another order."""
     if file.kind is not TouchKind.UNIVERSAL:
         return None
+    if len(np.unique(file.points_in_object, axis=0)) > _MOST_TARGETS:
+        file = file.subset(_evenly(len(file.names), _MOST_TARGETS))
     wrists = VariedWrists(file.touches)
     return misinterpretation(file.names, file.points_in_object, wrists, _scale(file))
 
@@ -157,6 +166,6 @@ def _span(names: list[str]) -> str:
     return f"{names[0]} to {names[-1]}" if len(names) > 2 else " and ".join(names)
 
 
-def _evenly(count: int) -> np.typing.NDArray[np.intp]:
-    """Indices of enough touches."""
-    return np.unique(np.linspace(0, count - 1, _ENOUGH).astype(int))
+def _evenly(count: int, most: int) -> NDArray[np.intp]:
+    """Indices of at most so many touches."""
+    return np.unique(np.linspace(0, count - 1, most).astype(int))

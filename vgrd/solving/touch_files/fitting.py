@@ -6,6 +6,7 @@ from types import MappingProxyType
 from typing import Any
 
 import numpy as np
+from scipy.stats import norm
 
 from vgrd.calibration.levels import Level, Levels, wider_by_freedom
 from vgrd.calibration.observability import RobustFit, fit_without_outliers, noise_scale
@@ -20,6 +21,7 @@ from vgrd.calibration.tcp import (
     fit_plane,
     fit_sphere,
     freedom_of_unknowns,
+    grouped_covariance,
     named_levels,
     point_rows,
     surface_rows,
@@ -33,10 +35,14 @@ from vgrd.calibration.universal import (
     calibrate_universal,
 )
 from vgrd.geometry import Array, Pose
+from vgrd.geometry.covariance import dimensions_of, radius95
 from vgrd.geometry.rotation_relaxation import Certificate
+from vgrd.judging.thresholds import OUTLIER_SIGMA
 from vgrd.solving.touch_files.document import TouchFile, TouchKind
 
 _CLOSED_FORM = Certificate(0.0, tight=True)
+_FALSELY_BAD = 5e-3  # touches per good file, however long it is
+_ALIKE = 2.0  # times the radius by single touches: of 16 groups chance makes 1.7 in 100 files
 _ROUNDS = 2  # of fit and levels: bad touches are told by the levels, and these by the others
 _FIXED_POINT = slice(0, 3)  # columns of the TCP in the fit of a point, a plane and a ball
 _UNIVERSAL = slice(6, 9)  # the same of the universal method
@@ -67,7 +73,8 @@ class Levelled:
     """An estimate with the levels that its touches show.
 
     touches: with the found sigmas. stated_scale: scatter over what the stated sigmas promise. wider: factor by which
-    the spread of the levels widens a sigma's 95 %, in the covariance already.
+    the spread of the levels widens a sigma's 95 %, in the covariance already. alike: errors are shared by touches of
+    like orientation, and the covariance is the one by groups of these.
     """
 
     estimate: Estimate
@@ -75,6 +82,7 @@ class Levelled:
     levels: tuple[Level, ...]
     stated_scale: float
     wider: float
+    alike: bool
 
     @property
     def rms_mm(self) -> float:
@@ -108,14 +116,19 @@ def fit_with_levels(file: TouchFile) -> Levelled:
     rows = by_kind(estimate.rows, kinds)
     used = estimate.fit.used
     freedom = freedom_of_unknowns(rows, used, levels, estimate.tcp_columns)
-    wider = wider_by_freedom(freedom, _dimensions(estimate.covariance))
+    wider = wider_by_freedom(freedom, dimensions_of(estimate.covariance))
     with_point = estimate.covariance_with_point
+    covariance = estimate.covariance * wider**2
+    grouped = grouped_covariance(rows, used, file.touches.rotations, estimate.tcp_columns)
+    alike = grouped is not None and radius95(grouped) > _ALIKE * radius95(covariance)
     estimate = replace(
         estimate,
-        covariance=estimate.covariance * wider**2,
+        covariance=grouped if alike and grouped is not None else covariance,
         covariance_with_point=None if with_point is None else with_point * wider**2,
     )
-    return Levelled(estimate, levelled.touches, named_levels(levels, kinds), stated_scale, wider)
+    return Levelled(
+        estimate, levelled.touches, named_levels(levels, kinds), stated_scale, wider, alike
+    )
 
 
 def point_fit(file: TouchFile, weights: Array | None = None) -> FixedPointResult | UniversalResult:
@@ -209,13 +222,10 @@ _FITS: Mapping[TouchKind, Callable[[TouchFile], Estimate]] = MappingProxyType(
 )
 
 
-def _dimensions(covariance: Array) -> float:
-    """In how many directions a vector of this covariance is uncertain, as `radius_of` counts them."""
-    return float(np.trace(covariance)) ** 2 / float(np.sum(covariance**2))
-
-
 def _robust(solve: Callable[[Array], Any], file: TouchFile) -> RobustFit[Any]:
-    return fit_without_outliers(solve, len(file.names))
+    count = len(file.names)
+    limit = max(OUTLIER_SIGMA, float(norm.isf(_FALSELY_BAD / (2 * count))))
+    return fit_without_outliers(solve, count, limit)
 
 
 def _measured_mm(touches: TouchSet, errors_in_base: Array) -> Array:

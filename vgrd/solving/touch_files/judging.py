@@ -17,6 +17,7 @@ from vgrd.solving.touch_files.solution import TouchReport
 
 _CLEARLY_OFF = 3.5  # sigmas of a level's own spread: with 3 sigmas 3 % of clean files were told
 _NO_TOOL_MM = 5.0  # from the flange's origin: no tip is so near, a TCP taught badly is that wrong
+_TOLD = 5  # touches that are left out, each in a line of its own: more tell nobody anything
 _FAR_OFF = 1.5  # times what was stated: a stated sigma is right within it in two of three cases
 
 
@@ -29,6 +30,13 @@ def judge(file: TouchFile, levelled: Levelled, tolerance_mm: float | None) -> It
         yield contradiction
         return
     yield from _level_findings(file, levelled.levels)
+    if levelled.alike:
+        yield finding(
+            "touches_alike",
+            f"the touches scatter {levelled.rms_mm:.2g} mm rms, and those of like orientation are off "
+            "alike, which more touches do not average out: at 95 % the tip is known to within "
+            f"{radius95(estimate.covariance):.2g} mm",
+        )
     yield from _unproven(estimate)
     yield from _no_tool(estimate)
     yield from _weakness(estimate.covariance, len(file.names))
@@ -111,6 +119,11 @@ def _tolerance(covariance: Array, tolerance_mm: float | None) -> Iterator[Findin
 
 
 def _outliers(file: TouchFile, estimate: Estimate) -> Iterator[Finding]:
-    for report in reports(file, estimate):
-        if not report.used:
-            yield finding("touch_outlier", f"touch {report.name}: {report.reason}")
+    left_out = [report for report in reports(file, estimate) if not report.used]
+    for report in left_out[:_TOLD]:
+        yield finding("touch_outlier", f"touch {report.name}: {report.reason}")
+    if len(left_out) > _TOLD:
+        yield finding(
+            "touch_outlier",
+            f"{len(left_out) - _TOLD} more of {len(file.names)} touches were left out",
+        )
