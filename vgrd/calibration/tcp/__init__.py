@@ -5,6 +5,7 @@ May import touches, observability and model.
 
 from vgrd.calibration.tcp.contact import ContactTcp, contact_tcp
 from vgrd.calibration.tcp.fixed_point import FixedPointResult, calibrate_fixed_point
+from vgrd.calibration.tcp.orientation import AxisPoint, ToolOrientation, tool_orientation
 from vgrd.calibration.tcp.plane import Plane, calibrate_plane, check_one_plane, fit_plane
 from vgrd.calibration.tcp.sphere import calibrate_sphere, check_one_sphere, fit_sphere
 from vgrd.calibration.tcp.systematic import grouped_covariance
@@ -22,9 +23,11 @@ from vgrd.calibration.tcp.touch_levels import (
 )
 
 __all__ = [
+    "AxisPoint",
     "ContactTcp",
     "FixedPointResult",
     "Plane",
+    "ToolOrientation",
     "TouchKind",
     "TouchRows",
     "by_kind",
@@ -42,6 +45,7 @@ __all__ = [
     "named_levels",
     "point_rows",
     "surface_rows",
+    "tool_orientation",
     "touch_kinds",
     "with_levels",
 ]

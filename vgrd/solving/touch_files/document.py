@@ -20,6 +20,7 @@ from vgrd.documents.tables import (
     Table,
     TableT,
     named_rows,
+    one_of,
     parse,
     tables_of,
 )
@@ -32,7 +33,8 @@ from vgrd.judging.thresholds import LINE
 from vgrd.solving.flange_poses import PosesTable, arm_faults
 
 DEFAULT_SIGMA_MM = 0.233  # the paper's touches, experiment B
-_TABLES = ("kind", "poses", "touch", "plane", "sphere")
+_TABLES = ("kind", "poses", "touch", "plane", "sphere", "orientation")
+_AXES = ("+x", "-x", "+y", "-y", "+z", "-z")
 _SAME_AXIS = 1e-6  # rounding of a text
 
 Vector = Annotated[list[Number], Field(min_length=3, max_length=3)]
@@ -55,6 +57,13 @@ class TouchTable(NamedTable):
     target: Vector | None = None
     axis: Vector | None = None
     sigma_mm: Annotated[list[SigmaMm], Field(min_length=2, max_length=2)] | None = None
+
+
+class OrientationTable(NamedTable):
+    """A flange pose in which the fixed point lies on an axis of the tool, seen from the tip."""
+
+    pose: list[Number]
+    point_on: Annotated[str, one_of(_AXES)]
 
 
 class PlaneTable(Table):
@@ -85,7 +94,8 @@ class TouchFile:
     """m checked touches; points_in_object: (m, 3) mm, zeros unless kind is universal.
 
     sigma_given: (m,), whether the file gives the sigma of a touch. rotations: (m, 3 or 4), the numbers
-    of the orientations as they are written, and rotation_format how they are said to be meant.
+    of the orientations as they are written, and rotation_format how they are said to be meant. axis_poses: two
+    flange poses with the axis of the tool on which the fixed point lay, such as "+z", or none.
     """
 
     kind: TouchKind
@@ -97,6 +107,7 @@ class TouchFile:
     rotation_format: RotationFormat
     plane: Plane | None = None
     radius_mm: float | None = None
+    axis_poses: tuple[tuple[str, Pose], ...] = ()
 
     def subset(self, chosen: NDArray[np.intp]) -> "TouchFile":
         """The same with the touches of these indices."""
@@ -126,6 +137,7 @@ def load_touches(path: Path) -> TouchFile:
     plane = _plane(_surface(data, kind, TouchKind.PLANE, PlaneTable, faults), faults)
     sphere = _surface(data, kind, TouchKind.SPHERE, SphereTable, faults)
     arm = _arm(rows, poses, faults)
+    axis_poses = _axis_poses(data, kind, poses, faults)
     axis = _axis([row for _, row in rows], faults)
     points = np.array([row.target or (0, 0, 0) for _, row in rows], dtype=np.float64)
     if kind is TouchKind.UNIVERSAL and not faults:
@@ -143,6 +155,7 @@ def load_touches(path: Path) -> TouchFile:
         rotation_format=RotationFormat(poses.rotation),
         plane=plane,
         radius_mm=sphere.radius_mm if sphere else None,
+        axis_poses=axis_poses,
     )
 
 
@@ -207,16 +220,44 @@ def _arm(
     """The flange poses in mm."""
     if poses is None:
         return []
-    arm = []
-    for label, row in rows:
-        try:
-            arm.append(pose_from(row.pose, RotationFormat(poses.rotation), poses.unit))
-        except InputError as error:
-            faults.append(f"{label}.pose: {error}")
+    arm = _read_poses(rows, poses, faults)
     if len(arm) == len(rows):
         named = [(row.name, pose) for (_, row), pose in zip(rows, arm, strict=True)]
         faults += arm_faults(named, poses.unit, "touch")
     return arm
+
+
+def _read_poses(
+    rows: Sequence[tuple[str, TouchTable | OrientationTable]], poses: PosesTable, faults: list[str]
+) -> list[Pose]:
+    """Those that can be read, mm."""
+    read = []
+    for label, row in rows:
+        try:
+            read.append(pose_from(row.pose, RotationFormat(poses.rotation), poses.unit))
+        except InputError as error:
+            faults.append(f"{label}.pose: {error}")
+    return read
+
+
+def _axis_poses(
+    data: dict[str, Any], kind: TouchKind | None, poses: PosesTable | None, faults: list[str]
+) -> tuple[tuple[str, Pose], ...]:
+    """The two [[orientation]] tables, none where there are none."""
+    tables = tables_of(data, "orientation", faults)
+    if not tables or poses is None:
+        return ()
+    if kind not in (TouchKind.FIXED_POINT, None):
+        faults.append(f"orientation: kind {kind} has no fixed point; remove the tables")
+    rows = named_rows(OrientationTable, "orientation", tables, faults)
+    axes = [row.point_on for _, row in rows]
+    if len(tables) != 2 or (len(rows) == 2 and axes[0][1] == axes[1][1]):
+        faults.append(
+            "orientation: give two poses, the fixed point on one axis of the tool and beside it towards "
+            'another one, such as point_on = "+z" and "+x"'
+        )
+    read = _read_poses(rows, poses, faults)
+    return tuple(zip(axes, read, strict=False))
 
 
 def _axis(rows: Sequence[TouchTable], faults: list[str]) -> Array:

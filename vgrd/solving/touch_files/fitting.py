@@ -11,7 +11,9 @@ from scipy.stats import norm
 from vgrd.calibration.levels import Level, Levels, wider_by_freedom
 from vgrd.calibration.observability import RobustFit, fit_without_outliers, noise_scale
 from vgrd.calibration.tcp import (
+    AxisPoint,
     FixedPointResult,
+    ToolOrientation,
     TouchRows,
     by_kind,
     calibrate_fixed_point,
@@ -25,6 +27,7 @@ from vgrd.calibration.tcp import (
     named_levels,
     point_rows,
     surface_rows,
+    tool_orientation,
     touch_kinds,
     with_levels,
 )
@@ -148,6 +151,21 @@ def rows_of(file: TouchFile, fit: FixedPointResult | UniversalResult) -> TouchRo
             R_X = fit.object_from_base.rotation
             turns = np.swapaxes(file.touches.rotations, 1, 2) @ R_X.T
     return point_rows(file.touches, fit.whitened, fit.jacobian, turns, sign)
+
+
+def find_orientation(file: TouchFile, levelled: Levelled) -> ToolOrientation | None:
+    """Orientation of the tool, where the file has poses for it; raises NotObservable where they do not tell it."""
+    estimate = levelled.estimate
+    point, covariance = estimate.point_in_base, estimate.covariance_with_point
+    if not file.axis_poses or point is None or covariance is None:
+        return None
+    sigma = levelled.wider * max(level.found for level in levelled.levels)
+    spread = sigma**2 * np.eye(3)
+    points = [
+        AxisPoint(pose, "xyz".index(axis[1]), 1 if axis[0] == "+" else -1, spread)
+        for axis, pose in file.axis_poses
+    ]
+    return tool_orientation(points, estimate.tcp_in_wrist, point, covariance)
 
 
 def _universal(file: TouchFile) -> Estimate:

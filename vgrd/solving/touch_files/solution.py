@@ -3,9 +3,13 @@
 from dataclasses import dataclass
 from typing import Any
 
+import numpy as np
+
 from vgrd.calibration.levels import Level
+from vgrd.calibration.tcp import ToolOrientation
 from vgrd.geometry import Array, Pose
 from vgrd.geometry.covariance import radius95
+from vgrd.geometry.rotation_formats import RotationFormat, rotation_to
 from vgrd.geometry.rotation_relaxation import Certificate
 from vgrd.model import Verdict
 
@@ -25,7 +29,8 @@ class TouchSolution:
     """tcp_in_wrist: (3,) mm; covariance: (3, 3) of it, mm^2; object_from_base: universal only.
 
     certificate: None where a method has none (unknown plane, ball). levels: of the touches, stated and
-    found. tolerance_mm: None where none was given.
+    found. tolerance_mm: None where none was given. orientation: of the tool, where the file asks for it, and
+    rotation_format: how the file writes rotations.
     """
 
     tcp_in_wrist: Array
@@ -36,6 +41,8 @@ class TouchSolution:
     verdict: Verdict
     levels: tuple[Level, ...]
     tolerance_mm: float | None = None
+    orientation: ToolOrientation | None = None
+    rotation_format: RotationFormat = RotationFormat.ROTVEC
 
     @property
     def u95_mm(self) -> float:
@@ -64,6 +71,7 @@ class TouchSolution:
             "tcp_in_wrist": self.tcp_in_wrist.tolist(),
             "covariance": self.covariance.tolist(),
             **({"object_from_base": X.matrix().tolist()} if X is not None else {}),
+            **self._orientation(),
             "touches": [
                 {
                     "name": touch.name,
@@ -85,6 +93,17 @@ class TouchSolution:
                     for finding in self.verdict.findings
                 ],
             },
+        }
+
+    def _orientation(self) -> dict[str, Any]:
+        if self.orientation is None:
+            return {}
+        R, covariance = self.orientation.wrist_from_tool, self.orientation.covariance
+        return {
+            "wrist_from_tool": Pose(R, self.tcp_in_wrist).matrix().tolist(),
+            "tool_rotation": rotation_to(R, self.rotation_format).tolist(),
+            "rotation_covariance": covariance.tolist(),
+            "rotation_u95_deg": float(np.degrees(radius95(covariance))),
         }
 
 

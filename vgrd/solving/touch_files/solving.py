@@ -6,7 +6,7 @@ from vgrd.errors import NotObservable
 from vgrd.model import Verdict
 from vgrd.solving.touch_files.contradictions import misread
 from vgrd.solving.touch_files.document import load_touches
-from vgrd.solving.touch_files.fitting import fit_with_levels
+from vgrd.solving.touch_files.fitting import find_orientation, fit_with_levels
 from vgrd.solving.touch_files.judging import judge, reports
 from vgrd.solving.touch_files.solution import TouchSolution
 
@@ -38,4 +38,6 @@ def solve_touches(path: Path, *, tolerance_mm: float | None = None) -> TouchSolu
         verdict=Verdict(tuple(judge(file, levelled, tolerance_mm))),
         levels=levelled.levels,
         tolerance_mm=tolerance_mm,
+        orientation=find_orientation(file, levelled),
+        rotation_format=file.rotation_format,
     )
