@@ -250,7 +250,9 @@ def test_too_few_touches_missing_targets_and_a_line_are_faults(tmp_path):
     few = File(m=3).write(tmp_path / "few.toml").read_text()
     assert any("3 given, kind universal needs at least 4" in f for f in faults(tmp_path, few))
     bare = "\n".join(line for line in few.splitlines() if not line.startswith("target"))
-    assert sum("add the CAD point" in f for f in faults(tmp_path, bare)) == 3
+    (missing,) = (f for f in faults(tmp_path, bare) if "add the CAD point" in f)
+    assert missing.startswith("touch[0] 'p1'.target: is missing")
+    assert missing.endswith("(and 2 more)")
     file = File(m=6)
     file.targets = np.outer(np.arange(6.0) * 20, (1, 2, 0))
     on_line = file.write(tmp_path / "line.toml").read_text()
@@ -291,3 +293,15 @@ def faults_of_missing(tmp_path):
     with pytest.raises(ConfigError) as caught:
         solve_touches(tmp_path / "nothing.toml")
     return caught.value.faults
+
+
+def test_numbers_that_no_touch_has_are_faults(tmp_path):
+    text = File(m=6).write(tmp_path / "good.toml").read_text()
+    for sigma in ("1e-300, 1e300", "0.0, 1.0", "-1.0, 1.0", "nan, 1.0"):
+        (found,) = faults(tmp_path, text.replace(f"[{SIGMA}, {SIGMA}]", f"[{sigma}]", 1))
+        assert "or inf where nothing was measured" in found
+    lines = text.splitlines()
+    first = next(i for i, line in enumerate(lines) if line.startswith("pose ="))
+    lines[first] = "pose = [1e300, 0.0, 0.0, 0.0, 0.0, 0.0]"
+    (found,) = faults(tmp_path, "\n".join(lines))
+    assert "is it mm?" in found

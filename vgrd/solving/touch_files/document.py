@@ -9,7 +9,7 @@ from typing import Annotated, Any
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import Field
+from pydantic import AfterValidator, Field
 
 from vgrd.calibration.tcp import Plane
 from vgrd.calibration.touches import TouchSet, touch_set
@@ -35,10 +35,22 @@ from vgrd.solving.flange_poses import PosesTable, arm_faults
 DEFAULT_SIGMA_MM = 0.233  # the paper's touches, experiment B
 _TABLES = ("kind", "poses", "touch", "plane", "sphere", "orientation")
 _AXES = ("+x", "-x", "+y", "-y", "+z", "-z")
+_SIGMAS_MM = (1e-3, 100.0)  # no hand and no arm is better; a rougher touch tells nothing
 _SAME_AXIS = 1e-6  # rounding of a text
 
 Vector = Annotated[list[Number], Field(min_length=3, max_length=3)]
-SigmaMm = Annotated[float, Field(gt=0)]
+
+
+def _sigma(value: float) -> float:
+    if not (_SIGMAS_MM[0] <= value <= _SIGMAS_MM[1] or value == np.inf):
+        raise ValueError(
+            f"{value:g} mm is no touch: give {_SIGMAS_MM[0]:g} to {_SIGMAS_MM[1]:g}, or inf where "
+            "nothing was measured"
+        )
+    return value
+
+
+SigmaMm = Annotated[float, AfterValidator(_sigma)]
 
 
 class TouchKind(StrEnum):
@@ -143,7 +155,7 @@ def load_touches(path: Path) -> TouchFile:
     if kind is TouchKind.UNIVERSAL and not faults:
         faults += _line_faults(points)
     if faults or kind is None or poses is None:
-        raise ConfigError(str(path), faults)
+        raise ConfigError(str(path), _told_once(faults))
     sigmas = [row.sigma_mm or (DEFAULT_SIGMA_MM, DEFAULT_SIGMA_MM) for _, row in rows]
     return TouchFile(
         kind=kind,
@@ -157,6 +169,18 @@ def load_touches(path: Path) -> TouchFile:
         radius_mm=sphere.radius_mm if sphere else None,
         axis_poses=axis_poses,
     )
+
+
+def _told_once(faults: Sequence[str]) -> list[str]:
+    """The faults, of those that say the same of several touches the first with a count."""
+    places: dict[str, list[str]] = {}
+    for fault in faults:
+        place, _, words = fault.partition(": ")
+        places.setdefault(words, []).append(place)
+    return [
+        f"{first}: {words}" + (f" (and {len(rest)} more)" if rest else "")
+        for words, (first, *rest) in places.items()
+    ]
 
 
 def _kind(data: dict[str, Any], faults: list[str]) -> TouchKind | None:
