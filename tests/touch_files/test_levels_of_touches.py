@@ -74,7 +74,7 @@ def test_the_found_levels_make_the_tcp_better_than_equal_ones(tmp_path):
     assert max(squares) < 1.15 * np.mean(np.square(told_right))
 
 
-@pytest.mark.parametrize("factor", [0.5, 1.0, 2.0])
+@pytest.mark.parametrize("factor", [0.5, 2.0])
 @pytest.mark.parametrize("times", [8, 16])
 def test_the_radius_holds_95_percent_whatever_was_stated(tmp_path, factor, times):
     inside = 0

@@ -298,7 +298,7 @@ def faults_of_missing(tmp_path):
 def test_numbers_that_no_touch_has_are_faults(tmp_path):
     text = File(m=6).write(tmp_path / "good.toml").read_text()
     for sigma in ("1e-300, 1e300", "0.0, 1.0", "-1.0, 1.0", "nan, 1.0"):
-        (found,) = faults(tmp_path, text.replace(f"[{SIGMA}, {SIGMA}]", f"[{sigma}]", 1))
+        found, *_ = faults(tmp_path, text.replace(f"[{SIGMA}, {SIGMA}]", f"[{sigma}]", 1))
         assert "or inf where nothing was measured" in found
     lines = text.splitlines()
     first = next(i for i, line in enumerate(lines) if line.startswith("pose ="))
