@@ -5,7 +5,7 @@ import tomllib
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal, cast
+from typing import Literal, NamedTuple, cast
 
 import numpy as np
 from pymodbus.client.mixin import ModbusClientMixin
@@ -18,7 +18,33 @@ from vgrd.geometry.rotation_formats import RotationFormat, rotation_from, rotati
 
 FOLDER = Path(__file__).resolve().parent.parent / "config" / "robots"
 _DATA = ModbusClientMixin.DATATYPE
-_LAYOUTS = {"int16": _DATA.INT16, "int32": _DATA.INT32, "float32": _DATA.FLOAT32}
+
+
+class _Layout(NamedTuple):
+    """How one number stands in registers; sign_bit: of sign and magnitude, None of two's complement and IEEE 754."""
+
+    kind: ModbusClientMixin.DATATYPE
+    words: int
+    sign_bit: int | None = None
+
+    @property
+    def is_float(self) -> bool:
+        """Whether numbers have no step."""
+        return self.kind in (_DATA.FLOAT32, _DATA.FLOAT64)
+
+
+_LAYOUTS = {
+    "int16": _Layout(_DATA.INT16, 1),
+    "uint16": _Layout(_DATA.UINT16, 1),
+    "int32": _Layout(_DATA.INT32, 2),
+    "float32": _Layout(_DATA.FLOAT32, 2),
+    "float64": _Layout(_DATA.FLOAT64, 4),
+    "sign_magnitude16": _Layout(_DATA.UINT16, 1, sign_bit=15),
+    "sign_magnitude32": _Layout(_DATA.UINT32, 2, sign_bit=31),
+}
+_TURN_DEG = (
+    360.0  # no pose has a larger angle: what is beyond it was read in another layout or unit
+)
 _FARTHEST_MM = 20_000.0  # no arm reaches farther, on a rail neither
 _MOST_REGISTERS = 125  # of one request: Modbus Application Protocol V1.1b3, 6.3
 _STEP_PER_SIGMA = math.sqrt(12.0)  # rounding: uniform over one step
@@ -42,7 +68,8 @@ class RegisterRange:
 class RobotProfile:
     """One brand's registers.
 
-    function: 3 or 4. layout: int16, int32 or float32; word_order: "big" is high word first.
+    function: 3 or 4. layout: int16, uint16, int32, float32, float64, or sign_magnitude16 and 32 (the highest
+    bit is the sign, the others the magnitude); word_order: "big" is high word first.
     mm_per_count, rotation_per_count: value of one count, the latter in the unit of the `rotation`
     format. frame: "tcp" or "flange". The rotation follows the position unless rotation_address
     says otherwise. What tells the TCP: tcp_offset_address (a pose in the flange, perhaps with a
@@ -69,7 +96,7 @@ class RobotProfile:
     update_period_s: float = 0.0
 
     def flange_steps(self, wrist_from_tcp: Pose | None) -> tuple[float, float]:
-        """Steps in which the robot tells the flange (mm per axis, rad per angle); 0 for float32.
+        """Steps in which the robot tells the flange (mm per axis, rad per angle); 0 for floats.
 
         Where the TCP is shown, a step of a rotation moves the flange by the length of the tool.
         """
@@ -81,13 +108,13 @@ class RobotProfile:
 
     @property
     def position_sigma_mm(self) -> float:
-        """Standard deviation per axis of the rounding to counts, mm; 0 for float32."""
-        return 0.0 if self.layout == "float32" else self.mm_per_count / _STEP_PER_SIGMA
+        """Standard deviation per axis of the rounding to counts, mm; 0 for floats."""
+        return 0.0 if _LAYOUTS[self.layout].is_float else self.mm_per_count / _STEP_PER_SIGMA
 
     @property
     def rotation_sigma_rad(self) -> float:
-        """Standard deviation per axis of the rounding to counts, rad; 0 for float32."""
-        if self.layout == "float32":
+        """Standard deviation per axis of the rounding to counts, rad; 0 for floats."""
+        if _LAYOUTS[self.layout].is_float:
             return 0.0
         degrees = self.rotation.endswith("-deg")
         step = math.radians(self.rotation_per_count) if degrees else self.rotation_per_count
@@ -153,7 +180,7 @@ class RobotProfile:
         return registers
 
     def _words(self, values: int) -> int:
-        return values if self.layout == "int16" else 2 * values
+        return _LAYOUTS[self.layout].words * values
 
     def _tcp_format(self) -> RotationFormat:
         return RotationFormat(self.tcp_offset_rotation or self.rotation)
@@ -176,6 +203,13 @@ class RobotProfile:
             raise BadReading(
                 f"{self.name}: position {mm.tolist()} mm; word order and units of the profile?"
             )
+        largest = float(np.abs(angles).max())
+        turn = _TURN_DEG if fmt.endswith("-deg") else math.radians(_TURN_DEG)
+        if not largest <= turn + abs(self.rotation_per_count):
+            raise BadReading(
+                f"{self.name}: angles {angles.tolist()} beyond a turn; layout and rotation_per_count of the "
+                "profile?"
+            )
         try:
             return Pose(rotation_from(angles, fmt), mm)
         except InputError as error:
@@ -184,8 +218,13 @@ class RobotProfile:
     def _values(self, registers: dict[int, int], block: RegisterRange) -> Array:
         words = [registers[address] for address in range(block.address, block.end)]
         order = cast("Literal['big', 'little']", self.word_order)
-        values = ModbusClientMixin.convert_from_registers(words, _LAYOUTS[self.layout], order)
-        return np.asarray(values, dtype=np.float64)
+        layout = _LAYOUTS[self.layout]
+        values = ModbusClientMixin.convert_from_registers(words, layout.kind, order)
+        if layout.sign_bit is None:
+            return np.asarray(values, dtype=np.float64)
+        raw = np.asarray(values, dtype=np.int64)
+        sign = 1 << layout.sign_bit
+        return np.asarray(np.where(raw & sign, -1.0, 1.0) * (raw & (sign - 1)))
 
     def _numbers(
         self, pose: Pose, position: RegisterRange, rotation: RegisterRange, fmt: RotationFormat
@@ -197,10 +236,13 @@ class RobotProfile:
 
     def _registers(self, block: RegisterRange, values: Sequence[float] | Array) -> dict[int, int]:
         order = cast("Literal['big', 'little']", self.word_order)
+        layout = _LAYOUTS[self.layout]
         words: list[int] = []
         for value in values:
-            number = float(value) if self.layout == "float32" else round(float(value))
-            words += ModbusClientMixin.convert_to_registers(number, _LAYOUTS[self.layout], order)
+            number = float(value) if layout.is_float else round(float(value))
+            if layout.sign_bit is not None and number < 0:
+                number = -int(number) | 1 << layout.sign_bit
+            words += ModbusClientMixin.convert_to_registers(number, layout.kind, order)
         return dict(zip(range(block.address, block.end), words, strict=True))
 
 

@@ -56,7 +56,6 @@ DOORS: Mapping[str, tuple[str, ...]] = {
     "vgrd.calibration.hand_eye.park_martin:park_martin_start": ("flange_motions", "cameras"),
     "vgrd.calibration.joint.estimate:calibrate_joint": ("recording", "sightings"),
     "vgrd.calibration.joint.samples:gather": ("recording", "sightings"),
-    "vgrd.calibration.touches.scatter:repeatability": ("touches", "targets"),
     "vgrd.calibration.turntable.rotation_center:find_rotation_center": (
         "camera_from_tag",
         "covariances",

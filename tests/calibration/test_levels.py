@@ -75,3 +75,22 @@ def test_few_samples_widen_the_interval() -> None:
     assert wider_by_freedom(np.inf) == 1
     parts = found(np.ones(3), 3).freedom_of(np.array([0.0, 1.0, 0.0]))
     assert 5 < parts < 2 * COARSE
+
+
+def test_what_all_are_wrong_by_alike_is_learnt_by_each_from_the_others() -> None:
+    """The second kind has no data: alone it stays as stated, with a common factor it follows the first."""
+    r = 3 * np.random.default_rng(4).normal(size=60)
+
+    def whiten(x: Array) -> Whitened:
+        return Whitened(r * np.exp(-x[0] / 2), np.zeros((60, 1)), [np.eye(60), np.zeros((60, 1))])
+
+    alone = find_levels(whiten, 2)
+    together = find_levels(whiten, 2, common_factor=3.0)
+    assert alone.scales[1] == pytest.approx(1)
+    assert 2 < together.scales[1] < together.scales[0]
+    assert together.covariance[0, 1] > 0
+
+
+def test_a_radius_of_three_dimensions_is_wider_as_hotelling_says() -> None:
+    # 95 % quantiles: F(3, 10) = 3.708, chi2(3) = 7.815
+    assert wider_by_freedom(10, 3) == pytest.approx(np.sqrt(3 * 3.708 / 7.815), abs=1e-3)

@@ -1,6 +1,7 @@
 """Profiles of robots' Modbus servers, and what the driver refuses."""
 
 import socket
+from dataclasses import MISSING, fields
 
 import numpy as np
 import pytest
@@ -39,6 +40,58 @@ def test_registers_hold_what_the_brands_document():
     assert [delta[250], delta[251]] == [30_000, 0]
     jaka = robot_profile.load("jaka").encode(wrist, none)
     assert [jaka[410], jaka[411]] == [0x447A, 0]  # 1000.0
+
+
+def in_layout(folder, layout, **changed):
+    """Profile of the UR with numbers in another layout."""
+    lines = (robot_profile.FOLDER / "ur.toml").read_text().splitlines()
+    new = {"layout": layout, "tcp_offset_address": 900, "pose_address": 100, **changed}
+    kept = [line for line in lines if line.partition(" =")[0] not in new]
+    written = [f"{k} = {v!r}".replace("'", '"') for k, v in new.items()]
+    path = folder / "robot.toml"
+    path.write_text("\n".join([*kept, *written]))
+    return robot_profile.load(str(path))
+
+
+@pytest.mark.parametrize("order", ["big", "little"])
+@pytest.mark.parametrize(
+    "layout", ["int16", "int32", "float32", "float64", "sign_magnitude16", "sign_magnitude32"]
+)
+def test_negative_numbers_survive_every_layout(tmp_path, layout, order):
+    profile = in_layout(tmp_path, layout, word_order=order)
+    wrist = Pose.from_rotvec((-0.4, -2.0, 0.7), (-412.3, 87.6, -301.2))
+    pose, _ = profile.decode(profile.encode(wrist, Pose.identity()))
+    mm, rad = pose.distance(wrist)
+    assert mm <= 4 * profile.position_sigma_mm + 1e-3
+    assert rad <= 4 * profile.rotation_sigma_rad + 1e-5
+
+
+def test_sign_and_magnitude_have_the_sign_in_the_highest_bit(tmp_path):
+    wrist = Pose.from_rotvec((0, 0, -0.5), (-123.4, 0.0, 56.7))
+    short = in_layout(tmp_path, "sign_magnitude16").encode(wrist, Pose.identity())
+    assert [short[a] for a in (100, 101, 102, 105)] == [0x8000 + 1234, 0, 567, 0x8000 + 500]
+    long = in_layout(tmp_path, "sign_magnitude32").encode(wrist, Pose.identity())
+    assert [long[100], long[101]] == [0x8000, 1234]
+    unsigned = in_layout(tmp_path, "uint16").decode(
+        {100: 40_000, 101: 0, 102: 1, 103: 0, 104: 0, 105: 0} | {900 + i: 0 for i in range(6)}
+    )
+    assert unsigned[0].translation.tolist() == pytest.approx([4000.0, 0.0, 0.1])
+
+
+def test_an_angle_beyond_a_turn_is_a_wrong_layout(tmp_path):
+    """Sign and magnitude read as two's complement: the position still looks right."""
+    wrist = Pose.from_rotvec((0, 0, -0.5), (123.4, 20.0, 56.7))
+    registers = in_layout(tmp_path, "sign_magnitude16").encode(wrist, Pose.identity())
+    with pytest.raises(BadReading, match=r"beyond a turn; layout and rotation_per_count"):
+        in_layout(tmp_path, "int16").decode(registers)
+
+
+def test_every_key_and_layout_of_a_profile_is_documented():
+    page = (robot_profile.FOLDER.parents[1] / "docs" / "robot-profiles.md").read_text()
+    for field in fields(robot_profile.RobotProfile):
+        assert f"| `{field.name}` | {'yes' if field.default is MISSING else 'no'} |" in page
+    for layout in ("int16", "uint16", "int32", "float32", "float64", "sign_magnitude16"):
+        assert f"| `{layout}` |" in page
 
 
 def test_rounding_is_told_as_sigmas():

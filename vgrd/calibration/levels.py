@@ -11,9 +11,10 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import t as student
+from scipy.stats import f as fisher
 
 from vgrd.geometry import Array
+from vgrd.geometry.chi2 import chi2_quantile
 
 STATED_FACTOR = 2.0  # a stated sigma is right within this factor in two of three cases: a guess
 _ROUNDS = 30  # of scoring, a bound only
@@ -47,6 +48,12 @@ class Level:
     def ratio(self) -> float:
         """Found over stated."""
         return self.found / self.stated
+
+    @property
+    def interval(self) -> tuple[float, float]:
+        """In which the level is at 95 %."""
+        factor = float(np.exp(_NORMAL_95 * self.log_sigma))
+        return self.found / factor, self.found * factor
 
     @property
     def surprise(self) -> float:
@@ -99,6 +106,11 @@ class Levels:
     log_variances: Array
     covariance: Array
 
+    @classmethod
+    def stated(cls, count: int) -> "Levels":
+        """As stated, to begin with."""
+        return cls(np.zeros(count), np.zeros((count, count)))
+
     @property
     def scales(self) -> Array:
         """(k,): sigmas over the stated ones."""
@@ -129,14 +141,16 @@ def find_levels(
     count: int,
     *,
     prior_factors: Array | None = None,
+    common_factor: float = 1.0,
     start: Array | None = None,
 ) -> Levels:
     """Most likely levels; whiten(log_variances (k,)) gives the residuals near the optimum for them.
 
     The residuals need not be those of the optimum: what the unknowns take up is projected out.
     prior_factors: (k,), within which a stated sigma is right in two of three cases, inf for none.
+    common_factor: the same of what all of them are wrong by alike.
     """
-    return _ascend(lambda x: _score(whiten(x)), count, prior_factors, start)
+    return _ascend(lambda x: _score(whiten(x)), count, prior_factors, start, common_factor)
 
 
 def find_levels_of(
@@ -171,29 +185,36 @@ def _ascend(
     count: int,
     prior_factors: Array | None,
     start: Array | None,
+    common_factor: float = 1.0,
 ) -> Levels:
     """Fisher scoring with the prior."""
     factors = np.full(count, STATED_FACTOR) if prior_factors is None else prior_factors
-    of_log_sigma = 1 / np.log(factors) ** 2
-    prior_information = of_log_sigma / 4  # a log variance spreads twice as much
+    own = np.diag(1 / (2 * np.log(factors)) ** 2)  # a log variance is two log sigmas
+    common = 2 * np.log(common_factor)
+    alike = own.sum(axis=1) * common
+    prior_information = own - np.outer(alike, alike) / (1 + common * alike.sum())
     log_variances = np.zeros(count) if start is None else np.array(start, dtype=np.float64)
     for _ in range(_ROUNDS):
         score, information = score_at(log_variances)
-        score = score - prior_information * log_variances
-        information = information + np.diag(prior_information)
+        score = score - prior_information @ log_variances
+        information = information + prior_information
         step = np.linalg.lstsq(information, score, rcond=None)[0]
         step *= min(1.0, _LARGEST_STEP / max(float(np.abs(step).max(initial=0)), 1e-300))
         log_variances = np.maximum(log_variances + step, _FINEST)
         if float(np.abs(step).max(initial=0)) < _SETTLED:
             break
-    return Levels(
-        log_variances, np.asarray(np.linalg.pinv(information, hermitian=True), np.float64)
-    )
+    return Levels(log_variances, np.asarray(np.linalg.pinv(information, hermitian=True)))
 
 
-def wider_by_freedom(freedom: float) -> float:
-    """Factor of a sigma by which a t distribution's 95 % is wider than a normal one's."""
-    return float(student.ppf(0.975, freedom)) / _NORMAL_95 if np.isfinite(freedom) else 1.0
+def wider_by_freedom(freedom: float, dimensions: float = 1.0) -> float:
+    """Factor of a sigma by which 95 % of a vector are wider where its variance was estimated.
+
+    dimensions: of the vector; of a number (1) it is the t distribution over the normal one, else Hotelling's.
+    """
+    if not np.isfinite(freedom):
+        return 1.0
+    estimated = dimensions * float(fisher.ppf(0.95, dimensions, freedom))
+    return float(np.sqrt(estimated / chi2_quantile(0.95, dimensions)))
 
 
 def _score(whitened: Whitened) -> tuple[Array, Array]:

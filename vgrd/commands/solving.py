@@ -148,19 +148,29 @@ def _solve_dataset(source: Path, method: str | None, json_to: str | None) -> Non
 
 def tcp(
     source: Annotated[Path, typer.Argument(help="A file of touches (.toml).")],
+    tolerance_mm: Annotated[
+        float | None,
+        typer.Option(min=0, help="Reject a tip that is known to less than that at 95 %."),
+    ] = None,
     json_to: JsonOption = None,
 ) -> None:
     """Find the TCP from a file of touches: CAD points, one point, a plane or a ball."""
     from vgrd.solving.touch_files import solve_touches
 
     def show(result: Result) -> None:
-        keys = ("name", "used", "residual_mm", "reason")
-        rows = [[touch[key] for key in keys] for touch in result["touches"]]
-        console.print(table(f"{source}: touches", keys, rows))
-        rest = {key: value for key, value in result.items() if key != "touches"}
+        console.print(result["summary"], highlight=False, markup=False)
+        for one in result["verdict"]["findings"]:
+            console.print(f"{one['code']}: {one['message']}", highlight=False, markup=False)
+        for what in ("touches", "levels"):
+            rows = result[what]
+            keys = tuple(rows[0])
+            cells = [[row[key] for key in keys] for row in rows]
+            console.print(table(f"{source}: {what}", keys, cells))
+        told = ("summary", "touches", "levels", "verdict")
+        rest = {key: value for key, value in result.items() if key not in told}
         console.print(table("TCP in the wrist", ("what", "value"), list(flat(rest))))
 
-    solution = solve_touches(source)
+    solution = solve_touches(source, tolerance_mm=tolerance_mm)
     print_result(solution.to_json(), json_to, show)
     if not solution.verdict.ok:
         raise typer.Exit(CalibrationError.exit_code)

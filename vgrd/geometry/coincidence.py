@@ -5,6 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial import KDTree
 
 from vgrd.geometry.pose import Array, Pose
 
@@ -21,9 +22,14 @@ def equal_poses(poses: Sequence[Pose], mm: float, rad: float) -> NDArray[np.bool
     """Matrix (n, n) of which poses are equal: origins within `mm`, entries of the rotation within `rad`."""
     t = np.array([pose.translation for pose in poses]).reshape(-1, 3)
     R = np.array([pose.rotation for pose in poses]).reshape(-1, 3, 3)
-    apart_mm = np.linalg.norm(t[:, None] - t, axis=2)
-    apart = np.abs(R[:, None] - R).max(axis=(2, 3), initial=0.0)
-    return np.asarray((apart_mm < mm) & (apart < rad))
+    equal = np.eye(len(t), dtype=bool)
+    if len(t) < 2:
+        return equal
+    i, j = KDTree(t).query_pairs(mm, output_type="ndarray").T
+    alike = np.linalg.norm(t[i] - t[j], axis=1) < mm
+    alike &= np.abs(R[i] - R[j]).max(axis=(1, 2), initial=0.0) < rad
+    equal[i[alike], j[alike]] = equal[j[alike], i[alike]] = True
+    return equal
 
 
 @dataclass(frozen=True, slots=True)

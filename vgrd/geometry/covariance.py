@@ -98,6 +98,11 @@ def radius_of(covariance: Array, share: float) -> float:
     return float(np.sqrt(g * chi2_quantile(share, degrees_of_freedom)))
 
 
+def dimensions_of(covariance: Array) -> float:
+    """In how many directions a vector of this covariance is uncertain, as `radius_of` counts them."""
+    return float(np.trace(covariance)) ** 2 / float(np.einsum("ij,ji->", covariance, covariance))
+
+
 def wide_directions(covariance: Array, sigma: float) -> Array:
     """Axes (n, k) of a covariance (n, n) along which its sigma is at least that large, scaled by it."""
     variances, axes = np.linalg.eigh(covariance)

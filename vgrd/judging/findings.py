@@ -357,10 +357,35 @@ OF_FILES: Mapping[str, Kind] = MappingProxyType(
             "its tip",
             "3 times the promised scatter and 3 mm rms",
         ),
+        "rotations_misread": Kind(
+            "the orientations of the touches are written in another format, or inverted",
+            "correct rotation in [poses]",
+            "fit of the touches under every reading: a third of the scatter as written",
+        ),
+        "tcp_at_flange": Kind(
+            "the TCP comes out at the flange's origin",
+            "if so, set the pendant's TCP to zero and read the poses again",
+            "5 mm",
+        ),
+        "touches_alike": Kind(
+            "errors are shared by touches of like orientation: a distorted field of a tracker, a bent arm",
+            "keep metal away from a magnetic tracker, touch where the tool will work, or calibrate the arm",
+            "covariance by 16 groups of orientations, from 64 touches on: twice the one of single touches",
+        ),
+        "reference_moved": Kind(
+            "what was touched moved between two touches",
+            "fasten it and touch anew, or keep the larger group only",
+            "a jump of the place at one touch: 1 in 1,000 good files, and 3.5 sigma of a touch",
+        ),
         "touches_scatter": Kind(
-            "the touches scatter more than their sigma promises; the covariance is enlarged by that",
+            "the touches scatter more or less than the file states; the level that was found is used",
             "touch more carefully or correct sigma_mm",
-            "chance of 1 in 1,000",
+            "restricted maximum likelihood: factor 1.5 and 3 of its own sigmas",
+        ),
+        "tcp_beyond_tolerance": Kind(
+            "the tip is not known as well as was asked for",
+            "add touches with the wrist tilted to several sides, or relax the tolerance",
+            "covariance of the TCP, the spread of the levels included",
         ),
         "not_proven": Kind(
             "another solution may fit better",

@@ -25,10 +25,9 @@ def arm_faults(named: Sequence[tuple[str, Pose]], unit: str, table: str) -> list
     faults = []
     reach = max(float(np.abs(pose.translation).max()) for _, pose in named)
     if reach > _REACH_MM:
-        faults.append(
-            f"poses.unit: in {unit} the flange is {reach / 1000:.0f} m from the base: is it mm?"
-        )
-    elif reach < _SMALLEST_ARM_MM:
+        metres = reach / 1000
+        return [f"poses.unit: in {unit} the flange is {metres:.3g} m from the base: is it mm?"]
+    if reach < _SMALLEST_ARM_MM:
         faults.append(
             f"poses.unit: in {unit} no flange is more than {reach:.2g} mm from the base: is it m?"
         )

@@ -7,9 +7,7 @@ from vgrd.calibration.tcp.fixed_point import calibrate_fixed_point
 from vgrd.calibration.tcp.plane import fit_plane
 from vgrd.calibration.tcp.sphere import fit_sphere
 from vgrd.calibration.touches.equations import TouchSet
-from vgrd.calibration.touches.scatter import repeatability
 from vgrd.calibration.universal.estimate import UniversalProblem, calibrate_universal
-from vgrd.errors import InputError, TooFewObservations
 
 TCP = np.array([5.0, -8.0, 120.0])
 SIGMA = 0.233
@@ -99,30 +97,3 @@ def test_with_nothing_left_over_nothing_is_left_out():
     p = rng.uniform(-100, 100, (4, 3))
     found = robust_universal(p, shifted(touching(rng, p), 2, (5.0, 0, 0)))
     assert found.used.all()
-
-
-def test_repeated_touches_tell_the_operators_sigma_with_its_uncertainty():
-    inside = 0
-    for seed in range(100):
-        rng = np.random.default_rng(seed)
-        targets = np.repeat(rng.uniform(-100, 100, (5, 3)), 4, axis=0)
-        touches = touching(rng, targets, noise=0.0)
-        off = rng.normal(size=(20, 3)) * (0.3, 0.3, 0.05)
-        t = touches.translations + np.einsum("mij,mj->mi", touches.rotations, off)
-        found = repeatability(
-            shifted(touches, slice(None), t - touches.translations),
-            np.repeat(list("abcde"), 4).tolist(),
-            TCP,
-        )
-        inside += found.lateral.low_mm < 0.3 < found.lateral.high_mm
-        assert found.lateral.value_mm == pytest.approx(0.3, rel=0.5)
-        assert found.axial.value_mm < 0.2
-    assert 88 <= inside <= 100
-
-
-def test_repeatability_needs_repeats_and_a_name_for_each_touch():
-    touches = touching(np.random.default_rng(0), np.zeros((3, 3)))
-    with pytest.raises(TooFewObservations, match="touched twice"):
-        repeatability(touches, ["a", "b", "c"], TCP)
-    with pytest.raises(InputError, match="3 touches"):
-        repeatability(touches, ["a"], TCP)

@@ -17,7 +17,7 @@ from vgrd.geometry import Array
 from vgrd.geometry.rotation_formats import RotationFormat as Format
 from vgrd.geometry.rotation_formats import rotation_from, rotation_to, value_count
 
-_DISTINCT = (
+DISTINCT_FORMATS = (  # those that write different numbers
     Format.RPY_FIXED_XYZ,
     Format.RPY_FIXED_XYZ_DEG,
     Format.KUKA_ABC_DEG,
@@ -73,7 +73,7 @@ def other_readings(
         yield Interpretation(poses.inverted(), inverted=True)
     few = np.unique(np.linspace(0, len(poses) - 1, _SIFTED).astype(int))
     sieve = Turns(cameras.rotations[few])
-    for read, meant in product(_DISTINCT, _DISTINCT):
+    for read, meant in product(DISTINCT_FORMATS, DISTINCT_FORMATS):
         if read == meant or value_count(read) != value_count(meant):
             continue
         if read_as is not None and read != _same_as(read_as):
@@ -153,7 +153,7 @@ def _same_as(fmt: Format) -> Format:
     """The first of the formats that write the same numbers."""
     turn = Rotation.from_rotvec([0.3, -0.5, 0.7]).as_matrix()
     numbers = rotation_to(turn, fmt)
-    alike = [f for f in _DISTINCT if np.array_equal(rotation_to(turn, f), numbers)]
+    alike = [f for f in DISTINCT_FORMATS if np.array_equal(rotation_to(turn, f), numbers)]
     return alike[0]
 
 

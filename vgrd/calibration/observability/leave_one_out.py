@@ -15,6 +15,8 @@ _CAUCHY = 2.385  # 95 % efficiency with normal noise (Rey 1983)
 _ROUNDS = 8  # a bound only
 _SETTLED = 0.01  # of a weight between 0 and 1
 _SPARE_FREEDOM = 3  # one touch more than a fit needs, so that it can contradict
+_MANY = 500  # touches: from there on some are judged together
+_TOGETHER = 0.01  # of so many: their pull on the fit is no more than that of one in a hundred
 _MOST = 1 / 3  # of the touches: where more are bad nobody can say which
 
 
@@ -71,8 +73,8 @@ def fit_without_outliers(
         search.readmit()
         search.drop_the_worst()
     scores = search.fit.scores.copy()
-    for i in np.flatnonzero(~search.used):
-        scores[i] = search.score_of(int(i))
+    for group in search.groups_left_out():
+        scores[group] = search.scores_of(group)
     return RobustFit(search.fit, search.used, scores)
 
 
@@ -99,6 +101,7 @@ class _Search(Generic[FitT]):
         self._limit = limit
         self._solve = solve
         self._most = most
+        self._together = int(_TOGETHER * len(used)) if len(used) >= _MANY else 1
         self.fit = fit
         self.used = used
 
@@ -106,27 +109,39 @@ class _Search(Generic[FitT]):
         """Leave these out, if what remains determines a fit."""
         self._try(self._with(touches[: self._most], used=False))
 
+    def groups_left_out(self) -> list[list[int]]:
+        """The touches that are left out, in groups that can be judged together: one by one where there are few."""
+        left_out = np.flatnonzero(~self.used).tolist()
+        return [left_out[i : i + self._together] for i in range(0, len(left_out), self._together)]
+
     def readmit(self) -> None:
         """Take back what the others do not contradict."""
-        for i in np.flatnonzero(~self.used):
-            if self.score_of(int(i)) <= self._limit * max(1.0, noise_scale(self.fit)):
-                self._try(self._with([int(i)], used=True))
+        for group in self.groups_left_out():
+            scores = self.scores_of(group)
+            limit = self._limit * max(1.0, noise_scale(self.fit))
+            fitting = [i for i, score in zip(group, scores, strict=True) if score <= limit]
+            if fitting:
+                self._try(self._with(fitting, used=True))
 
     def drop_the_worst(self) -> None:
-        """Leave out one after the other what the rest contradicts."""
-        while np.sum(~self.used) < self._most:
-            worst = int(np.argmax(self.fit.scores))
-            score = float(self.fit.scores[worst])
+        """Leave out one after the other, of many a few at once, what the rest contradicts."""
+        while (spare := self._most - int(np.sum(~self.used))) > 0:
+            worst = np.argsort(-self.fit.scores)[: min(self._together, spare)]
+            worst = worst[self.fit.scores[worst] > self._limit]
+            scores = self.fit.scores[worst]
             used, fit = self.used, self.fit
-            if score <= self._limit or not self._try(self._with([worst], used=False)):
+            if not len(worst) or not self._try(self._with(worst.tolist(), used=False)):
                 return
-            if score <= self._limit * max(1.0, noise_scale(self.fit)):
-                self.used, self.fit = used, fit
+            bad = scores > self._limit * max(1.0, noise_scale(self.fit))
+            if bad.all():
+                continue
+            self.used, self.fit = used, fit
+            if not bad.any() or not self._try(self._with(worst[bad].tolist(), used=False)):
                 return
 
-    def score_of(self, touch: int) -> float:
-        """How many sigmas a touch that was left out is off the fit of the others."""
-        return float(self._solve(self._with([touch], used=True).astype(float)).scores[touch])
+    def scores_of(self, touches: list[int]) -> Array:
+        """How many sigmas touches that were left out are off the fit of the others."""
+        return self._solve(self._with(touches, used=True).astype(float)).scores[touches]
 
     def _with(self, touches: list[int], *, used: bool) -> Mask:
         changed = self.used.copy()

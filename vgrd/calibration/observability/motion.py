@@ -26,7 +26,7 @@ class Axes(Enum):
 def turned_axes(rotations: Sequence[Array]) -> tuple[Axes, Array]:
     """How many axes, and the main axis (3,), in the target frame of the rotations (3, 3)."""
     turns = np.array([log_rotation(R @ rotations[0].T) for R in rotations])
-    _, s, Vt = np.linalg.svd(turns, full_matrices=True)
+    _, s, Vt = np.linalg.svd(turns, full_matrices=False)
     spread = s / np.sqrt(len(rotations))
     count = Axes(min(int(np.sum(spread > NO_ROTATION_RAD)), 2))
     return count, Vt[0]

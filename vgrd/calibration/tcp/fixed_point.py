@@ -18,9 +18,10 @@ _TOLERANCE = 2.5e-3  # mm per mm and touch, as in `tcp.surface`
 class FixedPointResult:
     """tcp_in_wrist, point_in_base: (3,) mm; covariance: (6, 6) of both, in this order.
 
-    residuals_mm: (m, 3), base frame; whitened: the same in sigmas, (m, 3); scores: (m,) sigmas each
-    touch is off; freedom: measured directions minus unknowns. open_axis: (3,) unit vector in the wrist along
-    which the TCP stays open and is taken as 0 mm, None where all of it is determined.
+    residuals_mm: (m, 3), base frame; whitened: the same in sigmas, (m, 3), wrist frame; jacobian:
+    (3 m, 6) of these; scores: (m,) sigmas each touch is off; freedom: measured directions minus
+    unknowns. open_axis: (3,) unit vector in the wrist along which the TCP stays open and is taken as
+    0 mm, None where all of it is determined.
     """
 
     tcp_in_wrist: Array
@@ -28,6 +29,7 @@ class FixedPointResult:
     covariance: Array
     residuals_mm: Array
     whitened: Array
+    jacobian: Array
     scores: Array
     degrees_of_freedom: int
     open_axis: Array | None = None
@@ -66,6 +68,7 @@ def calibrate_fixed_point(touches: TouchSet, *, allow_open_axis: bool = False) -
         covariance=covariance_from(J),
         residuals_mm=touches.rotations @ x[:3] + touches.translations - x[3:],
         whitened=whitened,
+        jacobian=A,
         scores=studentized_residuals(whitened, A),
         degrees_of_freedom=touches.equations() - rank,
         open_axis=open_axis,

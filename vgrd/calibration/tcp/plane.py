@@ -69,7 +69,7 @@ def _known_plane(touches: TouchSet, plane: Plane) -> SurfaceResult[Plane]:
     check_rank(rows[weights > 0], "plane", _tilt(touches))
     b = plane.offset_mm - touches.translations @ n
     tcp = solve_linear(rows * weights[:, None], b * weights)
-    return surface_result(tcp, plane, rows @ tcp - b, rows, weights)
+    return surface_result(tcp, plane, rows @ tcp - b, rows, weights, n)
 
 
 def _unknown_plane(touches: TouchSet) -> SurfaceResult[Plane]:
@@ -91,7 +91,7 @@ def _unknown_plane(touches: TouchSet) -> SurfaceResult[Plane]:
     check_convergence(best.report, "plane")
     surface = Plane(n, d + float(n @ center))
     rivals = [(minimum.state[0], minimum.report.cost) for minimum in minima]
-    return surface_result(tcp, surface, residuals, J, weights, rivals)
+    return surface_result(tcp, surface, residuals, J, weights, n, rivals)
 
 
 PlaneState = tuple[Array, Array, float]

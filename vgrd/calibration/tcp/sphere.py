@@ -74,7 +74,8 @@ def fit_sphere(touches: TouchSet, radius_mm: float | None = None) -> SurfaceResu
     check_convergence(best.report, "ball")
     tcp, center, radius = best.state
     rivals = [(minimum.state[0], minimum.report.cost) for minimum in minima]
-    return surface_result(tcp, Sphere(center, radius), residuals, J, weights, rivals)
+    normals = problem.normals(best.state)
+    return surface_result(tcp, Sphere(center, radius), residuals, J, weights, normals, rivals)
 
 
 def check_one_sphere(fit: SurfaceResult[Sphere]) -> None:
@@ -115,6 +116,10 @@ class _SphereProblem:
         tcp, center, radius = state
         sides = np.einsum("mi,mij->mj", self._ways(state)[1], self._touches.rotations)
         return tcp - 2 * radius * sides[self._counts].mean(axis=0), center, radius
+
+    def normals(self, state: SphereState) -> Array:
+        """Directions (m, 3) out of the ball, in the base."""
+        return self._ways(state)[1]
 
     def weights(self, state: SphereState) -> Array:
         """One over sigma across the surface, (m,)."""

@@ -33,9 +33,10 @@ SurfaceT = TypeVar("SurfaceT")
 class SurfaceResult(Generic[SurfaceT]):
     """tcp_in_wrist: (3,) mm; covariance: (3, 3) of it, mm^2.
 
-    residuals_mm: (m,) off the surface; whitened: the same in sigmas, (m, 1); scores: (m,) sigmas
-    each touch is off; freedom: touches that count minus unknowns. rivals: TCP (3,) and half the sum
-    of squares, in sigmas, of the other minima that were found.
+    residuals_mm: (m,) off the surface; whitened: the same in sigmas, (m, 1); jacobian: (m, n) of
+    these; normals_in_base: (m, 3) out of the surface where it was touched; scores: (m,) sigmas each
+    touch is off; freedom: touches that count minus unknowns. rivals: TCP (3,) and half the sum of
+    squares, in sigmas, of the other minima that were found.
     """
 
     tcp_in_wrist: Array
@@ -43,6 +44,8 @@ class SurfaceResult(Generic[SurfaceT]):
     covariance: Array
     residuals_mm: Array
     whitened: Array
+    jacobian: Array
+    normals_in_base: Array
     scores: Array
     degrees_of_freedom: int
     unknowns: int
@@ -66,9 +69,13 @@ def surface_result(
     residuals_mm: Array,
     jacobian: Array,
     weights: Array,
+    normals_in_base: Array,
     rivals: Sequence[tuple[Array, float]] = (),
 ) -> SurfaceResult[SurfaceT]:
-    """Result of a fit: residuals_mm (m,), jacobian (m, n) with the TCP first, weights (m,) 1/sigma."""
+    """Result of a fit: residuals_mm (m,), jacobian (m, n) with the TCP first, weights (m,) 1/sigma.
+
+    normals_in_base: (m, 3), or one for all (3,).
+    """
     J = jacobian * weights[:, None]
     whitened = (residuals_mm * weights)[:, None]
     return SurfaceResult(
@@ -77,6 +84,8 @@ def surface_result(
         covariance=covariance_from(J)[:3, :3],
         residuals_mm=residuals_mm,
         whitened=whitened,
+        jacobian=J,
+        normals_in_base=np.broadcast_to(normals_in_base, (len(J), 3)),
         scores=studentized_residuals(whitened, J),
         degrees_of_freedom=int(np.sum(weights > 0)) - jacobian.shape[1],
         unknowns=jacobian.shape[1],

@@ -18,14 +18,11 @@ from vgrd.calibration.touches.reference import (
     find_reference_tag_a,
     moved_touches,
 )
-from vgrd.calibration.touches.scatter import Repeatability, Sigma, repeatability
 
 __all__ = [
     "CadFit",
     "Reference",
     "ReferenceTagA",
-    "Repeatability",
-    "Sigma",
     "TouchSet",
     "arm_touches",
     "cad_touches",
@@ -35,7 +32,6 @@ __all__ = [
     "fit_cad",
     "kabsch",
     "moved_touches",
-    "repeatability",
     "studentized_residuals",
     "touch_set",
     "touched_orientation",

@@ -46,9 +46,9 @@ class UniversalResult:
     """object_from_base: X of Eq. 7; tcp_in_wrist: (3,) mm.
 
     covariance: (9, 9) of the left tangent of object_from_base and of tcp_in_wrist. residuals_mm:
-    (m, 3), e_i of Eq. 12 in the object frame; whitened: the same in sigmas, (m, 3); scores: (m,)
-    sigmas each touch is off; freedom: measured directions minus unknowns. certificate: whether
-    this is the global optimum.
+    (m, 3), e_i of Eq. 12 in the object frame; whitened: the same in sigmas, (m, 3); jacobian:
+    (3 m, 9) of these; scores: (m,) sigmas each touch is off; freedom: measured directions minus
+    unknowns. certificate: whether this is the global optimum.
     """
 
     object_from_base: Pose
@@ -56,6 +56,7 @@ class UniversalResult:
     covariance: Array
     residuals_mm: Array
     whitened: Array
+    jacobian: Array
     scores: Array
     degrees_of_freedom: int
     report: Convergence
@@ -93,6 +94,7 @@ def calibrate_universal(
         covariance=covariance_from(best.jacobian),
         residuals_mm=equations.residuals_mm(best.state),
         whitened=best.residuals.reshape(-1, 3),
+        jacobian=best.jacobian,
         scores=studentized_residuals(best.residuals.reshape(-1, 3), best.jacobian),
         degrees_of_freedom=problem.touches.equations() - 9,
         report=best.report,

@@ -1,14 +1,15 @@
 """The file of touches, checked: every fault of it in one message."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import StrEnum
 from pathlib import Path
 from types import MappingProxyType
 from typing import Annotated, Any
 
 import numpy as np
-from pydantic import Field
+from numpy.typing import NDArray
+from pydantic import AfterValidator, Field
 
 from vgrd.calibration.tcp import Plane
 from vgrd.calibration.touches import TouchSet, touch_set
@@ -19,6 +20,7 @@ from vgrd.documents.tables import (
     Table,
     TableT,
     named_rows,
+    one_of,
     parse,
     tables_of,
 )
@@ -31,11 +33,24 @@ from vgrd.judging.thresholds import LINE
 from vgrd.solving.flange_poses import PosesTable, arm_faults
 
 DEFAULT_SIGMA_MM = 0.233  # the paper's touches, experiment B
-_TABLES = ("kind", "poses", "touch", "plane", "sphere")
+_TABLES = ("kind", "poses", "touch", "plane", "sphere", "orientation")
+_AXES = ("+x", "-x", "+y", "-y", "+z", "-z")
+_SIGMAS_MM = (1e-3, 100.0)  # no hand and no arm is better; a rougher touch tells nothing
 _SAME_AXIS = 1e-6  # rounding of a text
 
 Vector = Annotated[list[Number], Field(min_length=3, max_length=3)]
-SigmaMm = Annotated[float, Field(gt=0)]
+
+
+def _sigma(value: float) -> float:
+    if not (_SIGMAS_MM[0] <= value <= _SIGMAS_MM[1] or value == np.inf):
+        raise ValueError(
+            f"{value:g} mm is no touch: give {_SIGMAS_MM[0]:g} to {_SIGMAS_MM[1]:g}, or inf where "
+            "nothing was measured"
+        )
+    return value
+
+
+SigmaMm = Annotated[float, AfterValidator(_sigma)]
 
 
 class TouchKind(StrEnum):
@@ -54,6 +69,13 @@ class TouchTable(NamedTable):
     target: Vector | None = None
     axis: Vector | None = None
     sigma_mm: Annotated[list[SigmaMm], Field(min_length=2, max_length=2)] | None = None
+
+
+class OrientationTable(NamedTable):
+    """A flange pose in which the fixed point lies on an axis of the tool, seen from the tip."""
+
+    pose: list[Number]
+    point_on: Annotated[str, one_of(_AXES)]
 
 
 class PlaneTable(Table):
@@ -83,7 +105,9 @@ _NEEDED: Mapping[TouchKind, tuple[int, int]] = MappingProxyType(
 class TouchFile:
     """m checked touches; points_in_object: (m, 3) mm, zeros unless kind is universal.
 
-    sigma_given: (m,), whether the file gives the sigma of a touch.
+    sigma_given: (m,), whether the file gives the sigma of a touch. rotations: (m, 3 or 4), the numbers
+    of the orientations as they are written, and rotation_format how they are said to be meant. axis_poses: two
+    flange poses with the axis of the tool on which the fixed point lay, such as "+z", or none.
     """
 
     kind: TouchKind
@@ -91,8 +115,28 @@ class TouchFile:
     touches: TouchSet
     points_in_object: Array
     sigma_given: tuple[bool, ...]
+    rotations: Array
+    rotation_format: RotationFormat
     plane: Plane | None = None
     radius_mm: float | None = None
+    axis_poses: tuple[tuple[str, Pose], ...] = ()
+
+    def subset(self, chosen: NDArray[np.intp]) -> "TouchFile":
+        """The same with the touches of these indices."""
+        return replace(
+            self,
+            names=tuple(self.names[i] for i in chosen),
+            touches=self.touches.subset(chosen),
+            points_in_object=self.points_in_object[chosen],
+            sigma_given=tuple(self.sigma_given[i] for i in chosen),
+            rotations=self.rotations[chosen],
+        )
+
+    def with_poses(self, rotations: Array, translations: Array) -> "TouchFile":
+        """The same touches with other flange poses: (m, 3, 3) and (m, 3) mm."""
+        return replace(
+            self, touches=replace(self.touches, rotations=rotations, translations=translations)
+        )
 
 
 def load_touches(path: Path) -> TouchFile:
@@ -105,12 +149,13 @@ def load_touches(path: Path) -> TouchFile:
     plane = _plane(_surface(data, kind, TouchKind.PLANE, PlaneTable, faults), faults)
     sphere = _surface(data, kind, TouchKind.SPHERE, SphereTable, faults)
     arm = _arm(rows, poses, faults)
+    axis_poses = _axis_poses(data, kind, poses, faults)
     axis = _axis([row for _, row in rows], faults)
     points = np.array([row.target or (0, 0, 0) for _, row in rows], dtype=np.float64)
     if kind is TouchKind.UNIVERSAL and not faults:
         faults += _line_faults(points)
-    if faults or kind is None:
-        raise ConfigError(str(path), faults)
+    if faults or kind is None or poses is None:
+        raise ConfigError(str(path), _told_once(faults))
     sigmas = [row.sigma_mm or (DEFAULT_SIGMA_MM, DEFAULT_SIGMA_MM) for _, row in rows]
     return TouchFile(
         kind=kind,
@@ -118,9 +163,24 @@ def load_touches(path: Path) -> TouchFile:
         touches=touch_set(arm, axis, [s[0] for s in sigmas], [s[1] for s in sigmas]),
         points_in_object=points.reshape(-1, 3),
         sigma_given=tuple(row.sigma_mm is not None for _, row in rows),
+        rotations=np.array([row.pose[3:] for _, row in rows], dtype=np.float64),
+        rotation_format=RotationFormat(poses.rotation),
         plane=plane,
         radius_mm=sphere.radius_mm if sphere else None,
+        axis_poses=axis_poses,
     )
+
+
+def _told_once(faults: Sequence[str]) -> list[str]:
+    """The faults, of those that say the same of several touches the first with a count."""
+    places: dict[str, list[str]] = {}
+    for fault in faults:
+        place, _, words = fault.partition(": ")
+        places.setdefault(words, []).append(place)
+    return [
+        f"{first}: {words}" + (f" (and {len(rest)} more)" if rest else "")
+        for words, (first, *rest) in places.items()
+    ]
 
 
 def _kind(data: dict[str, Any], faults: list[str]) -> TouchKind | None:
@@ -184,16 +244,44 @@ def _arm(
     """The flange poses in mm."""
     if poses is None:
         return []
-    arm = []
-    for label, row in rows:
-        try:
-            arm.append(pose_from(row.pose, RotationFormat(poses.rotation), poses.unit))
-        except InputError as error:
-            faults.append(f"{label}.pose: {error}")
+    arm = _read_poses(rows, poses, faults)
     if len(arm) == len(rows):
         named = [(row.name, pose) for (_, row), pose in zip(rows, arm, strict=True)]
         faults += arm_faults(named, poses.unit, "touch")
     return arm
+
+
+def _read_poses(
+    rows: Sequence[tuple[str, TouchTable | OrientationTable]], poses: PosesTable, faults: list[str]
+) -> list[Pose]:
+    """Those that can be read, mm."""
+    read = []
+    for label, row in rows:
+        try:
+            read.append(pose_from(row.pose, RotationFormat(poses.rotation), poses.unit))
+        except InputError as error:
+            faults.append(f"{label}.pose: {error}")
+    return read
+
+
+def _axis_poses(
+    data: dict[str, Any], kind: TouchKind | None, poses: PosesTable | None, faults: list[str]
+) -> tuple[tuple[str, Pose], ...]:
+    """The two [[orientation]] tables, none where there are none."""
+    tables = tables_of(data, "orientation", faults)
+    if not tables or poses is None:
+        return ()
+    if kind not in (TouchKind.FIXED_POINT, None):
+        faults.append(f"orientation: kind {kind} has no fixed point; remove the tables")
+    rows = named_rows(OrientationTable, "orientation", tables, faults)
+    axes = [row.point_on for _, row in rows]
+    if len(tables) != 2 or (len(rows) == 2 and axes[0][1] == axes[1][1]):
+        faults.append(
+            "orientation: give two poses, the fixed point on one axis of the tool and beside it towards "
+            'another one, such as point_on = "+z" and "+x"'
+        )
+    read = _read_poses(rows, poses, faults)
+    return tuple(zip(axes, read, strict=False))
 
 
 def _axis(rows: Sequence[TouchTable], faults: list[str]) -> Array:
