@@ -11,6 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.sparse import csr_array, issparse
 from scipy.stats import f as fisher
 
 from vgrd.geometry import Array
@@ -75,11 +76,11 @@ class Whitened:
 class Part:
     """Covariance F F^T of one kind of noise at its stated level, on some of the rows (k,).
 
-    factor: F (k, q); None: the rows are independent, of variance 1.
+    factor: F (k, q), sparse where that saves time; None: the rows are independent, of variance 1.
     """
 
     rows: NDArray[np.intp]
-    factor: Array | None = None
+    factor: Array | csr_array | None = None
 
     @property
     def size(self) -> int:
@@ -89,13 +90,13 @@ class Part:
     def of(self, columns: Array) -> Array:
         """M F (m, q) of a matrix M (m, r) over all rows."""
         chosen = columns[:, self.rows]
-        return chosen if self.factor is None else chosen @ self.factor
+        return chosen if self.factor is None else np.asarray(chosen @ self.factor)
 
     def covariance(self, size: int) -> Array:
         """(r, r) over all rows."""
         out = np.zeros((size, size))
         block = np.eye(len(self.rows)) if self.factor is None else self.factor @ self.factor.T
-        out[np.ix_(self.rows, self.rows)] = block
+        out[np.ix_(self.rows, self.rows)] = block.toarray() if issparse(block) else block
         return out
 
 

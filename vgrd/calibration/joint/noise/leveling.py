@@ -74,9 +74,14 @@ class _Search:
         """Find the levels; where they are far from those that samples were judged by, judge these anew."""
         self._settle()
         changes = [abs(np.log(scale)) for scale in self._scales.values()]
-        if max(changes, default=0.0) > _JUDGED_ANEW:
-            self._fit_anew()
-            self._settle()
+        if max(changes, default=0.0) < _JUDGED_ANEW:
+            return
+        if all(sample.used for sample in self._fit.samples):
+            screened = screen(self._fit.raw, self._fit)
+            if all(sample.used for sample in screened.samples):
+                return
+        self._fit_anew()
+        self._settle()
 
     def restore(self) -> None:
         """Take back the priors that the samples do not contradict at the levels found without them."""

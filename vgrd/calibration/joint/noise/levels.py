@@ -4,6 +4,7 @@ from collections.abc import Iterator, Mapping
 from dataclasses import replace
 
 import numpy as np
+from scipy.sparse import csr_array
 
 from vgrd.calibration.joint.fit import determined_columns
 from vgrd.calibration.joint.noise.kinds import (
@@ -35,7 +36,7 @@ from vgrd.geometry import Array
 _CENTER_FACTOR = (
     4.0  # as `STATED_FACTOR`, of what people say of a centre that they hardly ever measure
 )
-_JITTER_MM2 = 1e-12  # of the field's covariance: poses may be alike
+_SMOOTH = 1e-4  # of the largest variance of a shape of the field: a hundredth of its size
 
 
 class Noise:
@@ -160,9 +161,13 @@ def _of_arm(data: JointData, G: Array) -> dict[str, Part]:
     arm, at, rows = data.arm, data.flange_at, np.arange(len(G))
     scales, parts = np.diag(arm.scales()), {}
     if arm.sigma_mm > 0:
-        parts[STOP] = Part(rows, arm.sigma_mm * (G @ np.kron(np.eye(len(at)), scales)))
+        # Rows feel the arm where it stood, and nowhere else.
+        own = G.reshape(len(G), len(at), 6) * (arm.sigma_mm * arm.scales())
+        parts[STOP] = Part(rows, csr_array(own.reshape(len(G), -1)))
     if arm.field_mm > 0:
-        L = np.linalg.cholesky(arm.field(at, at) + _JITTER_MM2 * np.eye(len(at)))
+        variances, shapes = np.linalg.eigh(arm.field(at, at))
+        smooth = variances > _SMOOTH * variances[-1]
+        L = shapes[:, smooth] * np.sqrt(variances[smooth])
         parts[FIELD] = Part(rows, G @ np.kron(L, scales))
     return parts
 
