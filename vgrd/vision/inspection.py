@@ -22,6 +22,7 @@ from vgrd.vision.images.pictures import Picture, as_8_bit
 from vgrd.vision.images.warp import lens_vector
 from vgrd.vision.print.codes import marker_cells, square_corners
 from vgrd.vision.print.raster import tag_raster
+from vgrd.vision.print.tolerance import PrintTolerance
 from vgrd.vision.tags.detection import FoundTag, find_tags
 from vgrd.vision.tags.planar_pose import MOST_MISFIT_PX, PlanarPose, is_ambiguous, planar_poses
 
@@ -179,7 +180,7 @@ def _measured(
     misfit_px = 0.0
     if size_mm is not None and camera is not None:
         square = square_corners(size_mm)
-        poses = tuple(planar_poses(camera, square, corners, covariance))
+        poses = tuple(planar_poses(camera, square, corners, covariance, PrintTolerance().size))
         if poses:
             misfit_px = poses[0].misfit_px(camera, square, corners)
     findings = tuple(
