@@ -14,7 +14,7 @@ from vgrd.devices import Grey
 from vgrd.geometry import Array
 from vgrd.vision.alignment.gathering import Cells, gather
 from vgrd.vision.alignment.normal_equations import BLOOM, LIGHT, SHAPE, accumulate, side_scores
-from vgrd.vision.alignment.scatter import scattered
+from vgrd.vision.alignment.scatter import FreeLines, scattered
 from vgrd.vision.images.homography import apply, inverse, moved, normalised, to_pixels
 from vgrd.vision.images.noise import CameraNoise, noise_in
 from vgrd.vision.images.warp import LocalFrame
@@ -115,16 +115,17 @@ def align(
     noise: CameraNoise | None = None,
     sigma_px: float = _SIGMA_PX,
     ink_mm: float = PrintTolerance().ink_mm,
+    lines: FreeLines | None = None,
 ) -> PhotometricFit | None:
     """Align a raster from a start good to about a pixel; None when the iteration finds no minimum.
 
     q_from_target: homography (3, 3) from the target's plane (mm) to the frame's q plane. ink_mm: how far
-    ink may spread, as a standard deviation.
+    ink may spread, as a standard deviation. lines: those whose place is to be found too.
     """
     H = normalised(q_from_target)
     corners = apply(H, raster.corners)
     scale = float(np.abs(corners - corners.mean(0)).max())
-    return _Iteration(picture, raster, frame, H, scale, noise, sigma_px, ink_mm).run()
+    return _Iteration(picture, raster, frame, H, scale, noise, sigma_px, ink_mm, lines).run()
 
 
 class _Iteration:
@@ -140,11 +141,12 @@ class _Iteration:
         noise: CameraNoise | None,
         sigma_px: float,
         ink_mm: float,
+        lines: FreeLines | None,
     ) -> None:
         self.picture, self.raster, self.frame = picture, raster, frame
         self.H, self.scale = H, scale
         self.terms = 6 if 2 * scale > _QUADRATIC_LIGHT_PX else 3
-        self.given_noise, self.ink_mm = noise, ink_mm
+        self.given_noise, self.ink_mm, self.lines = noise, ink_mm, lines
         self.px_per_mm = _perimeter(apply(H, raster.corners)) / _perimeter(raster.corners)
         self.S = np.array([1.0, 0.0, 1.0]) * sigma_px**2
         self.bloom = np.zeros(3)
@@ -272,7 +274,8 @@ class _Iteration:
         if self.raster.cells.size > _MOST_CELLS:
             covariance = covariance * max(chi2 / count, 1.0)
         else:
-            covariance = covariance + self._scatter(inverted, change)
+            covariance, shift = scattered(self._scores(), inverted, change, self.lines)
+            self.H = moved(self.H, shift, self.scale)
         q = apply(self.H, self.raster.corners)
         corners, covariance = to_pixels(self.frame, q, covariance, self.scale)
         return PhotometricFit(
@@ -295,10 +298,10 @@ class _Iteration:
             frame=self.frame,
         )
 
-    def _scatter(self, inverted: Array, change: Array) -> Array:
-        """What sides and lines that lie elsewhere than drawn add to the covariance (8, 8)."""
+    def _scores(self) -> tuple[Array, Array, Array]:
+        """What the residuals tell of the place of each side of a cell."""
         raster = self.raster
-        sides = side_scores(
+        return side_scores(
             self.q,
             self.cell,
             self.edges,
@@ -314,7 +317,6 @@ class _Iteration:
             np.array([self.noise.shot, self.noise.read]),
             self.residual,
         )
-        return scattered(*sides, inverted, change)
 
 
 def _perimeter(corners: Array) -> float:

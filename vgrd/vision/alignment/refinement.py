@@ -9,7 +9,7 @@ from vgrd.devices import Grey
 from vgrd.geometry import Array
 from vgrd.vision.alignment.edges import EdgeFit, coarse_homography, fit_edges, has_strayed
 from vgrd.vision.alignment.photometric import PhotometricFit, align
-from vgrd.vision.alignment.printed_lines import with_printed_lines
+from vgrd.vision.alignment.printed_lines import free_lines, with_printed_lines
 from vgrd.vision.images.homography import apply, from_points
 from vgrd.vision.images.noise import CameraNoise
 from vgrd.vision.images.warp import LocalFrame
@@ -101,7 +101,8 @@ def _as_printed(
     printed = with_printed_lines(picture, raster, fit.frame, fit.q_from_target)
     if printed is None:
         return fit
-    other = align(picture, printed[0], fit.frame, printed[1], noise, ink_mm=ink_mm)
+    lines = free_lines(raster, printed[0])
+    other = align(picture, printed[0], fit.frame, printed[1], noise, ink_mm=ink_mm, lines=lines)
     return fit if other is None or other.chi2 > _BETTER * fit.chi2 else other
 
 

@@ -1,14 +1,18 @@
 """How far the sides of a print lie from where they were drawn, told by what a fit leaves over.
 
-Ragged ink, dots, halftone and JPEG move a whole side of a cell, or a whole line, at once: the pixels along
-it err together. Their number is then no measure of what is known. So the standard deviation of sides
-and of lines is estimated (restricted maximum likelihood), and what it does to the fit is added to the
-covariance. Numbers in comments are the equations of docs/photometric.md.
+Ragged ink, dots, halftone and JPEG move a whole side of a cell at once: the pixels along it err together.
+Their number is then no measure of what is known. So the standard deviation of the sides is estimated
+(restricted maximum likelihood), and what it does to the fit is added to the covariance. Lines that were
+put elsewhere as a whole are unknowns of the fit. Numbers in comments are the equations of
+docs/photometric.md.
 """
+
+from dataclasses import dataclass
 
 import numpy as np
 
 from vgrd.geometry import Array
+from vgrd.vision.alignment.normal_equations import SHAPE
 
 _LEAST = (
     0.03  # of the largest information: the rest is felt near corners, where no step of colour is
@@ -16,24 +20,53 @@ _LEAST = (
 _ROUNDS = 12  # of the update; sigma then changes by less than 1 %
 
 
-def scattered(gradient: Array, M: Array, B: Array, inverted: Array, change: Array) -> Array:
-    """Covariance (8, 8) of the shape that scattered sides cause.
+@dataclass(frozen=True, slots=True, eq=False)
+class FreeLines:
+    """Lines whose place is unknown: sides (sides, lines), 1 where a side is a part of a line.
 
-    gradient (sides,), M (sides, sides), B (sides, p): of `side_scores`; inverted (p, p): inverse of the
-    fit's normal equations; change (p,): of its last step.
+    shifts (lines,): from where they were drawn to where the raster has them, mm, known to sigma_mm.
     """
-    known = np.diag(M) > _LEAST * np.diag(M).max()
-    B, M, u = B[known], M[np.ix_(known, known)], gradient[known] - B[known] @ change
-    K = M - B @ inverted @ B.T
+
+    sides: Array
+    shifts: Array
+    sigma_mm: float
+
+
+def scattered(
+    scores: tuple[Array, Array, Array], inverted: Array, change: Array, lines: FreeLines | None
+) -> tuple[Array, Array]:
+    """Covariance (8, 8) of the shape, and the change (8,) of it that the free lines ask for.
+
+    scores: of `side_scores`; inverted (p, p): inverse of the fit's normal equations; change (p,): of its
+    last step.
+    """
+    gradient, M, B = scores
+    u = gradient - B @ change
+    K, G = M - B @ inverted @ B.T, inverted[:SHAPE] @ B.T  # 22
+    covariance, shift = inverted[:SHAPE, :SHAPE], np.zeros(SHAPE)
+    if lines is not None:
+        belief = 1 / lines.sigma_mm**2
+        P, X = K @ lines.sides, G @ lines.sides
+        S = np.linalg.inv(lines.sides.T @ P + belief * np.eye(len(lines.shifts)))
+        step = S @ (lines.sides.T @ u - belief * lines.shifts)
+        u, shift = u - P @ step, -X @ step
+        K, G, covariance = K - P @ S @ P.T, G - X @ S @ P.T, covariance + X @ S @ X.T
+    has_step = np.diag(M) > _LEAST * np.diag(M).max()
+    G = G[:, has_step]
+    variance = _variance(K[np.ix_(has_step, has_step)], u[has_step])
+    return np.asarray(covariance + variance * G @ G.T), shift  # 23
+
+
+def _variance(K: Array, u: Array) -> float:
+    """Variance of the sides, mm^2: u (n,) has the covariance K + variance K K."""
     D, V = np.linalg.eigh(K)
     good = D / D[-1] > _LEAST
-    D, V = D[good], V[:, good]
-    z = V.T @ u / np.sqrt(D)
+    D = D[good]
+    z = V[:, good].T @ u / np.sqrt(D)
     if np.sum(D * z**2) <= np.sum(D):
-        return np.zeros((8, 8))  # the likelihood falls from 0 on
-    sigma2 = 1 / np.median(D)
+        return 0.0  # the likelihood falls from 0 on
+    variance = float(1 / np.median(D))
     for _ in range(_ROUNDS):
-        w = 1 / (1 + sigma2 * D)
-        sigma2 *= float(np.sum(D * (z * w) ** 2) / np.sum(D * w))
-    G = inverted[:8] @ B.T
-    return np.asarray(sigma2 * G @ G.T)
+        weight = 1 / (1 + variance * D)
+        variance *= float(np.sum(D * (z * weight) ** 2) / np.sum(D * weight))
+    return variance

@@ -26,6 +26,7 @@ _RIDGE = 1e-15  # on the diagonal of unit columns: rounding, but a singular matr
 _SAME_RAD = np.radians(0.01)  # of two descents into one minimum; a guess: two lie degrees apart
 MOST_MISFIT_PX = 0.5  # rms beyond which no pose fits; a guess: a bent tag leaves more
 _SURPRISING = 9.21  # chi-square of two degrees of freedom: one true print in a hundred
+LEAST_TILT_DEG = 10.0  # a guess: foreshortening, 1 - cos, is 1.5 % there and hardly tells a tilt
 _BRANCH_MARGIN = 25.0  # chi-square by which the second solution must be worse: 5 sigma
 
 

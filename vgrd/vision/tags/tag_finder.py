@@ -19,7 +19,7 @@ from vgrd.errors import InputError
 from vgrd.geometry import Array
 from vgrd.geometry.camera import CameraModel
 from vgrd.model import Finding, TagObservation, TagSpec, frozen_array
-from vgrd.vision.alignment.quality import disturbance
+from vgrd.vision.alignment.quality import disturbance, haze
 from vgrd.vision.alignment.refinement import Refined, RefinementMethod, refine
 from vgrd.vision.images.pictures import as_8_bit
 from vgrd.vision.images.warp import lens_vector
@@ -27,7 +27,13 @@ from vgrd.vision.print.codes import SQUARE_FAMILIES, code_count, square_corners
 from vgrd.vision.print.raster import Raster, tag_raster
 from vgrd.vision.print.tolerance import PrintTolerance
 from vgrd.vision.tags.detection import FoundTag, read_tag, search_tags, tags_within
-from vgrd.vision.tags.planar_pose import MOST_MISFIT_PX, PlanarPose, is_ambiguous, planar_poses
+from vgrd.vision.tags.planar_pose import (
+    LEAST_TILT_DEG,
+    MOST_MISFIT_PX,
+    PlanarPose,
+    is_ambiguous,
+    planar_poses,
+)
 
 _REGION_MARGIN = 0.25  # of a tag's extent, around its last place: two cells of a 36h11
 
@@ -225,7 +231,7 @@ class TagDetector:
 
     def _judged(self, tag: TagSpec, refined: Refined, poses: Sequence[PlanarPose]) -> TagSighting:
         """The observation, unless no pose fits or two do."""
-        trouble = disturbance(refined)
+        trouble = disturbance(refined) or haze(refined)
         findings = () if trouble is None else (Finding(*trouble),)
         if not poses:
             return TagSighting(None, refined, (*findings, *_unfit().findings))
@@ -236,6 +242,9 @@ class TagDetector:
         if is_ambiguous(poses):
             two = Finding("ambiguous", "two poses fit it: tilt it by 10 degrees")
             return TagSighting(None, refined, (*findings, two))
+        if best.tilt_deg < LEAST_TILT_DEG:
+            frontal = f"tilt {best.tilt_deg:.0f} degrees: too frontal, tilt it by 10"
+            findings = (*findings, Finding("frontal", frontal))
         observation = TagObservation(
             tag,
             best.pose,
