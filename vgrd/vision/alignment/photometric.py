@@ -35,6 +35,10 @@ _STILL_PX = 0.01  # idem: 1e-4, a tenth of the noise of a corner
 _FARTHEST_PX = 6.0  # of one step; edges of the usual blur are felt over half of that
 _LEAST_CONTRAST = 6.0  # grey levels; half of what a tag's code is read with (`tags.detection`)
 _ANISOTROPY_PX2 = 0.5  # sigma of (18): the variance that a motion of 2.4 px adds, L^2 / 12
+_MOST_INK_CELL = 0.03  # of the smallest cell: 0.01 mm of 0.33 mm; a tag of unknown size is 1 mm
+_BLOOM_PX = (
+    0.05  # sigma where lines are free: then it passes for a larger square; 0.005 mm at 0.1 mm/px
+)
 _MOST_CELLS = 150  # of a tag: 12 x 12 with its rim; the sides of a board are thousands: minutes
 _LEAST_BLUR_PX = 0.35  # the pixel's square alone has 0.29
 _MOST_BLUR_PX = 6.0  # felt over 20 px, a cell of a tag of 160 px; farther cells do not count
@@ -146,8 +150,11 @@ class _Iteration:
         self.picture, self.raster, self.frame = picture, raster, frame
         self.H, self.scale = H, scale
         self.terms = 6 if 2 * scale > _QUADRATIC_LIGHT_PX else 3
-        self.given_noise, self.ink_mm, self.lines = noise, ink_mm, lines
+        self.given_noise, self.lines = noise, lines
+        self.ink_mm = min(ink_mm, _MOST_INK_CELL * raster.smallest_cell)
         self.px_per_mm = _perimeter(apply(H, raster.corners)) / _perimeter(raster.corners)
+        if lines is not None:
+            self.ink_mm = min(self.ink_mm, _BLOOM_PX / self.px_per_mm)
         self.S = np.array([1.0, 0.0, 1.0]) * sigma_px**2
         self.bloom = np.zeros(3)
         self.gain, self.offset = np.zeros(self.terms), np.zeros(self.terms)
@@ -234,6 +241,9 @@ class _Iteration:
         belief = scale / self.ink_mm**2
         A[BLOOM + 1 : LIGHT, BLOOM + 1 : LIGHT] += belief * np.eye(2)
         g[BLOOM + 1 : LIGHT] -= belief * self.bloom[1:]
+        if self.lines is not None:
+            A[BLOOM, BLOOM] += scale / _BLOOM_PX**2
+            g[BLOOM] -= scale * self.bloom[0] / _BLOOM_PX**2
         return A, g, chi2, count
 
     def _fit_light(self) -> bool:
@@ -267,6 +277,10 @@ class _Iteration:
     def _result(
         self, equations: tuple[Array, Array, float, int], change: Array, steps: int
     ) -> PhotometricFit:
+        if self.lines is not None:  # they tell so little of some that the last step spoils it
+            equations = self._normal_equations(1)
+            last = _solved(*equations[:2])
+            change = change if last is None else last
         A, g, chi2, count = equations
         count, chi2 = max(count - len(g), 1), float(chi2 - g @ change)
         inverted = _inverse(A)  # 19

@@ -17,6 +17,7 @@ from vgrd.vision.alignment.normal_equations import SHAPE
 _LEAST = (
     0.03  # of the largest information: the rest is felt near corners, where no step of colour is
 )
+_ROUNDS = 8  # of the weights; sigma then changes by less than 1 %
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -59,6 +60,11 @@ def scattered(
 def _variance(K: Array, u: Array) -> float:
     """Variance of the sides, mm^2: u (n,) has the covariance K + variance K K.
 
-    Sides are of one length and tell alike, so that moments find it as well as the likelihood does.
+    From the squares of u, weighted as the likelihood would if they were independent.
     """
-    return max(float((u @ u - np.trace(K)) / np.sum(K * K)), 0.0)  # 24
+    squares, slope = u * u / np.diag(K), np.sum(K * K, axis=1) / np.diag(K)
+    variance = 0.0
+    for _ in range(_ROUNDS):
+        weight = slope / (1 + variance * slope) ** 2
+        variance = max(float(weight @ (squares - 1) / (weight @ slope)), 0.0)  # 24
+    return variance
