@@ -13,7 +13,7 @@ from vgrd.errors import InputError
 from vgrd.geometry import Array, Pose
 from vgrd.geometry.camera import CameraModel
 from vgrd.model import Finding
-from vgrd.vision.alignment.quality import disturbance
+from vgrd.vision.alignment.quality import disturbance, haze
 from vgrd.vision.alignment.refinement import Refined, refine
 from vgrd.vision.boards.fit import MeasurableBoard
 from vgrd.vision.boards.inspection import BoardReport, findings_json, inspect_board
@@ -22,15 +22,21 @@ from vgrd.vision.images.pictures import Picture, as_8_bit
 from vgrd.vision.images.warp import lens_vector
 from vgrd.vision.print.codes import LIBRARY_FAMILIES, marker_cells, square_corners
 from vgrd.vision.print.raster import tag_raster
+from vgrd.vision.print.tolerance import PrintTolerance
 from vgrd.vision.tags.causes import cause_for_family
 from vgrd.vision.tags.detection import FoundTag, find_tags
 from vgrd.vision.tags.library_tags import CELLS_ACROSS, find_library_tags
-from vgrd.vision.tags.planar_pose import MOST_MISFIT_PX, PlanarPose, is_ambiguous, planar_poses
+from vgrd.vision.tags.planar_pose import (
+    LEAST_TILT_DEG,
+    MOST_MISFIT_PX,
+    PlanarPose,
+    is_ambiguous,
+    planar_poses,
+)
 
 _UNREFINED_SIGMA_PX = 0.3  # a guess: as if rounded to whole pixels (0.29 px)
 _LEAST_CELL_PX = 5.0  # a guess: below 3.6 px the narrowest profile of an edge is too wide
 _LEAST_CONTRAST = 40.0  # grey levels; a guess: 20 sigma of white's noise at 40 dB
-_LEAST_TILT_DEG = 10.0  # a guess: foreshortening, 1 - cos, is 1.5 % there and hardly tells a tilt
 _MOST_BLUR_PX = 2.0  # a guess: 2.5 times the usual blur of 0.8 px
 _CLIPPED, _CLIPPED_SHARE = 254, 0.2  # 255 less a level of rounding; a guess: more than a glint
 _NO_BOARDS: Mapping[str, MeasurableBoard] = MappingProxyType({})
@@ -189,7 +195,7 @@ def _measured(
     misfit_px = 0.0
     if size_mm is not None and camera is not None:
         square = square_corners(size_mm)
-        poses = tuple(planar_poses(camera, square, corners, covariance))
+        poses = tuple(planar_poses(camera, square, corners, covariance, PrintTolerance().size))
         if poses:
             misfit_px = poses[0].misfit_px(camera, square, corners)
     findings = tuple(
@@ -237,7 +243,7 @@ def _light_remarks(grey: Grey, tag: FoundTag, refined: Refined | None) -> list[t
     if fit is not None and _blur_px(fit.blur) > _MOST_BLUR_PX:
         blur = f"blurred by {_blur_px(fit.blur):.1f} px"
         remarks.append(("blurred", f"{blur}: focus, or stand still"))
-    trouble = disturbance(refined)
+    trouble = disturbance(refined) or haze(refined)
     if trouble is not None and not _is_small(tag):
         remarks.append(trouble)
     return remarks
@@ -254,9 +260,9 @@ def _pose_remarks(
         deviation = f"its corners are off a square by {misfit_px:.2f} px"
         remarks.append(("misfit", f"{deviation}: is the camera file right, the tag flat?"))
     if is_ambiguous(poses):
-        remedy = "tilt it by 10" if tilt < _LEAST_TILT_DEG else "use a larger tag or come nearer"
+        remedy = "tilt it by 10" if tilt < LEAST_TILT_DEG else "use a larger tag or come nearer"
         remarks.append(("ambiguous", f"two poses fit (tilt {tilt:.0f} degrees): {remedy}"))
-    elif tilt < _LEAST_TILT_DEG:
+    elif tilt < LEAST_TILT_DEG:
         side = f"{tag.side_px:.0f} px, tilt {tilt:.0f} degrees"
         remarks.append(("frontal", f"{side}: too frontal, tilt it by 10"))
     return remarks

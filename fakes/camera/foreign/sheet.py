@@ -79,7 +79,7 @@ def printed(
     light = np.full(white.shape, _INK, np.float32)
     if printer.screen:
         light += (_PAPER - _INK) * _pinholes(
-            white.shape, printer.screen, printer.screen_mm / pixel_mm
+            white.shape, printer.screen, printer.screen_mm / pixel_mm, rng
         )
     light += (_PAPER - light) * white
     if printer.grain:
@@ -124,9 +124,11 @@ def _blotches(shape: tuple[int, ...], length_px: float, rng: np.random.Generator
     return np.asarray((field - field.mean()) / field.std(), np.float32)
 
 
-def _pinholes(shape: tuple[int, ...], share: float, period_px: float) -> Plane:
-    """White (0 to 1) of a screen of round holes in rows at 45 degrees."""
-    y, x = np.mgrid[: shape[0], : shape[1]].astype(np.float32)
+def _pinholes(
+    shape: tuple[int, ...], share: float, period_px: float, rng: np.random.Generator
+) -> Plane:
+    """White (0 to 1) of a screen of round holes in rows at 45 degrees, which starts anywhere."""
+    y, x = np.mgrid[: shape[0], : shape[1]] + rng.uniform(0, 2 * period_px, (2, 1, 1))
     turn = np.float32(np.sqrt(2) * np.pi / period_px)
     wave = np.cos(turn * (x + y)) + np.cos(turn * (x - y))
     level = np.quantile(wave[:64, :64] if period_px < 32 else wave, 1 - share)

@@ -16,7 +16,10 @@ from fakes.camera.foreign.photograph import photograph
 from fakes.studies.study import Figure, Parameters, Study, Trials
 from vgrd.charts import COLORS, panels
 from vgrd.geometry import Array, Pose
+from vgrd.geometry.camera import CameraModel
+from vgrd.geometry.print_size import print_covariance
 from vgrd.model import TagObservation, TagSpec
+from vgrd.vision.print.tolerance import PrintTolerance
 from vgrd.vision.tags.tag_finder import TagDetector
 
 if TYPE_CHECKING:
@@ -25,8 +28,9 @@ if TYPE_CHECKING:
 TILTS_DEG = (0, 20, 40, 60)
 _TAG = TagSpec("apriltag_36h11", 3, 10.0)
 _DICTIONARY = cv2.aruco.DICT_APRILTAG_36h11
-_SIDE_PX = 168  # of the picture: the tag, its rim and some paper
+_SIZE_PX = (168, 168)  # of the picture: the tag, its rim and some paper
 _MATRIX = np.array([[2400.0, 0, 83.2], [0, 2400.0, 83.8], [0, 0, 1]])  # 5 MP, 8 mm lens
+_CAMERA = CameraModel(_MATRIX, np.zeros(0), _SIZE_PX)
 _DISTANCE_MM = 240.0  # the tag is 100 px wide
 _DIMENSIONS = 6
 _BAND = (0.5, 1.5)  # NEES over its dimension; the bar of a covariance that holds
@@ -44,25 +48,29 @@ def pose_at(tilt_deg: float, rng: np.random.Generator) -> Pose:
     return Pose(tilted.rotation @ turned.rotation, place)
 
 
-def nees(observation: TagObservation, camera_from_tag: Pose) -> float:
-    """Squared error of the pose over its covariance."""
+def nees(observation: TagObservation, camera_from_tag: Pose, size: float) -> float:
+    """Squared error of the pose over its covariance, with a print that is exact to `size`."""
     error = (observation.camera_from_tag @ camera_from_tag.inverse()).log()
-    return float(error @ np.linalg.solve(observation.covariance, error))
+    pose = observation.camera_from_tag
+    covariance = observation.covariance + print_covariance(_CAMERA, _TAG.size_mm, pose, size)
+    return float(error @ np.linalg.solve(covariance, error))
 
 
 def _trial(seed: SeedSequence, parameters: Parameters) -> dict[str, float]:
     """NEES (NaN without a pose) and whether the picture was flagged or refused."""
     rng = np.random.default_rng(seed)
     pose = pose_at(parameters["tilt_deg"], rng)
-    size = (_SIDE_PX, _SIDE_PX)
     conditions = FAULTS[parameters["fault"]]
-    picture = photograph(_DICTIONARY, _TAG.id, _TAG.size_mm, pose, _MATRIX, size, conditions, rng)
-    with TagDetector(_MATRIX, np.zeros(0), [_TAG], size) as detector:
+    picture = photograph(
+        _DICTIONARY, _TAG.id, _TAG.size_mm, pose, _MATRIX, _SIZE_PX, conditions, rng
+    )
+    with TagDetector(_MATRIX, np.zeros(0), [_TAG], _SIZE_PX) as detector:
         sighting = detector.examine(picture).get(_TAG.id)
     if sighting is None or sighting.observation is None:
         return {"nees": np.nan, "flagged": 1.0}
+    size = PrintTolerance().size if any(conditions.printer.stretch) else 0.0
     return {
-        "nees": nees(sighting.observation, pose),
+        "nees": nees(sighting.observation, pose, size),
         "flagged": float(bool(sighting.findings)),
     }
 

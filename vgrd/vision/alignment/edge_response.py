@@ -74,10 +74,15 @@ def share(
     U: Array,
     V: Array,
     nodes: Array,
-    bloom: float,
+    bloom: Array,
+    scale: float,
     out: Array,
 ) -> float:
-    """Share of white at q; out (6,): its derivatives by q (2), S (3) and bloom."""
+    """Share of white at q; bloom (3,): px, and mm of ink in x and y; scale: of `scale_at`.
+
+    out (12,): its derivatives by q (2), S (3), bloom (3), and by the distances of q from the lines left,
+    right, above and below.
+    """
     rows, columns = cells.shape
     u0, v0 = max(ku - 1, 0), max(kv - 1, 0)
     u2, v2 = min(ku + 1, columns - 1), min(kv + 1, rows - 1)
@@ -94,16 +99,16 @@ def share(
     sl, sr, st, sb = 0.0, 0.0, 0.0, 0.0
     if near_l:
         sl = _step(l1, l0 if near_t else 0.0, l2 if near_b else 0.0)
-        dl -= bloom * sl
+        dl -= (bloom[0] + bloom[1] * scale * U[ku, 7]) * sl
     if near_r:
         sr = _step(r1, r0 if near_t else 0.0, r2 if near_b else 0.0)
-        dr -= bloom * sr
+        dr -= (bloom[0] + bloom[1] * scale * U[ku + 1, 7]) * sr
     if near_t:
         st = _step(b1 - a1, b0 - a0 if near_l else 0.0, b2 - a2 if near_r else 0.0)
-        dt -= bloom * st
+        dt -= (bloom[0] + bloom[2] * scale * V[kv, 7]) * st
     if near_b:
         sb = _step(c1 - b1, c0 - b0 if near_l else 0.0, c2 - b2 if near_r else 0.0)
-        db -= bloom * sb
+        db -= (bloom[0] + bloom[2] * scale * V[kv + 1, 7]) * sb
     hl, hr, kt, kb = dl * U[ku, 3], dr * U[ku + 1, 3], dt * V[kv, 3], db * V[kv + 1, 3]
     Pl, fl = _normal(hl)
     Pr, fr = _normal(hr)
@@ -139,4 +144,7 @@ def share(
             + gb * kb * V[kv + 1, 4 + i]
         )
     out[5] = -(wl * sl + wr * sr + wt * st + wb * sb)  # 14
+    out[6] = -scale * (wl * sl * U[ku, 7] + wr * sr * U[ku + 1, 7])
+    out[7] = -scale * (wt * st * V[kv, 7] + wb * sb * V[kv + 1, 7])
+    out[8], out[9], out[10], out[11] = wl, wr, wt, wb
     return float(T)

@@ -1,11 +1,12 @@
 """Compiled normal equations of the photometric fit.
 
 Model of a pixel's level: gain(q) T(q) + offset(q). T is the share of white under a Gaussian of covariance S, px^2
-(`vgrd.vision.alignment.edge_response`). The bloom moves every edge towards white by as many pixels: ink spread,
-gamma and clipping do that. Numbers in comments are the equations of docs/photometric.md.
+(`vgrd.vision.alignment.edge_response`). The bloom moves every edge towards white: by as many pixels (gamma and
+clipping do that), and by as many mm of the plane in x and in y (ink spread). Numbers in comments are the
+equations of docs/photometric.md.
 
 Parameters, in this order: 8 of the homography (motion of q / scale: (a b c, d e f, g h 0)), 3 of S
-(xx, xy, yy), bloom, then gain and offset as polynomials of q / scale (3 or 6 terms each).
+(xx, xy, yy), 3 of the bloom, then gain and offset as polynomials of q / scale (3 or 6 terms each).
 """
 
 import math
@@ -15,11 +16,11 @@ import numpy as np
 from vgrd.geometry import Array
 from vgrd.vision.alignment.edge_response import share
 from vgrd.vision.alignment.gathering import Cells
-from vgrd.vision.alignment.raster_lines import line_table, node_table
+from vgrd.vision.alignment.raster_lines import line_table, node_table, scale_at
 from vgrd.vision.images.compiling import compiled, inlined
 
-SHAPE, BLOOM, LIGHT = 8, 11, 12  # first index of each group of parameters
-_BATCH = 128  # pixels whose derivatives, 24 rows at most, take 24 KiB: they stay in a cache of 32
+SHAPE, BLOOM, LIGHT = 8, 11, 14  # first index of each group of parameters
+_BATCH = 128  # pixels whose derivatives, 26 rows at most, take 26 KiB: they stay in a cache of 32
 
 
 @compiled
@@ -35,7 +36,7 @@ def accumulate(
     cells: Array,
     scale: float,
     S: Array,
-    bloom: float,
+    bloom: Array,
     gain: Array,
     offset: Array,
     noise: Array,
@@ -52,7 +53,7 @@ def accumulate(
     nodes = node_table(U, V, S)
     A, g = np.zeros((parameters, parameters)), np.zeros(parameters)
     J, r, w = np.zeros((parameters, _BATCH)), np.zeros(_BATCH), np.zeros(_BATCH)
-    slope, mono = np.zeros(6), np.ones(6)
+    slope, mono = np.zeros(12), np.ones(6)
     chi2, count, filled = 0.0, 0, 0
     for i in range(0, len(level), every):
         X, Y = q[i, 0] / scale, q[i, 1] / scale
@@ -64,7 +65,8 @@ def accumulate(
             dark += offset[m] * mono[m]
         if i < edges:
             ku, kv = cell[i, 0], cell[i, 1]
-            T = share(cells, ku, kv, q[i, 0], q[i, 1], U, V, nodes, bloom, slope)
+            px_per_mm = scale_at(Hi, q[i, 0], q[i, 1])
+            T = share(cells, ku, kv, q[i, 0], q[i, 1], U, V, nodes, bloom, px_per_mm, slope)
         else:
             T = cells[cell[i, 1], cell[i, 0]]
             slope[:] = 0.0
@@ -85,6 +87,69 @@ def accumulate(
     return A, g, chi2, count
 
 
+@compiled
+def side_scores(
+    q: Array,
+    cell: Cells,
+    edges: int,
+    Hi: Array,
+    x: Array,
+    y: Array,
+    cells: Array,
+    scale: float,
+    S: Array,
+    bloom: Array,
+    gain: Array,
+    offset: Array,
+    noise: Array,
+    residual: Array,
+) -> tuple[Array, Array, Array]:
+    """What the residuals say of each side of a cell: that it lies elsewhere by some mm.
+
+    A side is the part of a line between two others; those of x lines come first, line by line, then
+    those of y lines. Returns the gradient (sides,) of the sides' places, the information (sides,
+    sides) on them, and that (sides, p) which they share with the parameters.
+    """
+    terms = len(gain)
+    rows, columns = cells.shape
+    first_y = (columns + 1) * rows
+    sides = first_y + (rows + 1) * columns
+    U, V = line_table(Hi, x, 0, S), line_table(Hi, y, 1, S)
+    nodes = node_table(U, V, S)
+    g, M = np.zeros(sides), np.zeros((sides, sides))
+    B = np.zeros((sides, LIGHT + 2 * terms))
+    J, slope, mono = np.zeros((LIGHT + 2 * terms, 1)), np.zeros(12), np.ones(6)
+    own, felt = np.zeros(4, np.intp), np.zeros(4)
+    for i in range(edges):
+        X, Y = q[i, 0] / scale, q[i, 1] / scale
+        mono[1], mono[2] = X, Y
+        mono[3], mono[4], mono[5] = X * X, X * Y, Y * Y
+        bright, dark = 0.0, 0.0
+        for m in range(terms):
+            bright += gain[m] * mono[m]
+            dark += offset[m] * mono[m]
+        ku, kv = cell[i, 0], cell[i, 1]
+        per_mm = scale_at(Hi, q[i, 0], q[i, 1])
+        T = share(cells, ku, kv, q[i, 0], q[i, 1], U, V, nodes, bloom, per_mm, slope)
+        _fill(J, 0, slope, mono, terms, T, bright, scale)
+        weight = 1.0 / (noise[0] * max(bright * T + dark, 0.0) + noise[1])
+        own[0], own[1] = ku * rows + kv, (ku + 1) * rows + kv
+        own[2], own[3] = first_y + kv * columns + ku, first_y + (kv + 1) * columns + ku
+        lines = (U[ku, 7], U[ku + 1, 7], V[kv, 7], V[kv + 1, 7])
+        for k in range(4):
+            felt[k] = -bright * slope[8 + k] * per_mm * lines[k]
+        for k in range(4):
+            if felt[k] == 0.0:
+                continue
+            side = own[k]
+            g[side] += felt[k] * math.sqrt(weight) * residual[i]
+            for m in range(len(J)):
+                B[side, m] += weight * felt[k] * J[m, 0]
+            for m in range(4):
+                M[side, own[m]] += weight * felt[k] * felt[m]
+    return g, M, B
+
+
 @inlined
 def _fill(
     J: Array, k: int, slope: Array, mono: Array, terms: int, T: float, bright: float, scale: float
@@ -96,7 +161,7 @@ def _fill(
     J[3, k], J[4, k], J[5, k] = gy * X, gy * Y, gy
     pull = -(gx * X + gy * Y)
     J[6, k], J[7, k] = pull * X, pull * Y
-    for m in range(4):
+    for m in range(LIGHT - SHAPE):
         J[SHAPE + m, k] = bright * slope[2 + m]
     for m in range(terms):
         J[LIGHT + m, k] = T * mono[m]

@@ -13,11 +13,13 @@ import numpy as np
 from vgrd.devices import Grey
 from vgrd.geometry import Array
 from vgrd.vision.alignment.gathering import Cells, gather
-from vgrd.vision.alignment.normal_equations import BLOOM, LIGHT, SHAPE, accumulate
+from vgrd.vision.alignment.normal_equations import BLOOM, LIGHT, SHAPE, accumulate, side_scores
+from vgrd.vision.alignment.scatter import FreeLines, scattered
 from vgrd.vision.images.homography import apply, inverse, moved, normalised, to_pixels
 from vgrd.vision.images.noise import CameraNoise, noise_in
 from vgrd.vision.images.warp import LocalFrame
 from vgrd.vision.print.raster import Raster
+from vgrd.vision.print.tolerance import PrintTolerance
 
 _SIGMA_PX = 0.8  # blur to start from: a sharp lens, 0.7 px, and the pixel's square, 0.29 px
 _REACH_SIGMAS = 3.4  # beyond lie erfc(3.4) = 1.5e-6 of what an edge tells of its place (15)
@@ -33,6 +35,11 @@ _STILL_PX = 0.01  # idem: 1e-4, a tenth of the noise of a corner
 _FARTHEST_PX = 6.0  # of one step; edges of the usual blur are felt over half of that
 _LEAST_CONTRAST = 6.0  # grey levels; half of what a tag's code is read with (`tags.detection`)
 _ANISOTROPY_PX2 = 0.5  # sigma of (18): the variance that a motion of 2.4 px adds, L^2 / 12
+_MOST_INK_CELL = 0.03  # of the smallest cell: 0.01 mm of 0.33 mm; a tag of unknown size is 1 mm
+_BLOOM_PX = (
+    0.05  # sigma where lines are free: then it passes for a larger square; 0.005 mm at 0.1 mm/px
+)
+_MOST_CELLS = 150  # of a tag: 12 x 12 with its rim; the sides of a board are thousands: minutes
 _LEAST_BLUR_PX = 0.35  # the pixel's square alone has 0.29
 _MOST_BLUR_PX = 6.0  # felt over 20 px, a cell of a tag of 160 px; farther cells do not count
 _MOST_SHRINKING = 0.7  # of a variance of the blur in one step, so that it stays positive
@@ -44,9 +51,11 @@ _MOST_CORRELATION = 0.95  # of the blur's x and y: 6 times as long as wide, a mo
 class PhotometricFit:
     """A raster aligned with a picture.
 
-    corners_px (4, 2) and their covariance (8, 8) px^2, which holds when chi2 (per degree of freedom) is
-    one. blur: (2, 2) covariance of the point spread and the pixel, px^2. bloom_px: shift of the edges
-    towards white. gain, offset: coefficients of (8). outside: share of the pixels outside the picture.
+    corners_px (4, 2) and their covariance (8, 8) px^2, which holds for a tag whose sides lie elsewhere too;
+    that of a board is multiplied by chi2 (per degree of freedom) where that is above one. blur: (2, 2)
+    covariance of the point spread and the pixel, px^2. bloom_px: shift of the edges towards white, the mean of
+    both directions; ink_mm (2,): the part of it in x and y that is ink. gain, offset: coefficients of (8).
+    outside: share of the pixels outside the picture.
     residuals (n,): in standard deviations, of pixels at q (n, 2) in the cells (n, 2), (column, row); the
     first `edge_pixels` of them are near edges.
     """
@@ -57,6 +66,7 @@ class PhotometricFit:
     steps: int
     blur: Array
     bloom_px: float
+    ink_mm: Array
     gain: Array
     offset: Array
     noise: CameraNoise
@@ -108,15 +118,18 @@ def align(
     q_from_target: Array,
     noise: CameraNoise | None = None,
     sigma_px: float = _SIGMA_PX,
+    ink_mm: float = PrintTolerance().ink_mm,
+    lines: FreeLines | None = None,
 ) -> PhotometricFit | None:
     """Align a raster from a start good to about a pixel; None when the iteration finds no minimum.
 
-    q_from_target: homography (3, 3) from the target's plane (mm) to the frame's q plane.
+    q_from_target: homography (3, 3) from the target's plane (mm) to the frame's q plane. ink_mm: how far
+    ink may spread, as a standard deviation. lines: those whose place is to be found too.
     """
     H = normalised(q_from_target)
     corners = apply(H, raster.corners)
     scale = float(np.abs(corners - corners.mean(0)).max())
-    return _Iteration(picture, raster, frame, H, scale, noise, sigma_px).run()
+    return _Iteration(picture, raster, frame, H, scale, noise, sigma_px, ink_mm, lines).run()
 
 
 class _Iteration:
@@ -131,13 +144,19 @@ class _Iteration:
         scale: float,
         noise: CameraNoise | None,
         sigma_px: float,
+        ink_mm: float,
+        lines: FreeLines | None,
     ) -> None:
         self.picture, self.raster, self.frame = picture, raster, frame
         self.H, self.scale = H, scale
         self.terms = 6 if 2 * scale > _QUADRATIC_LIGHT_PX else 3
-        self.given_noise = noise
+        self.given_noise, self.lines = noise, lines
+        self.ink_mm = min(ink_mm, _MOST_INK_CELL * raster.smallest_cell)
+        self.px_per_mm = _perimeter(apply(H, raster.corners)) / _perimeter(raster.corners)
+        if lines is not None:
+            self.ink_mm = min(self.ink_mm, _BLOOM_PX / self.px_per_mm)
         self.S = np.array([1.0, 0.0, 1.0]) * sigma_px**2
-        self.bloom = 0.0
+        self.bloom = np.zeros(3)
         self.gain, self.offset = np.zeros(self.terms), np.zeros(self.terms)
         self._gather()
 
@@ -214,9 +233,17 @@ class _Iteration:
             np.array([self.noise.shot, self.noise.read]),
             self.residual,
         )
+        # Where pixels err by more than noise, so much less they may overrule a belief.
+        scale = max(chi2 / max(count - len(g), 1), 1.0)
         for row in np.array([[1.0, 0.0, -1.0], [0.0, 2.0, 0.0]]) / _ANISOTROPY_PX2:
-            A[SHAPE:BLOOM, SHAPE:BLOOM] += np.outer(row, row)
-            g[SHAPE:BLOOM] -= row * (row @ self.S)
+            A[SHAPE:BLOOM, SHAPE:BLOOM] += scale * np.outer(row, row)
+            g[SHAPE:BLOOM] -= scale * row * (row @ self.S)
+        belief = scale / self.ink_mm**2
+        A[BLOOM + 1 : LIGHT, BLOOM + 1 : LIGHT] += belief * np.eye(2)
+        g[BLOOM + 1 : LIGHT] -= belief * self.bloom[1:]
+        if self.lines is not None:
+            A[BLOOM, BLOOM] += scale / _BLOOM_PX**2
+            g[BLOOM] -= scale * self.bloom[0] / _BLOOM_PX**2
         return A, g, chi2, count
 
     def _fit_light(self) -> bool:
@@ -239,26 +266,40 @@ class _Iteration:
         sigma = np.sqrt(self.S[[0, 2]])
         limit = _MOST_SHRINKING * self.S[[0, 0, 2]]
         self.S = _blur_within(self.S + np.clip(change[SHAPE:BLOOM], -limit, 2 * limit))
-        self.bloom += float(np.clip(change[BLOOM], -_MOST_BLOOM_STEP_PX, _MOST_BLOOM_STEP_PX))
+        limit = _MOST_BLOOM_STEP_PX / np.array([1.0, self.px_per_mm, self.px_per_mm])
+        self.bloom = self.bloom + np.clip(change[BLOOM:LIGHT], -limit, limit)
         self.gain = self.gain + change[LIGHT : LIGHT + self.terms]
         self.offset = self.offset + change[LIGHT + self.terms :]
         blurred = np.abs(np.sqrt(self.S[[0, 2]]) - sigma).max()
-        return float(max(shift, blurred, abs(change[BLOOM])))
+        bloomed = np.abs(change[BLOOM] + self.px_per_mm * change[BLOOM + 1 : LIGHT]).max()
+        return float(max(shift, blurred, bloomed))
 
     def _result(
         self, equations: tuple[Array, Array, float, int], change: Array, steps: int
     ) -> PhotometricFit:
+        if self.lines is not None:  # they tell so little of some that the last step spoils it
+            equations = self._normal_equations(1)
+            last = _solved(*equations[:2])
+            change = change if last is None else last
         A, g, chi2, count = equations
-        covariance = _inverse(A)[:SHAPE, :SHAPE]  # 19
+        count, chi2 = max(count - len(g), 1), float(chi2 - g @ change)
+        inverted = _inverse(A)  # 19
+        covariance = inverted[:SHAPE, :SHAPE]
+        if self.raster.cells.size > _MOST_CELLS:
+            covariance = covariance * max(chi2 / count, 1.0)
+        else:
+            covariance, shift = scattered(self._scores(), inverted, change, self.lines)
+            self.H = moved(self.H, shift, self.scale)
         q = apply(self.H, self.raster.corners)
         corners, covariance = to_pixels(self.frame, q, covariance, self.scale)
         return PhotometricFit(
             corners_px=corners,
             covariance=covariance,
-            chi2=float(chi2 - g @ change) / max(count - len(g), 1),
+            chi2=chi2 / count,
             steps=steps,
             blur=np.array([[self.S[0], self.S[1]], [self.S[1], self.S[2]]]),
-            bloom_px=self.bloom,
+            bloom_px=float(self.bloom[0] + self.px_per_mm * self.bloom[1:].mean()),
+            ink_mm=self.bloom[1:],
             gain=self.gain,
             offset=self.offset,
             noise=self.noise,
@@ -270,6 +311,30 @@ class _Iteration:
             q_from_target=self.H,
             frame=self.frame,
         )
+
+    def _scores(self) -> tuple[Array, Array, Array]:
+        """What the residuals tell of the place of each side of a cell."""
+        raster = self.raster
+        return side_scores(
+            self.q,
+            self.cell,
+            self.edges,
+            inverse(self.H),
+            raster.x,
+            raster.y,
+            raster.cells,
+            self.scale,
+            self.S,
+            self.bloom,
+            self.gain,
+            self.offset,
+            np.array([self.noise.shot, self.noise.read]),
+            self.residual,
+        )
+
+
+def _perimeter(corners: Array) -> float:
+    return float(np.linalg.norm(np.roll(corners, -1, 0) - corners, axis=1).sum())
 
 
 def _reach(S: Array) -> float:

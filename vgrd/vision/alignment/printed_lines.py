@@ -21,6 +21,7 @@ from vgrd.vision.alignment.edges import (
     edge_slopes,
     has_strayed,
 )
+from vgrd.vision.alignment.scatter import FreeLines
 from vgrd.vision.images.homography import apply, moved, normalised
 from vgrd.vision.images.warp import LocalFrame
 from vgrd.vision.print.raster import Raster
@@ -53,6 +54,21 @@ def with_printed_lines(
             return None
     shift = max(np.abs(printed.x - raster.x).max(), np.abs(printed.y - raster.y).max())
     return None if shift > _WORST_CELL * raster.smallest_cell else (printed, H)
+
+
+def free_lines(drawn: Raster, printed: Raster) -> FreeLines:
+    """The inner lines as unknowns of a photometric fit of `printed`."""
+    rows, columns = drawn.cells.shape
+    inner_x, inner_y = _inner(drawn)
+    first_y = (columns + 1) * rows
+    sides = np.zeros((first_y + (rows + 1) * columns, len(inner_x) + len(inner_y)))
+    for k, line in enumerate(inner_x):
+        sides[line * rows : (line + 1) * rows, k] = 1
+    for k, line in enumerate(inner_y):
+        start = first_y + line * columns
+        sides[start : start + columns, len(inner_x) + k] = 1
+    shifts = np.concatenate([(printed.x - drawn.x)[inner_x], (printed.y - drawn.y)[inner_y]])
+    return FreeLines(sides, shifts, _LINE_SIGMA_CELL * drawn.smallest_cell)
 
 
 def _step(

@@ -3,11 +3,12 @@
 import numpy as np
 
 from vgrd.vision.alignment.photometric import PhotometricFit
-from vgrd.vision.alignment.refinement import Refined, trusted
+from vgrd.vision.alignment.refinement import WORST_CHI2, Refined, trusted
 
 MOTION_STRETCH = 1.25  # of the blur, along over across: a motion of 2 px at the usual 0.75 px
 _MOTION_PX2 = 0.25  # difference of the variances along and across: a motion of 1.7 px, L^2 / 12
 _EVEN = 0.03  # of the contrast: paper and print leave as much in even light
+_HAZE = 0.016  # of the contrast, in flat pixels; drawn: wings of a poor lens 0.017 to 0.026, clean 0.004
 _GLARE_SIGMAS = 3.0  # mean of the striking residuals: glare only adds light
 _STRIKING_SIGMAS = 5.0  # no noise does that among 10,000 pixels
 _BAD_CELL = 5.0  # mean square of a cell's residuals, 1 where the model holds; a guess: clear of it
@@ -26,6 +27,18 @@ def disturbance(refined: Refined) -> tuple[str, str] | None:
     if trusted(fit) or fit.flat_misfit < _EVEN:
         return None
     return _uneven(fit)
+
+
+def haze(refined: Refined) -> tuple[str, str] | None:
+    """Remark about light that a lens scatters from white into black, which moves edges; None when clean."""
+    fit = refined.fit
+    if fit is None or fit.chi2 < WORST_CHI2 or fit.flat_misfit < _HAZE:
+        return None
+    share = 100 * fit.flat_misfit
+    return (
+        "haze",
+        f"light spreads from white into black ({share:.0f} %): clean lens and window, or save without loss",
+    )
 
 
 def _uneven(fit: PhotometricFit) -> tuple[str, str]:

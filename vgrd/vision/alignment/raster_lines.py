@@ -31,12 +31,13 @@ _MOST_CORRELATION = 0.98  # lines 11 degrees apart in a round blur: a square til
 
 @compiled
 def line_table(Hi: Array, lines: Array, axis: int, S: Array) -> Array:
-    """Lines (n, 7) in q: unit normal (2) and constant, so that n q + c is the signed distance in px.
+    """Lines (n, 8) in q: unit normal (2) and constant, so that n q + c is the signed distance in px.
 
-    Then 1 / sigma across the line and the derivatives of log sigma by S (3). Hi: plane from q, its
-    last row positive in view; lines: their plane coordinates along `axis`.
+    Then 1 / sigma across the line, the derivatives of log sigma by S (3), and what makes px of mm
+    across the line (`scale_at`). Hi: plane from q, its last row positive in view; lines: their plane
+    coordinates along `axis`.
     """
-    table = np.empty((len(lines), 7))
+    table = np.empty((len(lines), 8))
     for k in range(len(lines)):
         a = Hi[axis, 0] - lines[k] * Hi[2, 0]  # 3
         b = Hi[axis, 1] - lines[k] * Hi[2, 1]
@@ -50,6 +51,7 @@ def line_table(Hi: Array, lines: Array, axis: int, S: Array) -> Array:
         table[k, 4] = 0.5 * a * a / variance  # 4, the slopes
         table[k, 5] = a * b / variance
         table[k, 6] = 0.5 * b * b / variance
+        table[k, 7] = norm
     return table
 
 
@@ -100,3 +102,9 @@ def strip_around(table: Array, qx: float, qy: float, start: int) -> tuple[int, f
 def distance(table: Array, k: int, qx: float, qy: float) -> float:
     """Signed distance, px, of q from a line."""
     return float(table[k, 0] * qx + table[k, 1] * qy + table[k, 2])
+
+
+@inlined
+def scale_at(Hi: Array, qx: float, qy: float) -> float:
+    """What, times the last number of a line of `line_table`, is its px per mm near q (5a)."""
+    return float(Hi[2, 0] * qx + Hi[2, 1] * qy + Hi[2, 2])

@@ -9,11 +9,12 @@ from vgrd.devices import Grey
 from vgrd.geometry import Array
 from vgrd.vision.alignment.edges import EdgeFit, coarse_homography, fit_edges, has_strayed
 from vgrd.vision.alignment.photometric import PhotometricFit, align
-from vgrd.vision.alignment.printed_lines import with_printed_lines
+from vgrd.vision.alignment.printed_lines import free_lines, with_printed_lines
 from vgrd.vision.images.homography import apply, from_points
 from vgrd.vision.images.noise import CameraNoise
 from vgrd.vision.images.warp import LocalFrame
 from vgrd.vision.print.raster import Raster
+from vgrd.vision.print.tolerance import PrintTolerance
 
 WORST_CHI2 = 1.5  # drawn: clean 1.0, ink and gamma up to 1.4; motion 2.7, shadow and glare over 50
 _BETTER = 0.7  # of the chi-square, for lines printed elsewhere; its noise is 0.03 at 3000 pixels
@@ -51,11 +52,13 @@ def refine(
     noise: CameraNoise | None = None,
     *,
     lines_are_sure: bool = False,
+    ink_mm: float = PrintTolerance().ink_mm,
 ) -> Refined | None:
     """Refine corners (4, 2) that are good to a third of a cell; None when nothing fits.
 
     lens: `lens_vector` of the camera, or `NO_LENS`. lines_are_sure: the inner lines are where the raster
-    has them; do not estimate where they were printed.
+    has them; do not estimate where they were printed. ink_mm: how far ink may spread, as a standard
+    deviation.
     """
     picture = read_only(picture)
     frame = LocalFrame.around(lens, corners_px.mean(0))
@@ -67,12 +70,13 @@ def refine(
     start, edge_share = (H, 0.0) if coarse is None else coarse
     if has_strayed(start, raster, apply(H, raster.corners)):
         return None
-    fit = align(picture, raster, frame, start, noise)
+    fit = align(picture, raster, frame, start, noise, ink_mm=ink_mm)
     if fit is not None and fit.chi2 > WORST_CHI2 and not lines_are_sure:
-        fit = _as_printed(picture, raster, fit, noise)
+        fit = _as_printed(picture, raster, fit, noise, ink_mm)
     if fit is not None and trusted(fit):
-        covariance = fit.covariance * max(fit.chi2, 1.0)
-        return Refined(fit.corners_px, covariance, RefinementMethod.PHOTOMETRIC, fit, edge_share)
+        return Refined(
+            fit.corners_px, fit.covariance, RefinementMethod.PHOTOMETRIC, fit, edge_share
+        )
     edges = fit_edges(picture, raster, frame, start)
     if edges is None or not _is_useful(edges, raster):
         return None
@@ -91,13 +95,14 @@ def read_only(picture: Grey) -> Grey:
 
 
 def _as_printed(
-    picture: Grey, raster: Raster, fit: PhotometricFit, noise: CameraNoise | None
+    picture: Grey, raster: Raster, fit: PhotometricFit, noise: CameraNoise | None, ink_mm: float
 ) -> PhotometricFit:
     """The fit with the inner lines where they were printed, if that explains the picture better."""
     printed = with_printed_lines(picture, raster, fit.frame, fit.q_from_target)
     if printed is None:
         return fit
-    other = align(picture, printed[0], fit.frame, printed[1], noise)
+    lines = free_lines(raster, printed[0])
+    other = align(picture, printed[0], fit.frame, printed[1], noise, ink_mm=ink_mm, lines=lines)
     return fit if other is None or other.chi2 > _BETTER * fit.chi2 else other
 
 

@@ -10,6 +10,7 @@ from functools import cache
 import cv2
 import numpy as np
 import pyapriltags
+from numpy.typing import NDArray
 
 from vgrd.devices import Grey
 from vgrd.errors import InputError
@@ -27,6 +28,9 @@ _FINEST_WIDTH_PX = 2600  # of the pictures that a fast search looks at: one leve
 _LEAST_REGION_PX = 16  # twice _LEAST_PICTURE_PX
 _REGION_RIM_PX = 8  # around a region, beyond its margin: the white rim of a small tag
 _CELL_PX = 6  # of the straightened tag that is read; its outer pixels are left out
+_MIXED_CELL_PX = 3.0  # at 4 sigma of the blur, a cell has 94 % of its own level
+_BLUR_PX = 0.75  # sigma of a good lens and the pixel's square, as `read_cells` reads them
+_LEAST_OWN = 0.25  # share of a cell in its level: below 1.3 px the code cannot be told
 _LEAST_CONTRAST = 12.0  # grey levels between ink and paper: 6 sigma of white's noise at 40 dB
 _MOST_RING_WHITE = 0.1  # share of the black ring that may be too bright: 2 of 28 cells of a 36h11
 _MOST_RIM_BLACK = 0.35  # share of the white rim that may be too dark: one side of four, and more
@@ -74,7 +78,8 @@ def find_tags(
     """All tags of the families in a grey picture (h, w), sorted by family and id.
 
     A tag that appears twice is listed twice. families: names as `family_named` takes them. thorough:
-    search at all resolutions, with two detectors; otherwise only at the coarsest, at most 1300 px wide.
+    search at all resolutions, small pictures at twice theirs too, with two detectors; otherwise only at
+    the coarsest, at most 1300 px wide.
     Raises InputError for an unknown family or another kind of picture.
     """
     if grey.ndim != 2 or grey.dtype != np.uint8:
@@ -82,8 +87,9 @@ def find_tags(
     names = [family_named(name) for name in families]
     grey = np.ascontiguousarray(grey)
     levels = _pyramid(grey)
+    searched = [*reversed(levels), *_doubled(grey)] if thorough else levels[-1:]
     tags: list[FoundTag] = []
-    for scale, level in reversed(levels) if thorough else levels[-1:]:
+    for scale, level in searched:
         for name in names:
             for tag_id, corners in _candidates(level, name, thorough=thorough):
                 full = scale * (corners + 0.5) - 0.5
@@ -96,7 +102,7 @@ def find_tags(
 
 
 def _keep_mirrored(
-    tags: list[FoundTag], grey: Grey, names: Sequence[str], coarsest: tuple[int, Grey]
+    tags: list[FoundTag], grey: Grey, names: Sequence[str], coarsest: tuple[float, Grey]
 ) -> None:
     """Add tags that can only be read in a mirror."""
     scale, level = coarsest
@@ -155,26 +161,55 @@ def tags_within(
 
 
 def read_tag(grey: Grey, family: str, tag_id: int, corners_px: Array) -> FoundTag | None:
-    """Read a tag whose corners (4, 2) are known; None where no black square on white is."""
-    code = marker_cells(family, tag_id)
-    cells = read_cells(grey, corners_px, len(code))
-    inner = cells[1:-1, 1:-1]
-    ring = np.ones(inner.shape, dtype=bool)
-    ring[1:-1, 1:-1] = False
-    rim = np.ones(cells.shape, dtype=bool)
-    rim[1:-1, 1:-1] = False
-    black = float(np.median(inner[ring]))
-    bright = inner[code > 0.5]
-    white = float(np.median(bright)) if bright.size else float(np.median(cells[rim]))
-    contrast = white - black
+    """Read a tag whose corners (4, 2) are known; None where no black square on white is.
+
+    Where cells are so small that the blur of a good lens mixes them, they are compared with a print that is
+    blurred as much.
+    """
+    code = np.pad(marker_cells(family, tag_id), 1, constant_values=1.0)
+    cells = read_cells(grey, corners_px, len(code) - 2)
+    cell_px = float(np.sqrt(abs(cv2.contourArea(corners_px.astype(np.float32)))))
+    cell_px /= len(code) - 2
+    ring, rim = _frame_of(code.shape, 1), _frame_of(code.shape, 0)
+    if cell_px < _MIXED_CELL_PX:
+        expected, own = _mixed(code, cell_px)
+        if own < _LEAST_OWN:
+            return None
+        contrast, black = np.polyfit(expected.ravel(), cells.ravel(), 1).tolist()
+    else:
+        expected, own = code, 1.0
+        black = float(np.median(cells[ring]))
+        bright = cells[(code > 0.5) & ~rim]
+        white = float(np.median(bright)) if bright.size else float(np.median(cells[rim]))
+        contrast = white - black
     if contrast < _LEAST_CONTRAST:
         return None
-    level = (white + black) / 2
-    ring_white, rim_black = np.mean(inner[ring] > level), np.mean(cells[rim] < level)
-    if ring_white > _MOST_RING_WHITE or rim_black > _MOST_RIM_BLACK:
+    off = np.where(code > 0.5, -1, 1) * (cells - black - contrast * expected)
+    wrong = off > contrast * own / 2
+    if np.mean(wrong[ring]) > _MOST_RING_WHITE or np.mean(wrong[rim]) > _MOST_RIM_BLACK:
         return None
-    hamming = int(np.sum((inner > level) != (code > 0.5)))
-    return FoundTag(family, tag_id, np.asarray(corners_px, dtype=np.float64), hamming, contrast)
+    corners = np.asarray(corners_px, dtype=np.float64)
+    return FoundTag(family, tag_id, corners, int(np.sum(wrong[~rim])), contrast)
+
+
+def _frame_of(shape: tuple[int, ...], depth: int) -> NDArray[np.bool_]:
+    """Mask of the cells that are `depth` cells away from the rim."""
+    rows, columns = np.indices(shape)
+    away = np.minimum.reduce([rows, columns, shape[0] - 1 - rows, shape[1] - 1 - columns])
+    return np.asarray(away == depth)
+
+
+def _mixed(code: Array, cell_px: float) -> tuple[Array, float]:
+    """Levels, 0 to 1, that `read_cells` reads of a blurred code, and the share that a cell has in its own."""
+    sigma = _BLUR_PX / cell_px * _CELL_PX
+    lone = np.zeros((5, 5))
+    lone[2, 2] = 1
+    levels = []
+    for drawing in (np.pad(code, 1, mode="edge"), lone):
+        fine = np.kron(drawing, np.ones((_CELL_PX, _CELL_PX)))
+        blurred = cv2.GaussianBlur(fine, (0, 0), sigma, borderType=cv2.BORDER_REPLICATE)
+        levels.append(_means(np.asarray(blurred, np.float64))[1:-1, 1:-1])
+    return levels[0], float(levels[1][1, 1])
 
 
 def read_cells(grey: Grey, corners_px: Array, cells: int) -> Array:
@@ -190,13 +225,28 @@ def read_cells(grey: Grey, corners_px: Array, cells: int) -> Array:
         flags=cv2.INTER_AREA,
         borderMode=cv2.BORDER_REPLICATE,
     )
-    blocks = flat.reshape(cells + 2, _CELL_PX, cells + 2, _CELL_PX)
+    return _means(np.asarray(flat, np.float64))
+
+
+def _means(flat: Array) -> Array:
+    """Mean levels of the middles of cells that have _CELL_PX on a side."""
+    rows, columns = flat.shape[0] // _CELL_PX, flat.shape[1] // _CELL_PX
+    blocks = flat.reshape(rows, _CELL_PX, columns, _CELL_PX)
     return np.asarray(blocks[:, 1:-1, :, 1:-1].mean((1, 3)))
 
 
-def _pyramid(grey: Grey) -> list[tuple[int, Grey]]:
+def _doubled(grey: Grey) -> list[tuple[float, Grey]]:
+    """A small picture at twice its size: detectors want 3 px of a cell, and miss tags of 12 to 20 px."""
+    if grey.shape[1] > _COARSE_WIDTH_PX:
+        return []
+    size = (2 * grey.shape[1], 2 * grey.shape[0])
+    return [(0.5, np.asarray(cv2.resize(grey, size, interpolation=cv2.INTER_CUBIC), np.uint8))]
+
+
+def _pyramid(grey: Grey) -> list[tuple[float, Grey]]:
     """The picture and its halvings down to the coarse width, with their scales, finest first."""
-    levels, scale = [(1, grey)], 1
+    levels: list[tuple[float, Grey]] = [(1.0, grey)]
+    scale = 1.0
     while grey.shape[1] > _COARSE_WIDTH_PX and grey.shape[0] >= 2 * _LEAST_PICTURE_PX:
         half = (grey.shape[1] // 2, grey.shape[0] // 2)
         even = grey[: 2 * half[1], : 2 * half[0]]

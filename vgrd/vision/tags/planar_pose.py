@@ -15,6 +15,7 @@ import numpy as np
 from vgrd.geometry import Array, Pose, nearest_rotation
 from vgrd.geometry.camera import CameraModel
 from vgrd.geometry.covariance import sqrt_information
+from vgrd.geometry.print_size import corners_by_size
 from vgrd.vision.images.compiling import compiled
 from vgrd.vision.images.warp import lens_vector, project, slopes
 
@@ -24,25 +25,31 @@ _UNDAMPED = 1e-9  # a step with more damping is short for that alone: it shows n
 _RIDGE = 1e-15  # on the diagonal of unit columns: rounding, but a singular matrix becomes solvable
 _SAME_RAD = np.radians(0.01)  # of two descents into one minimum; a guess: two lie degrees apart
 MOST_MISFIT_PX = 0.5  # rms beyond which no pose fits; a guess: a bent tag leaves more
+_SURPRISING = 9.21  # chi-square of two degrees of freedom: one true print in a hundred
+LEAST_TILT_DEG = 10.0  # a guess: foreshortening, 1 - cos, is 1.5 % there and hardly tells a tilt
 _BRANCH_MARGIN = 25.0  # chi-square by which the second solution must be worse: 5 sigma
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PlanarPose:
-    """camera_from_target, mm; cost: chi-square of its corners; covariance (6, 6), left tangent (v, w)."""
+    """camera_from_target, mm; cost: chi-square of its corners; covariance (6, 6), left tangent (v, w).
+
+    misfit: chi-square, of two degrees of freedom, of what no error of the target's size explains.
+    """
 
     pose: Pose
     cost: float
     covariance: Array
+    misfit: float
 
     @property
     def inflation(self) -> float:
-        """Chi-square of the corners per degree of freedom (8 numbers less 6 unknowns), at least 1."""
-        return max(self.cost / 2, 1.0)
+        """The misfit per degree of freedom (8 numbers less 6 unknowns); 1 where chance explains it."""
+        return self.misfit / 2 if self.misfit > _SURPRISING else 1.0
 
     @property
     def inflated_covariance(self) -> Array:
-        """The covariance (6, 6) times the inflation."""
+        """The covariance (6, 6) times the inflation; errors of the print's size are not in it."""
         return self.covariance * self.inflation
 
     @property
@@ -60,15 +67,24 @@ class PlanarPose:
 
 def is_ambiguous(poses: Sequence[PlanarPose]) -> bool:
     """Whether two poses explain the picture; poses as `planar_poses` gives them."""
-    return len(poses) > 1 and poses[1].cost - poses[0].cost < _BRANCH_MARGIN * poses[0].inflation
+    if len(poses) < 2:
+        return False
+    best, other = poses[:2]
+    return other.cost - best.cost < _BRANCH_MARGIN * max(best.cost / 2, 1.0)
 
 
 def planar_poses(
-    camera: CameraModel, corners_in_target: Array, corners_px: Array, covariance: Array
+    camera: CameraModel,
+    corners_in_target: Array,
+    corners_px: Array,
+    covariance: Array,
+    size: float = 0.0,
 ) -> list[PlanarPose]:
     """Both poses, best first; one where both descents end in the same minimum, none where none is in front.
 
-    corners_in_target: (4, 3) with z = 0, mm; corners_px (4, 2); covariance (8, 8) px^2.
+    corners_in_target: (4, 3) with z = 0, mm; corners_px (4, 2); covariance (8, 8) px^2. size:
+    standard deviation of the target's size in x and in y, as a share of it: no such error is in the
+    poses' covariances, since all pictures of one print share it.
     """
     W = sqrt_information(covariance)
     poses: list[PlanarPose] = []
@@ -79,7 +95,7 @@ def planar_poses(
         if not (np.isfinite(rotvec).all() and translation[2, 0] > 0):
             continue
         start = Pose.from_rotvec(rotvec[:, 0], translation[:, 0])
-        candidate = _refined(camera, corners_in_target, corners_px, W, start)
+        candidate = _refined(camera, corners_in_target, corners_px, W, start, size)
         if candidate is not None and not any(_same(candidate, other) for other in poses):
             poses.append(candidate)
     return sorted(poses, key=lambda pose: pose.cost)
@@ -90,7 +106,7 @@ def _same(pose: PlanarPose, other: PlanarPose) -> bool:
 
 
 def _refined(
-    camera: CameraModel, corners: Array, corners_px: Array, W: Array, start: Pose
+    camera: CameraModel, corners: Array, corners_px: Array, W: Array, start: Pose, size: float
 ) -> PlanarPose | None:
     """Damped Gauss-Newton; None when it ends behind the camera."""
     R, t, cost, J = _descend(
@@ -104,7 +120,12 @@ def _refined(
     if not (np.isfinite(cost) and t[2] > 0):
         return None
     spread = np.linalg.inv(np.linalg.qr(J).R)
-    return PlanarPose(Pose(nearest_rotation(R), t), cost, spread @ spread.T)
+    pose = Pose(nearest_rotation(R), t)
+    left_over = np.linalg.svd(J)[0][:, 6:].T
+    by_size = size * left_over @ W @ corners_by_size(camera, corners, pose)
+    r = left_over @ W @ (corners_px - camera.project(pose @ corners)).ravel()
+    misfit = float(r @ np.linalg.solve(np.eye(2) + by_size @ by_size.T, r))
+    return PlanarPose(pose, cost, spread @ spread.T, misfit)
 
 
 @compiled

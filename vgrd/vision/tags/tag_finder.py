@@ -19,14 +19,21 @@ from vgrd.errors import InputError
 from vgrd.geometry import Array
 from vgrd.geometry.camera import CameraModel
 from vgrd.model import Finding, TagObservation, TagSpec, frozen_array
-from vgrd.vision.alignment.quality import disturbance
+from vgrd.vision.alignment.quality import disturbance, haze
 from vgrd.vision.alignment.refinement import Refined, RefinementMethod, refine
 from vgrd.vision.images.pictures import as_8_bit
 from vgrd.vision.images.warp import lens_vector
 from vgrd.vision.print.codes import SQUARE_FAMILIES, code_count, square_corners
 from vgrd.vision.print.raster import Raster, tag_raster
+from vgrd.vision.print.tolerance import PrintTolerance
 from vgrd.vision.tags.detection import FoundTag, read_tag, search_tags, tags_within
-from vgrd.vision.tags.planar_pose import MOST_MISFIT_PX, PlanarPose, is_ambiguous, planar_poses
+from vgrd.vision.tags.planar_pose import (
+    LEAST_TILT_DEG,
+    MOST_MISFIT_PX,
+    PlanarPose,
+    is_ambiguous,
+    planar_poses,
+)
 
 _REGION_MARGIN = 0.25  # of a tag's extent, around its last place: two cells of a 36h11
 
@@ -51,7 +58,9 @@ class TagSighting:
 class TagDetector:
     """Finds the given tags in pictures of one camera; the result depends on no earlier picture.
 
-    camera_matrix (3, 3) px, distortion in OpenCV order (may be empty), size (width, height) px.
+    camera_matrix (3, 3) px, distortion in OpenCV order (may be empty), size (width, height) px. tolerance: how
+    exact the prints are. Errors of a print's size are not in the covariances, since all its pictures share
+    them: `vgrd.geometry.print_size` tells what they do.
     Compiles (or loads) its loops when it is made. Not thread-safe: one detector per thread. Close
     it, or use it as a context manager. Raises InputError for an unknown family or id.
     """
@@ -62,9 +71,11 @@ class TagDetector:
         distortion: Array,
         tags: Sequence[TagSpec],
         size: tuple[int, int],
+        tolerance: PrintTolerance | None = None,
     ) -> None:
         self._camera = CameraModel(camera_matrix, distortion, size)
         self._lens = lens_vector(self._camera)
+        self._tolerance = tolerance or PrintTolerance()
         if len({tag.id for tag in tags}) != len(tags):
             raise InputError("tags: every tag needs an id of its own; print one with another id")
         self._tags = {tag.id: tag for tag in tags}
@@ -201,20 +212,26 @@ class TagDetector:
 
     def _measured(self, grey: Grey, tag: TagSpec, corners_px: Array) -> TagSighting | None:
         """Measure a tag from rough corners; None when there is no such tag at that place."""
-        refined = refine(grey, self._rasters[tag.id], corners_px, self._lens)
+        refined = refine(
+            grey, self._rasters[tag.id], corners_px, self._lens, ink_mm=self._tolerance.ink_mm
+        )
         if refined is None:
             return None
         read = read_tag(grey, tag.family, tag.id, refined.corners_px)
         if read is None or read.hamming:
             return None
         poses = planar_poses(
-            self._camera, square_corners(tag.size_mm), refined.corners_px, refined.covariance
+            self._camera,
+            square_corners(tag.size_mm),
+            refined.corners_px,
+            refined.covariance,
+            self._tolerance.size,
         )
         return self._judged(tag, refined, poses)
 
     def _judged(self, tag: TagSpec, refined: Refined, poses: Sequence[PlanarPose]) -> TagSighting:
         """The observation, unless no pose fits or two do."""
-        trouble = disturbance(refined)
+        trouble = disturbance(refined) or haze(refined)
         findings = () if trouble is None else (Finding(*trouble),)
         if not poses:
             return TagSighting(None, refined, (*findings, *_unfit().findings))
@@ -225,6 +242,9 @@ class TagDetector:
         if is_ambiguous(poses):
             two = Finding("ambiguous", "two poses fit it: tilt it by 10 degrees")
             return TagSighting(None, refined, (*findings, two))
+        if best.tilt_deg < LEAST_TILT_DEG:
+            frontal = f"tilt {best.tilt_deg:.0f} degrees: too frontal, tilt it by 10"
+            findings = (*findings, Finding("frontal", frontal))
         observation = TagObservation(
             tag,
             best.pose,
