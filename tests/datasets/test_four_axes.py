@@ -124,6 +124,10 @@ def test_an_arm_that_tilts_by_less_than_a_degree_tells_the_height_badly_and_says
         pose @ Pose.from_rotvec(np.radians(0.2) * rng.normal(size=3)) for pose in recording.robot
     ]
     recording.seen = [recording.X.inverse() @ pose @ recording.Y for pose in recording.robot]
+    recording.robot = [
+        pose @ Pose.from_rotvec(3e-4 * rng.normal(size=3), 0.3 * rng.normal(size=3))
+        for pose in recording.robot
+    ]
     path = recording.write_points(tmp_path, pixels=recording.pixels(sigma_px=0.1))
     result, poses = found(solve_dataset(path), recording)
     assert "undetermined" not in result

@@ -55,7 +55,10 @@ class Level:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Whitened:
-    """Residuals (r,) and derivative (r, n) for noise I, and its parts: (r, q) factors F, sum F F^T = I."""
+    """Residuals (r,) and derivative (r, n) for noise I, and its parts: factors F, sum F F^T = I.
+
+    A factor is (r, q), or (m, b, q) where the noise of m samples of b = r / m rows is independent.
+    """
 
     residuals: Array
     jacobian: Array
@@ -97,11 +100,13 @@ def find_levels(
     *,
     prior_factors: Array | None = None,
     start: Array | None = None,
+    settled: float = _SETTLED,
 ) -> Levels:
     """Most likely levels; whiten(log_variances (k,)) gives the residuals near the optimum for them.
 
     The residuals need not be those of the optimum: what the unknowns take up is projected out.
     prior_factors: (k,), within which a stated sigma is right in two of three cases, inf for none.
+    settled: the search ends with a step of the log variances below it.
     """
     factors = np.full(count, STATED_FACTOR) if prior_factors is None else prior_factors
     prior_information = (
@@ -115,9 +120,9 @@ def find_levels(
         step = np.linalg.lstsq(information, score, rcond=None)[0]
         step *= min(1.0, _LARGEST_STEP / max(float(np.abs(step).max(initial=0)), 1e-300))
         log_variances = log_variances + step
-        if float(np.abs(step).max(initial=0)) < _SETTLED:
+        if float(np.abs(step).max(initial=0)) < settled:
             break
-    return Levels(log_variances, np.linalg.pinv(information, hermitian=True))
+    return Levels(log_variances, np.asarray(np.linalg.pinv(information, hermitian=True)))
 
 
 def wider_by_freedom(freedom: float) -> float:
@@ -130,6 +135,8 @@ def _score(whitened: Whitened) -> tuple[Array, Array]:
     U, s, _ = np.linalg.svd(whitened.jacobian, full_matrices=False)
     U = U[:, s > s.max(initial=0) * 1e-10]  # rounding: a direction that no row feels
     residuals = whitened.residuals - U @ (U.T @ whitened.residuals)
+    if whitened.factors[0].ndim == 3:
+        return _score_of_blocks(U, residuals, whitened.factors)
     seen = [F - U @ (U.T @ F) for F in whitened.factors]
     squares = [float(np.sum((F.T @ residuals) ** 2)) for F in whitened.factors]
     score = np.array(
@@ -139,4 +146,28 @@ def _score(whitened: Whitened) -> tuple[Array, Array]:
     for i, F in enumerate(whitened.factors):
         for j in range(i + 1):
             information[i, j] = information[j, i] = 0.5 * float(np.sum((F.T @ seen[j]) ** 2))
+    return score, information
+
+
+def _score_of_blocks(U: Array, residuals: Array, factors: Sequence[Array]) -> tuple[Array, Array]:
+    """The same where the parts are (m, b, q): tr P S_k P S_l without matrices of all rows."""
+    m, b, _ = factors[0].shape
+    r, U = residuals.reshape(m, b, 1), U.reshape(m, b, -1)
+    turned = [np.swapaxes(F, 1, 2) for F in factors]
+    taken = [F @ U for F in turned]
+    of_unknowns = [np.tensordot(G, G, axes=((0, 1), (0, 1))) for G in taken]
+    score = np.array(
+        [
+            0.5 * float(np.sum((F @ r) ** 2) - np.sum(F * F) + np.sum(G * G))
+            for F, G in zip(turned, taken, strict=True)
+        ]
+    )
+    information = np.empty((len(factors), len(factors)))
+    for i, F in enumerate(turned):
+        for j in range(i + 1):
+            both = F @ factors[j]
+            crossed = float(np.sum(taken[i] * (both @ taken[j])))
+            alike = float(np.sum(of_unknowns[i] * of_unknowns[j]))
+            half = 0.5 * (float(np.sum(both * both)) - 2 * crossed + alike)
+            information[i, j] = information[j, i] = half
     return score, information

@@ -10,13 +10,14 @@ import numpy as np
 from vgrd.calibration.hand_eye import HandEyeResult, PointSample, undetermined_in_words
 from vgrd.calibration.observability import Axes, turned_axes
 from vgrd.errors import CalibrationError, ConfigError, InputError, TagNotSeen, TooFewObservations
-from vgrd.geometry import Pose
+from vgrd.geometry import Pose, log_rotation
 from vgrd.geometry.resection import checked_points
-from vgrd.solving.datasets.fitting import Fitter, PointFitter, PoseFitter
+from vgrd.solving.datasets.fitting import Fitter, fitter_of_points, fitter_of_poses
 from vgrd.solving.datasets.half_turns import turn_alike
 from vgrd.solving.datasets.judging import DatasetEvidence, Miss, doubtful, judge, suspects
 from vgrd.solving.datasets.loading import Dataset, DatasetSample, load_dataset
 from vgrd.solving.datasets.named_method import NamedMethodFitter, check_method
+from vgrd.solving.datasets.quality import Quality, quality_of
 from vgrd.solving.datasets.solution import DatasetSolution, LeaveOneOut, SampleReport
 from vgrd.solving.flange_poses import MIN_SAMPLES
 from vgrd.vision.print.boards import BoardObservation, TargetSpec, detect_board, has_direction
@@ -58,14 +59,18 @@ class _Steps:
 
 
 def solve_dataset(
-    path: Path, progress: Progress | None = None, *, method: str | None = None
+    path: Path,
+    progress: Progress | None = None,
+    *,
+    method: str | None = None,
+    tolerance_mm: float | None = None,
 ) -> DatasetSolution:
     """Solve hand-eye from a DATASET.toml; `progress(done, total)` is called after every step.
 
     method: one of `vgrd.calibration.hand_eye.published.METHODS`, without refinement; None: maximum
-    likelihood. Raises InputError (method unknown, or intrinsics to be refined by it), ConfigError
-    (faults of the file and its pictures), TooFewObservations, NotObservable (names the missing
-    motion) or DidNotConverge.
+    likelihood. tolerance_mm: what a further look may miss by at 95 %. Raises InputError (method
+    unknown, or intrinsics to be refined by it), ConfigError (faults of the file and its pictures),
+    TooFewObservations, NotObservable (names the missing motion) or DidNotConverge.
     """
     if method is not None:
         check_method(method)
@@ -75,7 +80,7 @@ def solve_dataset(
     fitter = _fitter(dataset, sightings, method)
     target_poses = [fitter.own_pose(i, dataset.camera) for i in range(len(sightings.samples))]
     try:
-        result = fitter.match_noise()
+        result = fitter.fit_all()
     except CalibrationError as error:
         raise error.with_hints(suspects(dataset, sightings.names, target_poses)) from error
     steps.advance()
@@ -89,7 +94,8 @@ def solve_dataset(
         unseen=sightings.unseen,
         few_points=_few_points(sightings),
         scale=fitter.scale(result),
-        refined_px=lambda: fitter.refined_px(result),
+        quality=_quality(result, misses, target_poses),
+        tolerance_mm=tolerance_mm,
     )
     solution = DatasetSolution(
         mount=dataset.mount,
@@ -99,14 +105,24 @@ def solve_dataset(
         samples=_reports(evidence),
         target_scale=evidence.scale,
         camera=result.camera,
-        refined=dataset.refine,
+        refined=result.refined,
         verdict=judge(evidence),
         method=method,
         undetermined=undetermined_in_words(dataset.mount, result.null_space),
         features=result.features,
+        covariance=result.covariance,
+        levels=result.levels,
+        quality=evidence.quality,
+        tolerance_mm=tolerance_mm,
     )
     steps.finish()
     return solution
+
+
+def fit_dataset(dataset: Dataset) -> HandEyeResult:
+    """The fit of all samples of a dataset alone, without a verdict; errors as of `solve_dataset`."""
+    sightings = _look(dataset, _Steps(None, len(dataset.samples)))
+    return _fitter(dataset, sightings, None).fit_all()
 
 
 def _look(dataset: Dataset, steps: _Steps) -> Sightings:
@@ -152,7 +168,7 @@ def _observe(sample: DatasetSample, target: TargetSpec | None) -> BoardObservati
 
 def _fitter(dataset: Dataset, sightings: Sightings, method: str | None) -> Fitter:
     if method is None:
-        return _likelihood_fitter(dataset, sightings)
+        return _likelihood_fitter(dataset, sightings, may_refine=True)
     if dataset.refine:
         raise InputError(
             f"{dataset.path}: method '{method}' refines no intrinsics: set camera.refine = false, "
@@ -160,16 +176,16 @@ def _fitter(dataset: Dataset, sightings: Sightings, method: str | None) -> Fitte
         )
     samples = [(sample.name, sample.base_from_wrist) for sample in sightings.samples]
     return NamedMethodFitter(
-        method, _likelihood_fitter(dataset, sightings), samples, dataset.camera
+        method, _likelihood_fitter(dataset, sightings, may_refine=False), samples, dataset.camera
     )
 
 
-def _likelihood_fitter(dataset: Dataset, sightings: Sightings) -> Fitter:
+def _likelihood_fitter(dataset: Dataset, sightings: Sightings, *, may_refine: bool) -> Fitter:
     pairs = list(zip(sightings.samples, sightings.observations, strict=True))
     axes, _ = turned_axes([sample.base_from_wrist.rotation for sample in sightings.samples])
     allow_unobservable = int(axes is not Axes.NONE)
     if dataset.camera is None:
-        return PoseFitter(
+        return fitter_of_poses(
             dataset.mount,
             [
                 (s.name, s.base_from_wrist, observation)
@@ -187,11 +203,12 @@ def _likelihood_fitter(dataset: Dataset, sightings: Sightings) -> Fitter:
         )
         for (s, _), board in zip(pairs, boards, strict=True)
     ]
-    return PointFitter(
+    return fitter_of_points(
         dataset.mount,
         dataset.camera,
         points,
         refine=dataset.refine,
+        may_refine=may_refine,
         allow_unobservable=allow_unobservable,
         places={name: place for name, place in dataset.features.items() if place is not None},
     )
@@ -202,23 +219,38 @@ def _leave_one_out(
 ) -> list[Miss | None]:
     """How far a fit without each sample misses it; its own pose is seen through that fit's camera.
 
-    Samples that do not fit the others are in no fit, but predicted and counted as all are.
+    Which of the others belong together, their levels of noise and whether they demand other intrinsics is
+    found without it too. Samples that do not fit are predicted and counted as all are.
     """
     misses: list[Miss | None] = []
-    inliers = [i for i, residual in enumerate(result.samples) if residual.used]
+    everything = range(len(sightings.samples))
     for index, sample in enumerate(sightings.samples):
         try:
-            fit = fitter.fit([i for i in inliers if i != index], result)
+            fit = fitter.fit([i for i in everything if i != index], result)
         except CalibrationError:
             misses.append(None)
         else:
             predicted = fit.predict(sample.base_from_wrist)
-            mm, rad = predicted.distance(fitter.own_pose(index, fit.camera))
+            own = fitter.own_pose(index, fit.camera)
             residuals_px = fitter.off_px(index, fit.camera, predicted)
             squares_px = float((residuals_px * residuals_px).sum())
-            misses.append(Miss(float(np.degrees(rad)), mm, squares_px, len(residuals_px)))
+            turn = log_rotation(predicted.rotation @ own.rotation.T)
+            shift = predicted.translation - own.translation
+            misses.append(Miss(shift, turn, squares_px, len(residuals_px)))
         steps.advance()
     return misses
+
+
+def _quality(
+    result: HandEyeResult, misses: Sequence[Miss | None], target_poses: Sequence[Pose]
+) -> Quality:
+    known = [miss for miss in misses if miss is not None]
+    if len(known) < len(misses):
+        known = []
+    distance = float(np.median([np.linalg.norm(pose.translation) for pose in target_poses]))
+    return quality_of(
+        result, [miss.shift_mm for miss in known], [miss.turn_rad for miss in known], distance
+    )
 
 
 def _summary(misses: Sequence[Miss | None]) -> LeaveOneOut:
