@@ -106,7 +106,7 @@ def find_levels(
 
     The residuals need not be those of the optimum: what the unknowns take up is projected out.
     prior_factors: (k,), within which a stated sigma is right in two of three cases, inf for none.
-    settled: the search ends with a step of the log variances below it.
+    settled: the search ends with a step of the log variances below it, or worth less than its square.
     """
     factors = np.full(count, STATED_FACTOR) if prior_factors is None else prior_factors
     prior_information = (
@@ -115,12 +115,16 @@ def find_levels(
     log_variances = np.zeros(count) if start is None else np.array(start, dtype=np.float64)
     for _ in range(_ROUNDS):
         score, information = _score(whiten(log_variances))
+        curvature = np.diag(
+            np.maximum(-score, 0)
+        )  # of a level that vanishes: without it steps overshoot
         score = score - prior_information * log_variances
         information = information + np.diag(prior_information)
-        step = np.linalg.lstsq(information, score, rcond=None)[0]
+        step = np.linalg.lstsq(information + curvature, score, rcond=None)[0]
+        gain = float(score @ step)  # of the log-likelihood, twice
         step *= min(1.0, _LARGEST_STEP / max(float(np.abs(step).max(initial=0)), 1e-300))
         log_variances = log_variances + step
-        if float(np.abs(step).max(initial=0)) < settled:
+        if float(np.abs(step).max(initial=0)) < settled or gain < settled**2:
             break
     return Levels(log_variances, np.asarray(np.linalg.pinv(information, hermitian=True)))
 

@@ -272,9 +272,14 @@ OF_FILES: Mapping[str, Kind] = MappingProxyType(
             "the result is uncertain", "", "10 mm or 1 degree (camera), 5 mm (TCP)"
         ),
         "intrinsics_doubtful": Kind(
-            "refining the intrinsics lowers the reprojection error much",
-            "calibrate the camera anew or set refine = true",
-            "error below 0.6 of what it was",
+            "the intrinsics as given do not fit robot and pictures; they were refined",
+            "use the transforms with the refined ones, or calibrate the camera anew",
+            "likelihood, odds of 150 to 1 beyond six unknowns",
+        ),
+        "tolerance_exceeded": Kind(
+            "further looks are predicted worse than the tolerance",
+            "mend what limits it, or allow more",
+            "--tolerance-mm",
         ),
         "target_size": Kind(
             "the target has another size than the file says",

@@ -22,7 +22,7 @@ from vgrd.model import Mount
 
 _STEPS = 40  # of Gauss-Newton, a bound only
 _SETTLED = 1e-4  # of the norm of the whitened residuals: no printed figure changes
-_LEVELS_SETTLED = 1e-2  # of a log variance, half a per cent of a sigma: far below its spread
+_LEVELS_SETTLED = 3e-2  # of a log variance, 1.5 % of a sigma: far below its spread
 _SHORTER = 8  # trials of a step, each a third of the one before
 _ROUNDING = 1e-9  # of the cost
 _FIRST_STEPS = 3  # before the levels are sought: each round makes one more

@@ -36,7 +36,7 @@ _STARTS = (
     0.0,
     3.0,
 )  # log variances of the arm over nominal against the pictures': two modes are rare
-_CLEARLY = 4.0  # of minus twice the log-likelihood: a t distribution is no better by chance
+_CLEARLY = 10.0  # of minus twice the log-likelihood: a t distribution is no better by chance
 _NARROWER = (
     -0.35,
     -3.0,
@@ -172,7 +172,7 @@ def calibrate_recording(problem: RecordingProblem) -> HandEyeResult:
         state = found.state
         weights = _weights(problem, found)
         kept = [i for i in range(n) if weights[i] >= _REJECT_WEIGHT]
-        if kept == used:
+        if kept == used or not _determines(problem, kept):
             break
         null_space = _open(problem, kept)
         used = kept
@@ -222,6 +222,15 @@ def _open(problem: RecordingProblem, used: Sequence[int]) -> Array:
     return open_translations(wrists, flange_motions, problem.allow_unobservable)
 
 
+def _determines(problem: RecordingProblem, kept: Sequence[int]) -> bool:
+    """Whether so few samples leave a fit: leaving out what cannot be spared proves nothing."""
+    try:
+        _open(problem, kept)
+    except CalibrationError:
+        return False
+    return 6 * len(kept) > 12 + problem.blank.extra - problem.blank.points.size
+
+
 def _start(problem: RecordingProblem, null_space: Array) -> HandEye:
     if problem.start is not None:
         result = problem.start
@@ -263,7 +272,9 @@ def _likeliest(problem: RecordingProblem, state: HandEye, null_space: Array) -> 
     normal = _searched(problem, state, basis, np.inf, _starts(problem))
     likelihood = normal.likelihood.with_freedom(HEAVY)
     unsure = likelihood.prior_factors >= _WIDE
-    starts = [(normal.state, normal.levels.log_variances + x * unsure) for x in _NARROWER]
+    is_near = problem.start is not None and problem.start.refined
+    shifts = _NARROWER[:1] if is_near else _NARROWER
+    starts = [(normal.state, normal.levels.log_variances + x * unsure) for x in shifts]
     starts = [(likelihood.descend(one, x, _TRIAL_STEPS), x) for one, x in starts]
     costs = [likelihood.objective(one, x) for one, x in starts]
     best = int(np.argmin(costs))
@@ -290,7 +301,8 @@ def _searched(
     starts: Sequence[Array],
 ) -> _Found:
     """The most likely of what the starts lead to."""
-    rounds = _CAMERA_ROUNDS if problem.blank.refines_camera else 1
+    is_near = problem.start is not None and problem.start.refined
+    rounds = _CAMERA_ROUNDS if problem.blank.refines_camera and not is_near else 1
     for _ in range(rounds):
         likelihood = Likelihood(
             problem.mount, problem.wrists, problem.evidence, _kinds(problem, state), basis, freedom

@@ -11,10 +11,11 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from vgrd.calibration.hand_eye.state import HandEye
 from vgrd.errors import DidNotConverge, InputError
-from vgrd.geometry import Array, Pose, exp_rotation, hat
+from vgrd.geometry import Array, Pose, hat
 from vgrd.geometry.camera import CameraModel
 
 _ON_DIAGONAL = 1 + 1e-9 * np.eye(6)  # keeps four points that hardly tell a pose from singularity
@@ -123,7 +124,7 @@ class PointEvidence(Evidence):
             normal = np.einsum("nmi,nmj->nij", D, D) * _ON_DIAGONAL
             step = -np.linalg.solve(normal, np.einsum("nmi,nm->ni", D, r)[:, :, None])[:, :, 0]
             t = t + step[:, :3]
-            R = np.array([exp_rotation(w) @ turn for w, turn in zip(step[:, 3:], R, strict=True)])
+            R = Rotation.from_rotvec(step[:, 3:]).as_matrix() @ R
         r, D, E = self._linearized(R, t, state, places=self.places)
         if not (np.isfinite(D).all() and np.isfinite(E).all()):
             raise DidNotConverge("hand-eye: no camera or pose near by shows the target")

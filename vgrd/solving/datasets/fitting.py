@@ -23,6 +23,7 @@ from vgrd.geometry.camera import CameraModel
 from vgrd.geometry.resection import pose_from_points
 from vgrd.model import Mount
 
+_MOVED_MM = 1.0  # a head that only turns about a point tells no length
 UNKNOWN_SCALE = TargetScale(np.nan, np.nan)
 
 

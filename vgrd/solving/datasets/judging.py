@@ -5,22 +5,19 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from vgrd.calibration.checks import Interpretation, Poses, agreement, best_of, mistaken_unit
 from vgrd.calibration.hand_eye import (
     HandEyeResult,
     TargetScale,
-    flange_motion_of,
     null_space_findings,
 )
-from vgrd.errors import InputError
 from vgrd.geometry import Array, Pose
 from vgrd.geometry.camera import INTRINSICS
-from vgrd.geometry.rotation_formats import RotationFormat, pose_from, value_count
 from vgrd.judging.findings import finding
 from vgrd.judging.thresholds import CONTRADICTORY_DEG, CONTRADICTORY_MM, WEAK_DEG, WEAK_MM
-from vgrd.model import Finding, Mount, Verdict
+from vgrd.model import Finding, Verdict
 from vgrd.solving.datasets.loading import Dataset
 from vgrd.solving.datasets.quality import Quality
+from vgrd.solving.datasets.suspects import suspects, unit_mismatch
 
 _DOUBTFUL = 4.0  # times the median miss
 _DOUBTFUL_MM = 0.2  # smaller misses are nobody's concern
@@ -112,8 +109,8 @@ def _tolerance(evidence: DatasetEvidence) -> list[Finding]:
         return []
     told = f"{quality.mm:.2g} mm" if np.isfinite(quality.mm) else "an unknown error"
     message = (
-        f"predicted to within {told} at 95 %, the tolerance is {tolerance:g} mm; most of it comes from: "
-        f"{quality.limits}. What helps: {quality.advice}"
+        f"predicted to within {told} at 95 %, the tolerance is {tolerance:g} mm; most of it comes from "
+        f"{quality.limits}, what helps is {quality.advice}"
     )
     return [finding("tolerance_exceeded", message, fatal=True)]
 
@@ -141,9 +138,15 @@ def _contradiction(evidence: DatasetEvidence) -> list[Finding]:
     mm = float(np.median([miss.mm for miss in misses]))
     deg = float(np.median([miss.deg for miss in misses]))
     lost = sum(not sample.used for sample in evidence.result.samples)
-    if mm < CONTRADICTORY_MM and deg < CONTRADICTORY_DEG and 2 * lost < len(evidence.names):
+    hints = unit_mismatch(evidence.dataset, evidence.names, evidence.camera_from_target)
+    if (
+        not hints
+        and mm < CONTRADICTORY_MM
+        and deg < CONTRADICTORY_DEG
+        and 2 * lost < len(evidence.names)
+    ):
         return []
-    hints = suspects(evidence.dataset, evidence.names, evidence.camera_from_target)
+    hints = hints or suspects(evidence.dataset, evidence.names, evidence.camera_from_target)
     advice = " ".join(hints) or (
         "Check rotation format, unit, mount, and that poses and pictures belong together."
     )
@@ -152,53 +155,6 @@ def _contradiction(evidence: DatasetEvidence) -> list[Finding]:
         f"of {len(evidence.names)} left out. {advice}"
     )
     return [finding("contradictory", message, fatal=True)]
-
-
-def suspects(
-    dataset: Dataset, names: Sequence[str], camera_from_target: Sequence[Pose]
-) -> list[str]:
-    """Other readings of the same numbers (rotation format, mount) under which the samples agree."""
-    rows = {s.name: v for s, v in zip(dataset.samples, dataset.pose_values, strict=True)}
-    cameras = Poses.of(camera_from_target)
-    readings: dict[tuple[RotationFormat, Mount], Interpretation] = {}
-    for fmt in RotationFormat:
-        if value_count(fmt) != value_count(dataset.rotation):
-            continue
-        try:
-            poses = [pose_from(rows[name], fmt, dataset.unit) for name in names]
-        except InputError:
-            continue
-        for mount in Mount:
-            moves = Poses.of([flange_motion_of(mount, pose) for pose in poses])
-            other_format = None if fmt is dataset.rotation else fmt
-            readings[fmt, mount] = Interpretation(
-                moves, meant=other_format, inverted=mount != dataset.mount
-            )
-    baseline = agreement(readings.pop((dataset.rotation, dataset.mount)).poses, cameras)
-    candidates = best_of(
-        list(readings.values()),
-        lambda moves: agreement(moves, cameras),
-        deg=CONTRADICTORY_DEG,
-        mm=CONTRADICTORY_MM,
-    )
-    if not candidates or candidates[0].fit.mm > _CLEARLY_BETTER * baseline.mm:
-        return []
-    best = candidates[0].fit
-    fitting = {
-        id(candidate.reading)
-        for candidate in candidates
-        if candidate.fit.mm < best.mm + _SAME_READING_MM
-    }
-    alike = [key for key, reading in readings.items() if id(reading) in fitting]
-    formats = " or ".join(dict.fromkeys(str(fmt) for fmt, _ in alike))
-    mounts = " or ".join(dict.fromkeys(str(mount) for _, mount in alike))
-    unit = mistaken_unit(best)
-    lengths = f", lengths = {unit}" if unit else ""
-    return [
-        f"Read as rotation = {formats}, mount = {mounts}{lengths}, the samples agree to "
-        f"{best.mm:.1f} mm: is that meant? (The other mount also fits poses that were written "
-        "inverted.)"
-    ]
 
 
 def _weakness(evidence: DatasetEvidence) -> list[Finding]:
@@ -225,7 +181,7 @@ def _camera(evidence: DatasetEvidence) -> list[Finding]:
     )
     message = (
         "camera: the intrinsics as given do not fit robot and pictures, beyond doubt, so they were "
-        f"refined: {moves}. Use the transforms with these; calibrate the camera to be sure"
+        f"refined: {moves}"
     )
     return [finding("intrinsics_doubtful", message)]
 

@@ -1,6 +1,6 @@
 """Dataset in, solution out: detect, fit, leave each sample out once, judge."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -14,11 +14,12 @@ from vgrd.geometry import Pose, log_rotation
 from vgrd.geometry.resection import checked_points
 from vgrd.solving.datasets.fitting import Fitter, fitter_of_points, fitter_of_poses
 from vgrd.solving.datasets.half_turns import turn_alike
-from vgrd.solving.datasets.judging import DatasetEvidence, Miss, doubtful, judge, suspects
+from vgrd.solving.datasets.judging import DatasetEvidence, Miss, doubtful, judge
 from vgrd.solving.datasets.loading import Dataset, DatasetSample, load_dataset
 from vgrd.solving.datasets.named_method import NamedMethodFitter, check_method
 from vgrd.solving.datasets.quality import Quality, quality_of
 from vgrd.solving.datasets.solution import DatasetSolution, LeaveOneOut, SampleReport
+from vgrd.solving.datasets.suspects import suspects
 from vgrd.solving.flange_poses import MIN_SAMPLES
 from vgrd.vision.print.boards import BoardObservation, TargetSpec, detect_board, has_direction
 
@@ -82,7 +83,9 @@ def solve_dataset(
     try:
         result = fitter.fit_all()
     except CalibrationError as error:
-        raise error.with_hints(suspects(dataset, sightings.names, target_poses)) from error
+        hints = suspects(dataset, sightings.names, target_poses)
+        left_out = [told_once(sightings.unseen)] if sightings.unseen else []
+        raise _led_by(hints, error).with_hints(left_out) from error
     steps.advance()
     misses = _leave_one_out(fitter, sightings, result, steps)
     evidence = DatasetEvidence(
@@ -140,12 +143,34 @@ def _look(dataset: Dataset, steps: _Steps) -> Sightings:
     if faults:
         raise ConfigError(str(dataset.path), faults)
     if len(samples) < MIN_SAMPLES:
-        reasons = "; ".join(f"{name}: {reason}" for name, reason in unseen.items())
+        reasons = told_once(unseen)
         raise TooFewObservations(
             f"{dataset.path}: the target was seen in {len(samples)} of {len(dataset.samples)} "
             f"samples, at least {MIN_SAMPLES} are needed. {reasons}"
         )
     return Sightings(samples, observations, unseen)
+
+
+def told_once(reasons: Mapping[str, str]) -> str:
+    """Why samples are not in the fit: equal reasons once, with their number and names."""
+    alike: dict[str, list[str]] = {}
+    for name, reason in reasons.items():
+        alike.setdefault(reason, []).append(name)
+    return "; ".join(
+        f"{names[0]}: {reason}"
+        if len(names) == 1
+        else f"{len(names)} samples ({', '.join(names)}): {reason}"
+        for reason, names in alike.items()
+    )
+
+
+def _led_by(hints: Sequence[str], error: CalibrationError) -> CalibrationError:
+    """The error with what was probably meant before what failed."""
+    if not hints:
+        return error
+    led = type(error).__new__(type(error), "\n".join([*hints, str(error)]))
+    led.__dict__.update(vars(error))
+    return led
 
 
 def _observe(sample: DatasetSample, target: TargetSpec | None) -> BoardObservation | Pose:
