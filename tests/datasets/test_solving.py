@@ -44,7 +44,7 @@ def test_exact_points_give_the_true_transforms(tmp_path, make_recording, plain, 
     mm, rad = off(result, recording)
     assert mm < 1e-3
     assert rad < 1e-6
-    assert result["verdict"] == {"ok": True, "findings": []}
+    assert result["verdict"] == {"ok": None, "tolerance_mm": None, "findings": []}
     assert result["leave_one_out"]["mm"] < 1e-3
     assert result["target_scale"]["value"] == pytest.approx(1, abs=1e-5)
 
@@ -76,6 +76,9 @@ def test_the_json_holds_exactly_the_promised_keys(tmp_path, recording, plain):
         "base_from_camera",
         "wrist_from_target",
         "leave_one_out",
+        "quality",
+        "covariance",
+        "levels",
         "samples",
         "target_scale",
         "intrinsics",
@@ -107,13 +110,61 @@ def test_refining_finds_the_true_intrinsics(tmp_path, make_recording, plain):
     assert off(result, recording)[0] < 2.0
 
 
-def test_wrong_intrinsics_are_named_where_they_were_not_to_be_refined(tmp_path, make_recording):
+def test_wrong_intrinsics_are_refined_where_there_is_no_doubt_and_that_is_said(
+    tmp_path, make_recording
+):
     true = CameraModel(
         np.array([[1420.0, 0, 640], [0, 1425.0, 478], [0, 0, 1]]), [-0.1, 0.05, 0, 0], (1260, 940)
     )
     recording = make_recording(count=10, camera=true)
     path = recording.write_points(tmp_path, pixels=recording.pixels(sigma_px=0.05))
-    assert "intrinsics_doubtful" in codes(solve_dataset(path))
+    solution = solve_dataset(path)
+    assert "intrinsics_doubtful" in codes(solution)
+    assert solution.refined
+    assert solution.camera is not None
+    assert solution.camera.intrinsics()[:4] == pytest.approx([1420, 1425, 640, 478], abs=3)
+
+
+def test_right_intrinsics_stay_as_given(tmp_path, recording):
+    solution = solve_dataset(
+        recording.write_points(tmp_path, pixels=recording.pixels(sigma_px=0.5))
+    )
+    assert not solution.refined
+    assert "intrinsics_doubtful" not in codes(solution)
+
+
+def test_only_a_tolerance_makes_it_ok(tmp_path, recording):
+    path = recording.write_points(tmp_path, pixels=recording.pixels(sigma_px=0.3))
+    solution = solve_dataset(path)
+    assert solution.ok is None
+    assert "no tolerance given" in dict(solution.summary_rows())["verdict"]
+    within = solution.quality.mm
+    assert solve_dataset(path, tolerance_mm=1.1 * within).ok
+    refused = solve_dataset(path, tolerance_mm=0.9 * within)
+    assert refused.ok is False
+    assert codes(refused)[0] == "tolerance_exceeded"
+
+
+def test_the_noise_that_was_drawn_is_found_and_told(tmp_path, make_recording):
+    recording = make_recording(count=20)
+    rng = np.random.default_rng(5)
+    recording.robot = [
+        pose @ Pose.from_rotvec(2e-3 * rng.normal(size=3), 2.0 * rng.normal(size=3))
+        for pose in recording.robot
+    ]
+    solution = solve_dataset(
+        recording.write_points(tmp_path, pixels=recording.pixels(sigma_px=0.3))
+    )
+    found = {level.name: level.found for level in solution.levels}
+    assert found["pixels"] == pytest.approx(0.3, rel=0.1)
+    assert found["arm's position"] == pytest.approx(2.0, rel=0.5)
+    assert found["arm's turn"] == pytest.approx(2e-3, rel=0.5)
+    misses = [
+        solution.mount_from_camera.inverse() @ pose @ solution.mount_from_target
+        for pose in recording.robot
+    ]
+    off = [a.distance(b)[0] for a, b in zip(misses, recording.seen, strict=True)]
+    assert np.quantile(off, 0.9) < solution.quality.mm < 3 * np.max(off)
 
 
 @pytest.mark.parametrize("kind", ["points", "matrices"])
@@ -275,7 +326,9 @@ def test_a_target_seen_too_rarely_is_refused_with_all_reasons(tmp_path, recordin
         cv2.imwrite(str(tmp_path / f"{number}.png"), np.full((94, 126), 120, np.uint8))
     lines = [f'image = "{number}.png"' for number in range(recording.count)]
     path = recording.write(tmp_path, lines, target=CHARUCO)
-    with pytest.raises(TooFewObservations, match=r"seen in 0 of 8 samples.*7: no usable"):
+    with pytest.raises(
+        TooFewObservations, match=r"seen in 0 of 8 samples.*8 samples \(0, 1, 2.*7\): no usable"
+    ):
         solve_dataset(path)
 
 

@@ -65,7 +65,10 @@ class Level:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Whitened:
-    """Residuals (r,) and derivative (r, n) for noise I, and its parts: (r, q) factors F, sum F F^T = I."""
+    """Residuals (r,) and derivative (r, n) for noise I, and its parts: factors F, sum F F^T = I.
+
+    A factor is (r, q), or (m, b, q) where the noise of m samples of b = r / m rows is independent.
+    """
 
     residuals: Array
     jacobian: Array
@@ -144,14 +147,18 @@ def find_levels(
     prior_factors: Array | None = None,
     common_factor: float = 1.0,
     start: Array | None = None,
+    settled: float = _SETTLED,
 ) -> Levels:
     """Most likely levels; whiten(log_variances (k,)) gives the residuals near the optimum for them.
 
     The residuals need not be those of the optimum: what the unknowns take up is projected out.
     prior_factors: (k,), within which a stated sigma is right in two of three cases, inf for none.
     common_factor: the same of what all of them are wrong by alike.
+    settled: the search ends with a step of the log variances below it, or worth less than its square.
     """
-    return _ascend(lambda x: _score(whiten(x)), count, prior_factors, start, common_factor)
+    return _ascend(
+        lambda x: _score(whiten(x)), count, prior_factors, start, common_factor, settled
+    )
 
 
 def find_levels_of(
@@ -187,6 +194,7 @@ def _ascend(
     prior_factors: Array | None,
     start: Array | None,
     common_factor: float = 1.0,
+    settled: float = _SETTLED,
 ) -> Levels:
     """Fisher scoring with the prior."""
     factors = np.full(count, STATED_FACTOR) if prior_factors is None else prior_factors
@@ -197,12 +205,14 @@ def _ascend(
     log_variances = np.zeros(count) if start is None else np.array(start, dtype=np.float64)
     for _ in range(_ROUNDS):
         score, information = score_at(log_variances)
+        curvature = np.diag(np.maximum(-score, 0))  # of a level that vanishes: steps overshoot
         score = score - prior_information @ log_variances
         information = information + prior_information
-        step = np.linalg.lstsq(information, score, rcond=None)[0]
+        step = np.linalg.lstsq(information + curvature, score, rcond=None)[0]
+        gain = float(score @ step)  # of the log-likelihood, twice
         step *= min(1.0, _LARGEST_STEP / max(float(np.abs(step).max(initial=0)), 1e-300))
         log_variances = np.maximum(log_variances + step, _FINEST)
-        if float(np.abs(step).max(initial=0)) < _SETTLED:
+        if float(np.abs(step).max(initial=0)) < settled or gain < settled**2:
             break
     return Levels(log_variances, np.asarray(np.linalg.pinv(information, hermitian=True)))
 
@@ -223,6 +233,8 @@ def _score(whitened: Whitened) -> tuple[Array, Array]:
     U, s, _ = np.linalg.svd(whitened.jacobian, full_matrices=False)
     U = U[:, s > s.max(initial=0) * 1e-10]  # rounding: a direction that no row feels
     residuals = whitened.residuals - U @ (U.T @ whitened.residuals)
+    if whitened.factors[0].ndim == 3:
+        return _score_of_blocks(U, residuals, whitened.factors)
     seen = [F - U @ (U.T @ F) for F in whitened.factors]
     squares = [float(np.sum((F.T @ residuals) ** 2)) for F in whitened.factors]
     score = np.array(
@@ -250,4 +262,28 @@ def _score_of(
                 0.5 * sizes[i] * sizes[j] * float(np.sum(block * block))
             )
         score[i] = 0.5 * sizes[i] * (square - float(np.trace(block)))
+    return score, information
+
+
+def _score_of_blocks(U: Array, residuals: Array, factors: Sequence[Array]) -> tuple[Array, Array]:
+    """The same where the parts are (m, b, q): tr P S_k P S_l without matrices of all rows."""
+    m, b, _ = factors[0].shape
+    r, U = residuals.reshape(m, b, 1), U.reshape(m, b, -1)
+    turned = [np.swapaxes(F, 1, 2) for F in factors]
+    taken = [F @ U for F in turned]
+    of_unknowns = [np.tensordot(G, G, axes=((0, 1), (0, 1))) for G in taken]
+    score = np.array(
+        [
+            0.5 * float(np.sum((F @ r) ** 2) - np.sum(F * F) + np.sum(G * G))
+            for F, G in zip(turned, taken, strict=True)
+        ]
+    )
+    information = np.empty((len(factors), len(factors)))
+    for i, F in enumerate(turned):
+        for j in range(i + 1):
+            both = F @ factors[j]
+            crossed = float(np.sum(taken[i] * (both @ taken[j])))
+            alike = float(np.sum(of_unknowns[i] * of_unknowns[j]))
+            half = 0.5 * (float(np.sum(both * both)) - 2 * crossed + alike)
+            information[i, j] = information[j, i] = half
     return score, information

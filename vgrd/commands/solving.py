@@ -43,7 +43,7 @@ def solve(
     ] = None,
     tolerance_mm: Annotated[
         float | None,
-        typer.Option(help="Session folders only: reject what is predicted to miss by more."),
+        typer.Option(help="Reject what is predicted to miss by more (datasets: at 95 %)."),
     ] = None,
     draw: Annotated[
         Path | None,
@@ -57,9 +57,10 @@ def solve(
     is_session = source is not None and source.is_dir()
     if method is not None and (source is None or is_session):
         raise InputError("--method is for datasets: name a DATASET.toml")
-    for option, value in (("--tolerance-mm", tolerance_mm), ("--draw", draw)):
-        if value is not None and not is_session:
-            raise InputError(f"{option} is for recorded sessions: name a SESSION_FOLDER")
+    if draw is not None and not is_session:
+        raise InputError("--draw is for recorded sessions: name a SESSION_FOLDER")
+    if tolerance_mm is not None and source is None:
+        raise InputError("--tolerance-mm: name a SESSION_FOLDER or a DATASET.toml")
     if source is None:
         result = ask(config, socket, "solve", SOLVE_TIMEOUT_S)
         _print_calibration(result, json_to, "solved")
@@ -73,7 +74,7 @@ def solve(
             )
         _print_calibration(result, json_to, f"{source.name} solved")
     else:
-        _solve_dataset(source, method, json_to)
+        _solve_dataset(source, method, tolerance_mm, json_to)
 
 
 def _stability_in(config: Path) -> "Array":
@@ -124,13 +125,16 @@ def _three(sigmas: "Array") -> str:
     return " ".join(f"{sigma:.3f}" for sigma in sigmas)
 
 
-def _solve_dataset(source: Path, method: str | None, json_to: str | None) -> None:
+def _solve_dataset(
+    source: Path, method: str | None, tolerance_mm: float | None, json_to: str | None
+) -> None:
     from vgrd.solving.datasets import solve_dataset
 
     with progress("solving") as report:
-        solution = solve_dataset(source, report, method=method)
+        solution = solve_dataset(source, report, method=method, tolerance_mm=tolerance_mm)
 
     def show(result: Result) -> None:
+        console.print(solution.sentence, highlight=False, markup=False)
         console.print(
             table(
                 f"{source}: samples",
@@ -144,6 +148,8 @@ def _solve_dataset(source: Path, method: str | None, json_to: str | None) -> Non
         console.print(table("hand-eye", ("what", "value"), solution.summary_rows()))
 
     print_result(solution.to_json(), json_to, show)
+    if solution.ok is False:
+        raise typer.Exit(CalibrationError.exit_code)
 
 
 def tcp(

@@ -317,20 +317,20 @@ OF_FILES: Mapping[str, Kind] = MappingProxyType(
             "the result is uncertain", "", "10 mm or 1 degree (camera), 5 mm (TCP)"
         ),
         "intrinsics_doubtful": Kind(
-            "refining the intrinsics lowers the reprojection error much",
-            "calibrate the camera anew or set refine = true",
-            "error below 0.6 of what it was",
+            "the intrinsics as given do not fit robot and pictures; they were refined",
+            "use the transforms with the refined ones, or calibrate the camera anew",
+            "likelihood, odds of 150 to 1 beyond six unknowns",
+        ),
+        "tolerance_exceeded": Kind(
+            "further looks are predicted worse than the tolerance",
+            "mend what limits it, or allow more",
+            "--tolerance-mm",
         ),
         "target_size": Kind(
             "the target has another size than the file says",
             "measure it with a caliper; if it is right, check the robot's unit and the camera's focal "
             "length",
             "3 sigma and 0.1 %",
-        ),
-        "tolerance_exceeded": Kind(
-            "a further look is predicted to miss by more than the tolerance",
-            "",
-            "95 %, out of sample",
         ),
         "camera_scale": Kind(
             "lengths of a 3D camera are not those of the robot",

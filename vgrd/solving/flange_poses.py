@@ -23,11 +23,13 @@ def arm_faults(named: Sequence[tuple[str, Pose]], unit: str, table: str) -> list
     if len(named) < MIN_SAMPLES:
         return []
     faults = []
-    reach = max(float(np.abs(pose.translation).max()) for _, pose in named)
+    places = np.array([pose.translation for _, pose in named])
+    reach = float(np.abs(places).max())
+    turns_about_a_point = float(np.ptp(places, axis=0).max()) <= SAME_TEXT_MM  # a pan-tilt head
     if reach > _REACH_MM:
         metres = reach / 1000
         return [f"poses.unit: in {unit} the flange is {metres:.3g} m from the base: is it mm?"]
-    if reach < _SMALLEST_ARM_MM:
+    if reach < _SMALLEST_ARM_MM and not turns_about_a_point:
         faults.append(
             f"poses.unit: in {unit} no flange is more than {reach:.2g} mm from the base: is it m?"
         )

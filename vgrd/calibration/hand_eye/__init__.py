@@ -20,6 +20,13 @@ from vgrd.calibration.hand_eye.pose_pairs import (
     calibrate_hand_eye,
 )
 from vgrd.calibration.hand_eye.published import METHODS, PosePair
+from vgrd.calibration.hand_eye.recording import (
+    RecordingProblem,
+    calibrate_recording,
+    demands_refinement,
+    points_problem,
+    poses_problem,
+)
 from vgrd.calibration.hand_eye.samples import first_of_same, hand_eye_samples, sightings_of_tag_a
 from vgrd.calibration.hand_eye.state import flange_motion_of
 
@@ -32,15 +39,20 @@ __all__ = [
     "PointSample",
     "PosePair",
     "PoseSample",
+    "RecordingProblem",
     "SampleResidual",
     "TargetScale",
     "calibrate_hand_eye",
     "calibrate_hand_eye_from_points",
+    "calibrate_recording",
+    "demands_refinement",
     "first_of_same",
     "flange_motion_of",
     "hand_eye_samples",
     "null_space_findings",
     "park_martin_start",
+    "points_problem",
+    "poses_problem",
     "sightings_of_tag_a",
     "undetermined_in_words",
 ]

@@ -12,6 +12,7 @@ import numpy as np
 
 from vgrd.calibration.hand_eye.fit import Fit, HandEyeSample, SampleRows, fit_hand_eye
 from vgrd.calibration.hand_eye.state import HandEye, flange_motion_of
+from vgrd.calibration.levels import Level
 from vgrd.geometry import Array, Pose
 from vgrd.geometry.camera import CameraModel
 from vgrd.geometry.covariance import sqrt_information
@@ -81,7 +82,11 @@ class HandEyeResult:
     earlier result was the start. null_space: (k, 6), orthonormal directions of (t of mount_from_camera, t
     of mount_from_target) that stay open: the target's origin is taken to have no part (0 mm) along
     them, the camera lies accordingly, and the covariance says nothing about them. features: places
-    (3,) in the target, mm, of the points that pictures showed beside it.
+    (3,) in the target, mm, of the points that pictures showed beside it. levels: of noise, found in a
+    recording; the covariance is then wide enough for 1.96 sigma to be 95 % although they are known by
+    `freedom` degrees of freedom only. misfit: minus twice the log-likelihood of the target's poses in the
+    pictures, up to a constant. refined: whether the intrinsics were estimated. shares: mm^2
+    that each cause adds to the miss of a target's place, by name.
     """
 
     mount: Mount
@@ -97,6 +102,11 @@ class HandEyeResult:
     certificate: Certificate | None = None
     null_space: Array = field(default_factory=lambda: np.zeros((0, 6)))
     features: Mapping[str, Array] = field(default_factory=dict)
+    levels: tuple[Level, ...] = ()
+    freedom: float = np.inf
+    misfit: float = np.nan
+    refined: bool = False
+    shares: Mapping[str, float] = field(default_factory=dict)
 
     def predict(self, base_from_wrist: Pose) -> Pose:
         """camera_from_target that this calibration expects at a flange pose."""

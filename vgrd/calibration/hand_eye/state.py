@@ -50,7 +50,7 @@ class HandEye:
         if camera is not None and self.refines_camera:
             camera = camera.with_intrinsics(_moved_intrinsics(camera.intrinsics(), step[12:18]))
         if self.refines_scale:
-            scale = scale * float(np.exp(step[-1]))
+            scale = scale * float(np.exp(np.clip(step[-1], -1, 1)))
         X, Y = Pose.exp(step[:6]) @ self.X, Pose.exp(step[6:12]) @ self.Y
         points = self.points + step[self.point_columns].reshape(-1, 3)
         return replace(self, X=X, Y=Y, camera=camera, scale=scale, points=points)

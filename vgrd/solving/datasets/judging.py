@@ -1,51 +1,62 @@
 """Verdict on a solved dataset: what does not fit, how sure that is, and what to do about it."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
-from vgrd.calibration.checks import Interpretation, Poses, agreement, best_of, mistaken_unit
 from vgrd.calibration.hand_eye import (
     HandEyeResult,
     TargetScale,
-    flange_motion_of,
     null_space_findings,
 )
-from vgrd.errors import InputError
-from vgrd.geometry import Pose
-from vgrd.geometry.rotation_formats import RotationFormat, pose_from, value_count
+from vgrd.geometry import Array, Pose
+from vgrd.geometry.camera import INTRINSICS
 from vgrd.judging.findings import finding
 from vgrd.judging.thresholds import CONTRADICTORY_DEG, CONTRADICTORY_MM, WEAK_DEG, WEAK_MM
-from vgrd.model import Finding, Mount, Verdict
-from vgrd.solving.datasets.fitting import reprojection_px
+from vgrd.model import Finding, Verdict
 from vgrd.solving.datasets.loading import Dataset
+from vgrd.solving.datasets.quality import Quality
+from vgrd.solving.datasets.suspects import suspects, unit_mismatch
 
 _DOUBTFUL = 4.0  # times the median miss
 _DOUBTFUL_MM = 0.2  # smaller misses are nobody's concern
 _DOUBTFUL_DEG = 0.02  # the same
 _SCALE_SIGMAS = 3.0  # the size is told, not refused
 _SCALE_MATTERS = 1e-3  # 0.1 mm of a board of 100 mm
-_CLEARLY_BETTER = 0.6  # of the error as given: six parameters more explain less
+_CLEARLY_BETTER = 0.6  # of the misfit as read: chance explains less
+_DIGITS = (1, 1, 1, 1, 4, 4)  # px, and coefficients
 _SAME_READING_MM = 0.01  # readings that fit as well are all named
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, eq=False)
 class Miss:
-    """How far a fit without a sample misses it; pixels (n, 2) as a sum of squares over `count`."""
+    """How far a fit without a sample misses it; pixels (n, 2) as a sum of squares over `count`.
 
-    deg: float
-    mm: float
+    shift_mm, turn_rad: (3,) in the camera, whose lengths are mm and deg.
+    """
+
+    shift_mm: Array
+    turn_rad: Array
     squares_px: float
     count: int
+
+    @property
+    def mm(self) -> float:
+        """How far the target's place is missed."""
+        return float(np.linalg.norm(self.shift_mm))
+
+    @property
+    def deg(self) -> float:
+        """By how much its orientation is missed."""
+        return float(np.degrees(np.linalg.norm(self.turn_rad)))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class DatasetEvidence:
     """All that the verdict looks at; misses: None where the others did not determine a fit.
 
-    unseen, few_points: reasons by sample. refined_px: reprojection error with refined intrinsics
-    where they were not asked for.
+    unseen, few_points: reasons by sample.
     """
 
     dataset: Dataset
@@ -56,7 +67,8 @@ class DatasetEvidence:
     unseen: dict[str, str]
     few_points: dict[str, str]
     scale: TargetScale
-    refined_px: Callable[[], float]
+    quality: Quality
+    tolerance_mm: float | None = None
 
 
 def judge(evidence: DatasetEvidence) -> Verdict:
@@ -68,6 +80,7 @@ def judge(evidence: DatasetEvidence) -> Verdict:
         *_size(evidence),
     ]
     findings = [
+        *_tolerance(evidence),
         *general,
         *(finding("target_not_seen", f"sample {n}: {r}") for n, r in evidence.unseen.items()),
         *(
@@ -87,6 +100,19 @@ def judge(evidence: DatasetEvidence) -> Verdict:
             )
         )
     return Verdict(tuple(findings))
+
+
+def _tolerance(evidence: DatasetEvidence) -> list[Finding]:
+    """Fatal where further looks are not known to be predicted to within the tolerance."""
+    quality, tolerance = evidence.quality, evidence.tolerance_mm
+    if tolerance is None or quality.mm <= tolerance:
+        return []
+    told = f"{quality.mm:.2g} mm" if np.isfinite(quality.mm) else "an unknown error"
+    message = (
+        f"predicted to within {told} at 95 %, the tolerance is {tolerance:g} mm; most of it comes from "
+        f"{quality.limits}, what helps is {quality.advice}"
+    )
+    return [finding("tolerance_exceeded", message, fatal=True)]
 
 
 def doubtful(evidence: DatasetEvidence) -> dict[str, str]:
@@ -112,9 +138,15 @@ def _contradiction(evidence: DatasetEvidence) -> list[Finding]:
     mm = float(np.median([miss.mm for miss in misses]))
     deg = float(np.median([miss.deg for miss in misses]))
     lost = sum(not sample.used for sample in evidence.result.samples)
-    if mm < CONTRADICTORY_MM and deg < CONTRADICTORY_DEG and 2 * lost < len(evidence.names):
+    hints = unit_mismatch(evidence.dataset, evidence.names, evidence.camera_from_target)
+    if (
+        not hints
+        and mm < CONTRADICTORY_MM
+        and deg < CONTRADICTORY_DEG
+        and 2 * lost < len(evidence.names)
+    ):
         return []
-    hints = suspects(evidence.dataset, evidence.names, evidence.camera_from_target)
+    hints = hints or suspects(evidence.dataset, evidence.names, evidence.camera_from_target)
     advice = " ".join(hints) or (
         "Check rotation format, unit, mount, and that poses and pictures belong together."
     )
@@ -123,53 +155,6 @@ def _contradiction(evidence: DatasetEvidence) -> list[Finding]:
         f"of {len(evidence.names)} left out. {advice}"
     )
     return [finding("contradictory", message, fatal=True)]
-
-
-def suspects(
-    dataset: Dataset, names: Sequence[str], camera_from_target: Sequence[Pose]
-) -> list[str]:
-    """Other readings of the same numbers (rotation format, mount) under which the samples agree."""
-    rows = {s.name: v for s, v in zip(dataset.samples, dataset.pose_values, strict=True)}
-    cameras = Poses.of(camera_from_target)
-    readings: dict[tuple[RotationFormat, Mount], Interpretation] = {}
-    for fmt in RotationFormat:
-        if value_count(fmt) != value_count(dataset.rotation):
-            continue
-        try:
-            poses = [pose_from(rows[name], fmt, dataset.unit) for name in names]
-        except InputError:
-            continue
-        for mount in Mount:
-            moves = Poses.of([flange_motion_of(mount, pose) for pose in poses])
-            other_format = None if fmt is dataset.rotation else fmt
-            readings[fmt, mount] = Interpretation(
-                moves, meant=other_format, inverted=mount != dataset.mount
-            )
-    baseline = agreement(readings.pop((dataset.rotation, dataset.mount)).poses, cameras)
-    candidates = best_of(
-        list(readings.values()),
-        lambda moves: agreement(moves, cameras),
-        deg=CONTRADICTORY_DEG,
-        mm=CONTRADICTORY_MM,
-    )
-    if not candidates or candidates[0].fit.mm > _CLEARLY_BETTER * baseline.mm:
-        return []
-    best = candidates[0].fit
-    fitting = {
-        id(candidate.reading)
-        for candidate in candidates
-        if candidate.fit.mm < best.mm + _SAME_READING_MM
-    }
-    alike = [key for key, reading in readings.items() if id(reading) in fitting]
-    formats = " or ".join(dict.fromkeys(str(fmt) for fmt, _ in alike))
-    mounts = " or ".join(dict.fromkeys(str(mount) for _, mount in alike))
-    unit = mistaken_unit(best)
-    lengths = f", lengths = {unit}" if unit else ""
-    return [
-        f"Read as rotation = {formats}, mount = {mounts}{lengths}, the samples agree to "
-        f"{best.mm:.1f} mm: is that meant? (The other mount also fits poses that were written "
-        "inverted.)"
-    ]
 
 
 def _weakness(evidence: DatasetEvidence) -> list[Finding]:
@@ -185,20 +170,26 @@ def _weakness(evidence: DatasetEvidence) -> list[Finding]:
 
 
 def _camera(evidence: DatasetEvidence) -> list[Finding]:
-    if evidence.dataset.refine or evidence.dataset.camera is None:
+    dataset, found = evidence.dataset, evidence.result.camera
+    if dataset.refine or dataset.camera is None or found is None or not evidence.result.refined:
         return []
-    stated_px, refined_px = reprojection_px(evidence.result), evidence.refined_px()
-    if not refined_px < _CLEARLY_BETTER * stated_px:
-        return []
+    moves = ", ".join(
+        f"{name} {given:.{digits}f} -> {refined:.{digits}f}"
+        for name, given, refined, digits in zip(
+            INTRINSICS, dataset.camera.intrinsics(), found.intrinsics(), _DIGITS, strict=True
+        )
+    )
     message = (
-        f"camera: refining fx fy cx cy k1 k2 lowers the reprojection error from {stated_px:.2f} to "
-        f"{refined_px:.2f} px"
+        "camera: the intrinsics as given do not fit robot and pictures, beyond doubt, so they were "
+        f"refined: {moves}"
     )
     return [finding("intrinsics_doubtful", message)]
 
 
 def _size(evidence: DatasetEvidence) -> list[Finding]:
     deviation, sigma = evidence.scale.value - 1, evidence.scale.sigma
+    if not np.isfinite(sigma):
+        return []
     if abs(deviation) < max(_SCALE_SIGMAS * sigma, _SCALE_MATTERS):
         return []
     message = (

@@ -38,9 +38,9 @@ class NamedMethodFitter(Fitter):
         self._camera = camera
         self._target_poses = [inner.own_pose(i, camera) for i in range(len(samples))]
 
-    def match_noise(self) -> HandEyeResult:
+    def fit_all(self) -> HandEyeResult:
         """The method's poses from all samples; noise and covariance of the likelihood."""
-        self._likely = self._inner.match_noise()
+        self._likely = self._inner.fit_all()
         return self.fit(range(len(self._samples)), self._likely)
 
     def fit(self, chosen: Sequence[int], start: HandEyeResult) -> HandEyeResult:
@@ -67,11 +67,6 @@ class NamedMethodFitter(Fitter):
         """The size of the target, by maximum likelihood."""
         del start
         return self._inner.scale(self._likely)
-
-    def refined_px(self, start: HandEyeResult) -> float:
-        """NaN: refining would be compared with a fit that minimises something else."""
-        del start
-        return float("nan")
 
     def own_pose(self, index: int, camera: CameraModel | None) -> Pose:
         """camera_from_target of one sample by itself."""

@@ -50,6 +50,21 @@ class PointPairSolution:
     tolerance_mm: float | None
     verdict: Verdict
 
+    @property
+    def ok(self) -> bool | None:
+        """Good enough? None where nothing is wrong but no tolerance says what good is."""
+        return None if self.verdict.ok and self.tolerance_mm is None else self.verdict.ok
+
+    @property
+    def sentence(self) -> str:
+        """Whether it is good, in words."""
+        return (
+            f"at 95 % a point amid the samples is placed to within {_text(self.look_u95_mm)} mm, from "
+            f"{len(self.names)} samples; noise of one look and one robot pose included, the calibration "
+            f"alone {_text(self.u95_mm)} mm; a sample that was left out is missed by "
+            f"{_text(self._mean_mm())} mm on average"
+        )
+
     def transforms(self) -> Mapping[str, Pose]:
         """The camera's pose by its full name."""
         on_arm = self.mount is Mount.EYE_IN_HAND
@@ -82,7 +97,7 @@ class PointPairSolution:
                 )
             ],
             "verdict": {
-                "ok": self.verdict.ok,
+                "ok": self.ok,
                 "findings": [
                     {"code": found.code, "message": found.message}
                     for found in self.verdict.findings
@@ -93,16 +108,7 @@ class PointPairSolution:
     def summary_rows(self) -> list[tuple[str, str]]:
         """Rows (what, value with unit) for a table on a terminal."""
         sigmas = np.sqrt(np.diag(self.fit.covariance))
-        mean = self._mean_mm()
-        rows = [
-            (
-                "prediction",
-                f"at 95 % a point amid the samples is placed to within {_text(self.look_u95_mm)} mm, from "
-                f"{len(self.names)} samples; noise of one look and one robot pose included, the calibration "
-                f"alone {_text(self.u95_mm)} mm; a sample that was left out is missed by {_text(mean)} mm on "
-                "average",
-            )
-        ]
+        rows: list[tuple[str, str]] = []
         for name, pose in self.transforms().items():
             x, y, z = pose.translation
             rx, ry, rz = (math.degrees(angle) for angle in pose.rotvec())

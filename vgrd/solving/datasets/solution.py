@@ -5,10 +5,14 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
+import numpy as np
+
 from vgrd.calibration.hand_eye import TargetScale
+from vgrd.calibration.levels import Level
 from vgrd.geometry import Array, Pose
 from vgrd.geometry.camera import CameraModel
 from vgrd.model import Mount, Verdict
+from vgrd.solving.datasets.quality import Quality
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,7 +44,9 @@ class DatasetSolution:
     mount_from_target: wrist_from_target or base_from_target; camera: as given or refined; method: the
     named one that was asked for, None for the default; undetermined: what the motion leaves open, in
     words (both transforms are then given with the target at 0 mm along it); features: places (3,) on
-    the target, mm, as estimated.
+    the target, mm, as estimated; covariance: (12, 12) of the left tangents of both transforms, mm and
+    rad, the spread of the levels included; levels: of noise, as found; quality: what a further look is
+    predicted to within; tolerance_mm: what it may be.
     """
 
     mount: Mount
@@ -55,6 +61,22 @@ class DatasetSolution:
     method: str | None = None
     undetermined: tuple[str, ...] = ()
     features: Mapping[str, Array] = field(default_factory=dict)
+    covariance: Array = field(default_factory=lambda: np.full((12, 12), np.nan))
+    levels: tuple[Level, ...] = ()
+    quality: Quality | None = None
+    tolerance_mm: float | None = None
+
+    @property
+    def sentence(self) -> str:
+        """Whether it is good, in words."""
+        return "" if self.quality is None else self.quality.sentence
+
+    @property
+    def ok(self) -> bool | None:
+        """Good enough? None where nothing is wrong but no tolerance says what good is."""
+        if not self.verdict.ok:
+            return False
+        return None if self.tolerance_mm is None else True
 
     def transforms(self) -> Mapping[str, Pose]:
         """The two poses by their full names."""
@@ -71,6 +93,7 @@ class DatasetSolution:
             **named,
             **{name: pose.matrix().tolist() for name, pose in self.transforms().items()},
             **self._where_any(),
+            **self._goodness(),
             "leave_one_out": {
                 "deg": _known(self.leave_one_out.deg),
                 "mm": _known(self.leave_one_out.mm),
@@ -87,16 +110,65 @@ class DatasetSolution:
                 }
                 for sample in self.samples
             ],
-            "target_scale": {"value": self.target_scale.value, "sigma": self.target_scale.sigma},
+            "target_scale": {
+                "value": _known(self.target_scale.value),
+                "sigma": _known(self.target_scale.sigma),
+            },
             "intrinsics": self._intrinsics(),
             "verdict": {
-                "ok": self.verdict.ok,
+                "ok": self.ok,
+                "tolerance_mm": self.tolerance_mm,
                 "findings": [
                     {"code": finding.code, "message": finding.message}
                     for finding in self.verdict.findings
                 ],
             },
         }
+
+    def _goodness(self) -> dict[str, Any]:
+        quality = self.quality
+        known = np.isfinite(self.covariance).all()
+        return {
+            "quality": None
+            if quality is None
+            else {
+                "within_mm": _known(quality.mm),
+                "within_deg": _known(quality.deg),
+                "calibration_mm": _known(quality.calibration_mm),
+                "distance_mm": quality.distance_mm,
+                "samples": quality.count,
+                "limited_by": quality.limits,
+                "advice": quality.advice,
+            },
+            "covariance": self.covariance.tolist() if known else None,
+            "levels": [
+                {
+                    "name": level.name,
+                    "unit": level.unit,
+                    "assumed": level.stated,
+                    "found": level.found,
+                    "log_sigma": level.log_sigma,
+                }
+                for level in self.levels
+            ],
+        }
+
+    def _goodness_rows(self) -> list[tuple[str, str]]:
+        rows = []
+        sigmas = np.sqrt(np.diag(self.covariance))
+        for k, name in enumerate(self.transforms()):
+            x, y, z, rx, ry, rz = sigmas[6 * k : 6 * k + 6] * ([1.0] * 3 + [180 / np.pi] * 3)
+            told = f"{x:.2g} {y:.2g} {z:.2g} mm, {rx:.2g} {ry:.2g} {rz:.2g} deg"
+            rows.append((f"sigma of {name}", told))
+        for level in self.levels:
+            scale, unit = (180 / np.pi, "deg") if level.unit == "rad" else (1.0, level.unit)
+            assumed, found = scale * level.stated, scale * level.found
+            rows.append(
+                (f"noise: {level.name}", f"assumed {assumed:.2g}, found {found:.2g} {unit}")
+            )
+        if self.quality is not None and self.quality.limits:
+            rows.append(("limited by", f"{self.quality.limits}; helps: {self.quality.advice}"))
+        return rows
 
     def _where_any(self) -> dict[str, Any]:
         entries: dict[str, Any] = {}
@@ -136,16 +208,26 @@ class DatasetSolution:
         errors = f"{_text(loo.deg, 3)} deg, {_text(loo.mm, 2)} mm, {_text(loo.px, 2)} px"
         rows.append(("leave-one-out", f"{errors} over {count} samples"))
         scale = self.target_scale
-        rows.append(("target scale", f"{scale.value:.5f} +- {scale.sigma:.5f}"))
+        told = (
+            f"{scale.value:.5f} +- {scale.sigma:.5f}" if math.isfinite(scale.sigma) else "unknown"
+        )
+        rows.append(("target scale", told))
         intrinsics = self._intrinsics()
         if intrinsics is not None:
             numbers = " ".join(f"{n:.2f}" for n in intrinsics["matrix"])
             rest = " ".join(f"{n:.4f}" for n in intrinsics["distortion"]) or "none"
             state = "refined" if self.refined else "as given"
             rows.append(("intrinsics", f"{numbers} px, distortion {rest} ({state})"))
-        rows.append(("verdict", "ok" if self.verdict.ok else "not to be used"))
+        rows += self._goodness_rows()
+        rows.append(("verdict", self._verdict()))
         rows += [(finding.code, finding.message) for finding in self.verdict.findings]
         return rows
+
+    def _verdict(self) -> str:
+        if self.ok is None:
+            told = "" if self.quality is None else f", {_text(self.quality.mm, 2)} mm at 95 %"
+            return f"no tolerance given{told} (--tolerance-mm)"
+        return f"ok, within {self.tolerance_mm:g} mm" if self.ok else "not to be used"
 
 
 def _known(value: float) -> float | None:

@@ -1,6 +1,6 @@
 """Dataset in, solution out: detect, fit, leave each sample out once, judge."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -10,16 +10,18 @@ import numpy as np
 from vgrd.calibration.hand_eye import HandEyeResult, PointSample, undetermined_in_words
 from vgrd.calibration.observability import Axes, turned_axes
 from vgrd.errors import CalibrationError, ConfigError, InputError, TagNotSeen, TooFewObservations
-from vgrd.geometry import Pose
+from vgrd.geometry import Pose, log_rotation
 from vgrd.geometry.resection import checked_points
-from vgrd.solving.datasets.fitting import Fitter, PointFitter, PoseFitter
+from vgrd.solving.datasets.fitting import Fitter, fitter_of_points, fitter_of_poses
 from vgrd.solving.datasets.half_turns import turn_alike
-from vgrd.solving.datasets.judging import DatasetEvidence, Miss, doubtful, judge, suspects
+from vgrd.solving.datasets.judging import DatasetEvidence, Miss, doubtful, judge
 from vgrd.solving.datasets.loading import Dataset, load_dataset
 from vgrd.solving.datasets.named_method import NamedMethodFitter, check_method
 from vgrd.solving.datasets.point_pairs import PointPairSolution, solve_point_pairs
+from vgrd.solving.datasets.quality import Quality, quality_of
 from vgrd.solving.datasets.reading.sample_reading import DatasetSample, PointInCamera
 from vgrd.solving.datasets.solution import DatasetSolution, LeaveOneOut, SampleReport
+from vgrd.solving.datasets.suspects import suspects
 from vgrd.solving.flange_poses import MIN_SAMPLES
 from vgrd.vision.print.boards import BoardObservation, TargetSpec, has_direction
 from vgrd.vision.print.targets import TagGrid
@@ -62,28 +64,34 @@ class _Steps:
 
 
 def solve_dataset(
-    path: Path, progress: Progress | None = None, *, method: str | None = None
+    path: Path,
+    progress: Progress | None = None,
+    *,
+    method: str | None = None,
+    tolerance_mm: float | None = None,
 ) -> DatasetSolution | PointPairSolution:
     """Solve hand-eye from a DATASET.toml; `progress(done, total)` is called after every step.
 
     method: one of `vgrd.calibration.hand_eye.published.METHODS`, without refinement; None: maximum
-    likelihood. Raises InputError (method unknown, or intrinsics to be refined by it), ConfigError
-    (faults of the file and its pictures), TooFewObservations, NotObservable (names the missing
-    motion) or DidNotConverge.
+    likelihood. tolerance_mm: what a further look may miss by at 95 %. Raises InputError (method
+    unknown, or intrinsics to be refined by it), ConfigError (faults of the file and its pictures),
+    TooFewObservations, NotObservable (names the missing motion) or DidNotConverge.
     """
     if method is not None:
         check_method(method)
     dataset = load_dataset(path)
     if any(isinstance(sample.source, PointInCamera) for sample in dataset.samples):
-        return solve_point_pairs(dataset, method)
+        return solve_point_pairs(dataset, method, tolerance_mm)
     steps = _Steps(progress, 2 * len(dataset.samples) + 2)
     sightings = _look(dataset, steps)
     fitter = _fitter(dataset, sightings, method)
     target_poses = [fitter.own_pose(i, dataset.camera) for i in range(len(sightings.samples))]
     try:
-        result = fitter.match_noise()
+        result = fitter.fit_all()
     except CalibrationError as error:
-        raise error.with_hints(suspects(dataset, sightings.names, target_poses)) from error
+        hints = suspects(dataset, sightings.names, target_poses)
+        left_out = [told_once(sightings.unseen)] if sightings.unseen else []
+        raise _led_by(hints, error).with_hints(left_out) from error
     steps.advance()
     misses = _leave_one_out(fitter, sightings, result, steps)
     evidence = DatasetEvidence(
@@ -95,7 +103,8 @@ def solve_dataset(
         unseen=sightings.unseen,
         few_points=_few_points(sightings),
         scale=fitter.scale(result),
-        refined_px=lambda: fitter.refined_px(result),
+        quality=_quality(result, misses, target_poses),
+        tolerance_mm=tolerance_mm,
     )
     solution = DatasetSolution(
         mount=dataset.mount,
@@ -105,14 +114,24 @@ def solve_dataset(
         samples=_reports(evidence),
         target_scale=evidence.scale,
         camera=result.camera,
-        refined=dataset.refine,
+        refined=result.refined,
         verdict=judge(evidence),
         method=method,
         undetermined=undetermined_in_words(dataset.mount, result.null_space),
         features=result.features,
+        covariance=result.covariance,
+        levels=result.levels,
+        quality=evidence.quality,
+        tolerance_mm=tolerance_mm,
     )
     steps.finish()
     return solution
+
+
+def fit_dataset(dataset: Dataset) -> HandEyeResult:
+    """The fit of all samples of a dataset alone, without a verdict; errors as of `solve_dataset`."""
+    sightings = _look(dataset, _Steps(None, len(dataset.samples)))
+    return _fitter(dataset, sightings, None).fit_all()
 
 
 def _look(dataset: Dataset, steps: _Steps) -> Sightings:
@@ -130,12 +149,34 @@ def _look(dataset: Dataset, steps: _Steps) -> Sightings:
     if faults:
         raise ConfigError(str(dataset.path), faults)
     if len(samples) < MIN_SAMPLES:
-        reasons = "; ".join(f"{name}: {reason}" for name, reason in unseen.items())
+        reasons = told_once(unseen)
         raise TooFewObservations(
             f"{dataset.path}: the target was seen in {len(samples)} of {len(dataset.samples)} "
             f"samples, at least {MIN_SAMPLES} are needed. {reasons}"
         )
     return Sightings(samples, observations, unseen)
+
+
+def told_once(reasons: Mapping[str, str]) -> str:
+    """Why samples are not in the fit: equal reasons once, with their number and names."""
+    alike: dict[str, list[str]] = {}
+    for name, reason in reasons.items():
+        alike.setdefault(reason, []).append(name)
+    return "; ".join(
+        f"{names[0]}: {reason}"
+        if len(names) == 1
+        else f"{len(names)} samples ({', '.join(names)}): {reason}"
+        for reason, names in alike.items()
+    )
+
+
+def _led_by(hints: Sequence[str], error: CalibrationError) -> CalibrationError:
+    """The error with what was probably meant before what failed."""
+    if not hints:
+        return error
+    led = type(error).__new__(type(error), "\n".join([*hints, str(error)]))
+    led.__dict__.update(vars(error))
+    return led
 
 
 def _observe(
@@ -162,7 +203,7 @@ def _observe(
 
 def _fitter(dataset: Dataset, sightings: Sightings, method: str | None) -> Fitter:
     if method is None:
-        return _likelihood_fitter(dataset, sightings)
+        return _likelihood_fitter(dataset, sightings, may_refine=True)
     if dataset.refine:
         raise InputError(
             f"{dataset.path}: method '{method}' refines no intrinsics: set camera.refine = false, "
@@ -170,16 +211,16 @@ def _fitter(dataset: Dataset, sightings: Sightings, method: str | None) -> Fitte
         )
     samples = [(sample.name, sample.base_from_wrist) for sample in sightings.samples]
     return NamedMethodFitter(
-        method, _likelihood_fitter(dataset, sightings), samples, dataset.camera
+        method, _likelihood_fitter(dataset, sightings, may_refine=False), samples, dataset.camera
     )
 
 
-def _likelihood_fitter(dataset: Dataset, sightings: Sightings) -> Fitter:
+def _likelihood_fitter(dataset: Dataset, sightings: Sightings, *, may_refine: bool) -> Fitter:
     pairs = list(zip(sightings.samples, sightings.observations, strict=True))
     axes, _ = turned_axes([sample.base_from_wrist.rotation for sample in sightings.samples])
     allow_unobservable = int(axes is not Axes.NONE)
     if dataset.camera is None:
-        return PoseFitter(
+        return fitter_of_poses(
             dataset.mount,
             [
                 (s.name, s.base_from_wrist, observation)
@@ -197,11 +238,12 @@ def _likelihood_fitter(dataset: Dataset, sightings: Sightings) -> Fitter:
         )
         for (s, _), board in zip(pairs, boards, strict=True)
     ]
-    return PointFitter(
+    return fitter_of_points(
         dataset.mount,
         dataset.camera,
         points,
         refine=dataset.refine,
+        may_refine=may_refine,
         allow_unobservable=allow_unobservable,
         places={name: place for name, place in dataset.features.items() if place is not None},
     )
@@ -212,23 +254,38 @@ def _leave_one_out(
 ) -> list[Miss | None]:
     """How far a fit without each sample misses it; its own pose is seen through that fit's camera.
 
-    Samples that do not fit the others are in no fit, but predicted and counted as all are.
+    Which of the others belong together, their levels of noise and whether they demand other intrinsics is
+    found without it too. Samples that do not fit are predicted and counted as all are.
     """
     misses: list[Miss | None] = []
-    inliers = [i for i, residual in enumerate(result.samples) if residual.used]
+    everything = range(len(sightings.samples))
     for index, sample in enumerate(sightings.samples):
         try:
-            fit = fitter.fit([i for i in inliers if i != index], result)
+            fit = fitter.fit([i for i in everything if i != index], result)
         except CalibrationError:
             misses.append(None)
         else:
             predicted = fit.predict(sample.base_from_wrist)
-            mm, rad = predicted.distance(fitter.own_pose(index, fit.camera))
+            own = fitter.own_pose(index, fit.camera)
             residuals_px = fitter.off_px(index, fit.camera, predicted)
             squares_px = float((residuals_px * residuals_px).sum())
-            misses.append(Miss(float(np.degrees(rad)), mm, squares_px, len(residuals_px)))
+            turn = log_rotation(predicted.rotation @ own.rotation.T)
+            shift = predicted.translation - own.translation
+            misses.append(Miss(shift, turn, squares_px, len(residuals_px)))
         steps.advance()
     return misses
+
+
+def _quality(
+    result: HandEyeResult, misses: Sequence[Miss | None], target_poses: Sequence[Pose]
+) -> Quality:
+    known = [miss for miss in misses if miss is not None]
+    if len(known) < len(misses):
+        known = []
+    distance = float(np.median([np.linalg.norm(pose.translation) for pose in target_poses]))
+    return quality_of(
+        result, [miss.shift_mm for miss in known], [miss.turn_rad for miss in known], distance
+    )
 
 
 def _summary(misses: Sequence[Miss | None]) -> LeaveOneOut:

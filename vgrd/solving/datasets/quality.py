@@ -1,0 +1,88 @@
+"""Is a calibration from a recording good? What the samples left out say, at 95 %, and what limits it."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from vgrd.calibration.hand_eye import HandEyeResult
+from vgrd.calibration.levels import wider_by_freedom
+from vgrd.geometry import Array
+from vgrd.geometry.covariance import radius95
+
+_ORDER_FROM = 19  # samples of which the largest miss of n is beyond 95 % of the next: n / (n + 1)
+_ADVICE: Mapping[str, str] = {
+    "pixels": "a sharper picture, a larger target or a nearer one",
+    "pixels alike in a picture": "a camera calibration of its own, a flat target, all of it in the picture",
+    "arm's position": "poses read at rest, a stiffer grip of the target, a calibrated arm",
+    "arm's turn": "poses read at rest and with all their digits, a stiffer grip, a calibrated arm",
+    "positions": "better poses of the target (sharper, larger, nearer), robot poses read at rest",
+    "target's turn": "better poses of the target: a larger or nearer one",
+    "number and spread of the poses": "more samples, with tilts of 20 degrees and more about different axes",
+}
+
+
+@dataclass(frozen=True, slots=True)
+class Quality:
+    """mm, deg: what 95 of 100 further looks are predicted to within, NaN where unknown.
+
+    Out of sample; it holds the error of the calibration, of one robot pose and of one look. distance_mm:
+    between camera and target, median. calibration_mm: the calibration's part, 95 %. limits: the largest
+    cause; advice: what lowers it.
+    """
+
+    mm: float
+    deg: float
+    count: int
+    distance_mm: float
+    calibration_mm: float
+    limits: str
+    advice: str
+
+    @property
+    def sentence(self) -> str:
+        """The answer in words."""
+        if not np.isfinite(self.mm):
+            return f"unknown how good it is: {self.count} samples are too few to leave one out; add samples"
+        return (
+            f"at 95 % a point {self.distance_mm:.0f} mm before the camera is predicted to within "
+            f"{self.mm:.2g} mm and {self.deg:.2g} deg, from {self.count} samples, each predicted without "
+            f"itself; noise of one look and one robot pose included, the calibration alone "
+            f"{self.calibration_mm:.2g} mm"
+        )
+
+
+def quality_of(
+    result: HandEyeResult,
+    shifts_mm: Sequence[Array],
+    turns_rad: Sequence[Array],
+    distance_mm: float,
+) -> Quality:
+    """shifts_mm, turns_rad: (3,) by which the fit without each sample missed it; empty where unknown."""
+    largest = max(result.shares, key=lambda name: result.shares[name], default="")
+    own = result.shares.get("number and spread of the poses", np.nan)
+    return Quality(
+        within_95(shifts_mm),
+        float(np.degrees(within_95(turns_rad))),
+        len(result.samples),
+        distance_mm,
+        radius95(np.eye(3) * own / 3) if np.isfinite(own) else np.nan,
+        largest,
+        _ADVICE.get(largest, ""),
+    )
+
+
+def within_95(misses: Sequence[Array]) -> float:
+    """Radius that holds a further miss (3,) at 95 %: a t distribution's, or where many are known, theirs."""
+    if not len(misses):
+        return float("nan")
+    moments = np.einsum("ni,nj->ij", misses, misses) / len(misses)
+    squares = float(np.sum(moments * moments))
+    if squares == 0:
+        return 0.0
+    freedom = len(misses) * float(np.trace(moments)) ** 2 / squares
+    radius = radius95(moments) * wider_by_freedom(freedom)
+    if len(misses) < _ORDER_FROM:
+        return radius
+    ordered = np.sort(np.linalg.norm(misses, axis=1))
+    return max(radius, float(ordered[int(np.ceil(0.95 * (len(misses) + 1))) - 1]))
