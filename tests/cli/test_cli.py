@@ -226,15 +226,15 @@ def test_a_folder_that_is_no_session_is_refused(vgrd, tmp_path) -> None:
     assert "is not a session" in done.err
 
 
-@pytest.mark.parametrize("option", [("--draw", "drawn"), ("--tolerance-mm", "0.3")])
-def test_options_of_sessions_are_refused_for_datasets_and_the_daemon(
-    vgrd, tmp_path, option
-) -> None:
+def test_options_of_sessions_are_refused_for_datasets_and_the_daemon(vgrd, tmp_path) -> None:
     for words in ((), (tmp_path / "some.toml",)):
-        done = vgrd("solve", *words, *option)
+        done = vgrd("solve", *words, "--draw", "drawn")
         assert done.code == 65
-        assert f"{option[0]} is for recorded sessions: name a SESSION_FOLDER" in done.err
+        assert "--draw is for recorded sessions: name a SESSION_FOLDER" in done.err
     assert not (tmp_path / "drawn").exists()
+    done = vgrd("solve", "--tolerance-mm", "0.3")  # the daemon has max_u95_mm of its cell
+    assert done.code == 65
+    assert "--tolerance-mm: name a SESSION_FOLDER or a DATASET.toml" in done.err
 
 
 def test_a_missing_dataset_is_named(vgrd, tmp_path) -> None:
