@@ -179,3 +179,16 @@ def test_samples_in_any_order_give_the_same_to_the_last_bit(arm):
     poses = [expected_by_joint(r, request.target, request.seen).base_from_wrist for r in (a, b)]
     np.testing.assert_array_equal(poses[0].translation, poses[1].translation)
     assert len(named(a)) == len(named(b)) == 1
+
+
+def test_a_slipped_spin_is_left_out_with_the_holes_that_it_shows():
+    sim, recording = taught(533)
+    holes = [HolePixel(h.target, h.pixel, h.sigma_px, h.spin) for h in sim.holes([2, 5])]
+    spins = list(recording.spins)
+    tag = spins[5].tag_b
+    slipped = Pose.exp(np.array([2.0, 1.0, 0, 0, 0, 0])) @ tag.camera_from_tag
+    spins[5] = replace(spins[5], tag_b=replace(tag, camera_from_tag=slipped))
+    result = calibrate_joint(replace(recording, spins=tuple(spins)), holes, arm=EXACT)
+    unused = {sample.name for sample in result.samples if not sample.used}
+    assert "spin 6" in unused
+    assert {f"hole {h.target} in spin 6" for h in holes if h.spin == 5} <= unused

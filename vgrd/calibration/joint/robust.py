@@ -132,14 +132,22 @@ class _Screening:
 
     def samples(self) -> tuple[JointSample, ...]:
         samples = []
-        misses_mm = _misses_mm(self._data, self.optimum.state)
+        misses_mm, weights = (
+            _misses_mm(self._data, self.optimum.state),
+            self._in_use(self._weights),
+        )
         for link in SAMPLED:
             for i, name in enumerate(self._data.names[link]):
-                used, score = bool(self._weights[link][i]), float(self._scores[link][i])
+                used, score = bool(weights[link][i]), float(self._scores[link][i])
                 mm = f"{misses_mm[link][i]:.2f} mm, " if link in misses_mm else ""
                 reason = "" if used else f"{mm}{score:.1f} sigma off what the others say"
                 samples.append(JointSample(name, link.value, used, score, reason))
         return tuple(samples)
+
+    def _in_use(self, weights: Weights) -> Weights:
+        """The weights as they count: a hole goes with the spin that shows it."""
+        spun = np.append(weights[EvidenceKind.SPINS], 1)[self._data.holes.spin] > 0
+        return {**weights, EvidenceKind.HOLES: weights[EvidenceKind.HOLES] * spun}
 
     def _worst(self, link: EvidenceKind) -> float:
         return -float(self._scores[link].max(initial=0))
@@ -149,13 +157,15 @@ class _Screening:
         fit = fit_without_outliers(partial(self._fit, link), count, _limit(link))
         self._weights[link] = fit.used.astype(np.float64)
         self.optimum, fits = self._solve(self._weights)
+        weights = self._in_use(self._weights)
         for other in SAMPLED:
-            used = self._weights[other] > 0
+            used = weights[other] > 0
             self._scores[other][used] = fits[other].scores
         self._scores[link] = fit.scores.copy()
 
     def _fit(self, link: EvidenceKind, weights: Array) -> KindFit:
         fit = self._solve({**self._weights, link: weights})[1][link]
+        weights = self._in_use({**self._weights, link: weights})[link]
         whitened = _spread(fit.whitened, weights)
         return KindFit(whitened, _spread(fit.scores, weights), fit.degrees_of_freedom)
 

@@ -23,7 +23,7 @@ from vgrd.geometry import Array
 
 _ROUNDS = 4  # a bound only: levels and estimate settle in two
 _SETTLED = 0.05  # of a logarithm: 5 % of a sigma, of which a tenth is known at best
-_JUDGED_ANEW = 0.2  # of a logarithm: 20 % of a sigma, which may make a sample good or bad
+_JUDGED_ANEW = 1.2  # times a sigma, which may make a bad sample good
 _MOST_LEFT_OUT = 4  # a file with more that is wrong is that of another cell
 
 Scales = Mapping[str, float]
@@ -71,17 +71,12 @@ class _Search:
                 self._settle()
 
     def level(self) -> None:
-        """Find the levels; where they are far from those that samples were judged by, judge these anew."""
+        """Find the levels; samples that were left out are judged anew by coarser ones."""
         self._settle()
-        changes = [abs(np.log(scale)) for scale in self._scales.values()]
-        if max(changes, default=0.0) < _JUDGED_ANEW:
-            return
-        if all(sample.used for sample in self._fit.samples):
-            screened = screen(self._fit.raw, self._fit)
-            if all(sample.used for sample in screened.samples):
-                return
-        self._fit_anew()
-        self._settle()
+        coarser = max(self._scales.values(), default=1.0)
+        if coarser > _JUDGED_ANEW and not all(sample.used for sample in self._fit.samples):
+            self._fit_anew()
+            self._settle()
 
     def restore(self) -> None:
         """Take back the priors that the samples do not contradict at the levels found without them."""
@@ -102,7 +97,11 @@ class _Search:
         return replace(self._fit, freed=tuple(in_words(told[name]) for name in self._left_out))
 
     def _fit_anew(self) -> None:
-        """All samples without the priors left out, at the levels found; bad samples left out too."""
+        """All samples without the priors left out; the bad ones left out too.
+
+        They are judged by no finer level than stated: what errs alike in all of them is no outlier.
+        """
+        self._scales = {name: max(scale, 1.0) for name, scale in self._scales.items()}
         every = at_levels(without(self._every, tuple(self._left_out)), self._scales)
         state = at_sigmas(self._state, self._every, every)
         self._fit = screen(every, fit_joint(every, layout_of(every), state))
