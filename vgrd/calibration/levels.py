@@ -202,16 +202,20 @@ def _ascend(
     common = 2 * np.log(common_factor)
     alike = own.sum(axis=1) * common
     prior_information = own - np.outer(alike, alike) / (1 + common * alike.sum())
-    log_variances = np.zeros(count) if start is None else np.array(start, dtype=np.float64)
+    log_variances = np.zeros(count) if start is None else np.maximum(start, _FINEST)
     for _ in range(_ROUNDS):
         score, information = score_at(log_variances)
         curvature = np.diag(np.maximum(-score, 0))  # of a level that vanishes: steps overshoot
         score = score - prior_information @ log_variances
         information = information + prior_information
-        step = np.linalg.lstsq(information + curvature, score, rcond=None)[0]
-        gain = float(score @ step)  # of the log-likelihood, twice
+        free = (log_variances > _FINEST) | (score > 0)  # the others stay where no noise is left
+        inner = np.ix_(free, free)
+        step = np.zeros(count)
+        step[free] = np.linalg.lstsq((information + curvature)[inner], score[free], rcond=None)[0]
         step *= min(1.0, _LARGEST_STEP / max(float(np.abs(step).max(initial=0)), 1e-300))
-        log_variances = np.maximum(log_variances + step, _FINEST)
+        step = np.maximum(step, _FINEST - log_variances)
+        gain = float(score @ step)  # of the log-likelihood, twice
+        log_variances = log_variances + step
         if float(np.abs(step).max(initial=0)) < settled or gain < settled**2:
             break
     return Levels(log_variances, np.asarray(np.linalg.pinv(information, hermitian=True)))

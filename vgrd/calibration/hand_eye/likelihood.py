@@ -156,9 +156,11 @@ class Likelihood:
             if better is None:
                 break
             state, there = better
-            is_settled = np.linalg.norm(here.J @ step) < _SETTLED * (1 + np.linalg.norm(here.r))
+            enough = _SETTLED * (1 + np.linalg.norm(here.r))
+            is_settled = np.linalg.norm(here.J @ step) < enough
+            gained = here.cost - there.cost  # the determinant moves too, and may undo the step
             here = there
-            if is_settled:
+            if is_settled or gained < enough**2:
                 break
         return state
 

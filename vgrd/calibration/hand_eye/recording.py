@@ -194,8 +194,9 @@ def demands_refinement(problem: RecordingProblem, given: HandEyeResult) -> HandE
     if problem.start is None or not problem.start.refined:
         refined = replace(refined, start=given)
     enough = len(INTRINSICS) * np.log(6 * len(problem.names)) + _BEYOND_DOUBT
+    used = [i for i, sample in enumerate(given.samples) if sample.used]  # the others prove nothing
     try:
-        if _gain_at_once(replace(refined, start=given), given) < enough / 2:
+        if _gain_at_once(replace(refined, start=given).chosen(used), given) < enough / 2:
             return None
         result = calibrate_recording(refined)
     except CalibrationError:
