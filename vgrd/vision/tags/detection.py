@@ -89,7 +89,8 @@ def find_tags(
     names = [family_named(name) for name in families]
     grey = np.ascontiguousarray(grey)
     levels = _pyramid(grey)
-    searched = [*reversed(levels), *_doubled(grey)] if thorough else levels[-1:]
+    # What is seen without interpolation is exacter, and the later of equals is kept.
+    searched = [*_doubled(grey), *reversed(levels)] if thorough else levels[-1:]
     tags: list[FoundTag] = []
     for scale, level in searched:
         for name in names:
