@@ -19,6 +19,7 @@ from vgrd.vision.inspection import inspect_picture
 from vgrd.vision.print.boards import Charuco, Chessboard, CircleGrid, SingleTag
 from vgrd.vision.print.codes import detectable_family, dictionary_of
 from vgrd.vision.print.targets import AprilGrid, TagGrid
+from vgrd.vision.tags.detection import find_tags
 from vgrd.vision.tags.seeing import see_target
 
 CASES = Path(__file__).parents[3] / "shared" / "data" / "cases" / "tags"
@@ -114,6 +115,16 @@ def test_the_border_of_two_cells_is_named_and_that_of_one_is_another_family():
         fit_board(grey, tags, CAMERA)
     plain = seen(kalibr_sheet(4, 3, 30, 9, border=1, joints=False), at(150, 110))
     assert "36h11 are in the picture" in told(plain, AprilGrid("36h11_border2", 4, 3, 30.0, 9.0))
+
+
+def test_nothing_is_read_between_the_edges_of_a_wide_border():
+    """At twice its size this picture had three tags, of sides half-way between those of both edges."""
+    pose = at(150, 110, rotvec=(0.01, 0.25, -0.35), distance=518)
+    grey = seen(kalibr_sheet(4, 3, 30, 9), pose)
+    assert find_tags(grey, ["36h11"]) == []
+    assert len(find_tags(grey, ["36h11_border2"])) == 12
+    narrow = seen(kalibr_sheet(4, 3, 30, 9, border=1, joints=False), pose)
+    assert len(find_tags(narrow, ["36h11"])) == 12
 
 
 def test_a_board_file_of_kalibrs_words_is_read(tmp_path):

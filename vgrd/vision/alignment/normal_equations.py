@@ -41,11 +41,13 @@ def accumulate(
     offset: Array,
     noise: Array,
     residual: Array,
+    seen: Array,
 ) -> tuple[Array, Array, float, int]:
     """Normal equations of one Gauss-Newton step over every `every`-th sample.
 
     noise: variance of a level is noise[0] level + noise[1]. residual (n,): filled with the residuals in
-    standard deviations. Returns A (p, p), g (p,), chi-square, number of samples.
+    standard deviations; seen (edges, 13) or (0, 13): with what `share` tells of the samples near
+    edges, for `side_scores`. Returns A (p, p), g (p,), chi-square, number of samples.
     """
     terms = len(gain)
     parameters = LIGHT + 2 * terms
@@ -67,6 +69,10 @@ def accumulate(
             ku, kv = cell[i, 0], cell[i, 1]
             px_per_mm = scale_at(Hi, q[i, 0], q[i, 1])
             T = share(cells, ku, kv, q[i, 0], q[i, 1], U, V, nodes, bloom, px_per_mm, slope)
+            if len(seen) > 0:
+                seen[i, 12] = T
+                for m in range(12):
+                    seen[i, m] = slope[m]
         else:
             T = cells[cell[i, 1], cell[i, 0]]
             slope[:] = 0.0
@@ -97,28 +103,28 @@ def side_scores(
     y: Array,
     cells: Array,
     scale: float,
-    S: Array,
-    bloom: Array,
     gain: Array,
     offset: Array,
     noise: Array,
     residual: Array,
+    seen: Array,
 ) -> tuple[Array, Array, Array]:
     """What the residuals say of each side of a cell: that it lies elsewhere by some mm.
 
-    A side is the part of a line between two others; those of x lines come first, line by line, then
-    those of y lines. Returns the gradient (sides,) of the sides' places, the information (sides,
-    sides) on them, and that (sides, p) which they share with the parameters.
+    residual, seen: as `accumulate` filled them from all samples. A side is the part of a line between two
+    others; those of x lines come first, line by line, then those of y lines. Returns the gradient (sides,)
+    of the sides' places, the information (sides, sides) on them, and that (sides, p) which they share
+    with the parameters.
     """
     terms = len(gain)
     rows, columns = cells.shape
     first_y = (columns + 1) * rows
     sides = first_y + (rows + 1) * columns
-    U, V = line_table(Hi, x, 0, S), line_table(Hi, y, 1, S)
-    nodes = node_table(U, V, S)
+    round_blur = np.array([1.0, 0.0, 1.0])  # only the directions of the lines count here
+    U, V = line_table(Hi, x, 0, round_blur), line_table(Hi, y, 1, round_blur)
     g, M = np.zeros(sides), np.zeros((sides, sides))
     B = np.zeros((sides, LIGHT + 2 * terms))
-    J, slope, mono = np.zeros((LIGHT + 2 * terms, 1)), np.zeros(12), np.ones(6)
+    J, mono = np.zeros((LIGHT + 2 * terms, 1)), np.ones(6)
     own, felt = np.zeros(4, np.intp), np.zeros(4)
     for i in range(edges):
         X, Y = q[i, 0] / scale, q[i, 1] / scale
@@ -130,7 +136,7 @@ def side_scores(
             dark += offset[m] * mono[m]
         ku, kv = cell[i, 0], cell[i, 1]
         per_mm = scale_at(Hi, q[i, 0], q[i, 1])
-        T = share(cells, ku, kv, q[i, 0], q[i, 1], U, V, nodes, bloom, per_mm, slope)
+        slope, T = seen[i], seen[i, 12]
         _fill(J, 0, slope, mono, terms, T, bright, scale)
         weight = 1.0 / (noise[0] * max(bright * T + dark, 0.0) + noise[1])
         own[0], own[1] = ku * rows + kv, (ku + 1) * rows + kv

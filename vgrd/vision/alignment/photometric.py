@@ -176,6 +176,7 @@ class _Iteration:
             self.reach,
         )
         self.residual = np.zeros(len(self.level))
+        self.seen = np.zeros((self.edges if self._has_few_cells else 0, 13))
         self.outside = lost / max(len(self.level) + lost, 1)
         self.noise = self.given_noise or noise_in(flat)
 
@@ -202,6 +203,11 @@ class _Iteration:
                 else:
                     every = 1
         return None
+
+    @property
+    def _has_few_cells(self) -> bool:
+        """Whether the place of each side is told, as of a tag; not of a board."""
+        return self.raster.cells.size <= _MOST_CELLS
 
     def _strayed(self) -> bool:
         """Whether the pixels were chosen for corners or a blur that no longer hold."""
@@ -232,6 +238,7 @@ class _Iteration:
             self.offset,
             np.array([self.noise.shot, self.noise.read]),
             self.residual,
+            self.seen,
         )
         # Where pixels err by more than noise, so much less they may overrule a belief.
         scale = max(chi2 / max(count - len(g), 1), 1.0)
@@ -285,11 +292,11 @@ class _Iteration:
         count, chi2 = max(count - len(g), 1), float(chi2 - g @ change)
         inverted = _inverse(A)  # 19
         covariance = inverted[:SHAPE, :SHAPE]
-        if self.raster.cells.size > _MOST_CELLS:
-            covariance = covariance * max(chi2 / count, 1.0)
-        else:
+        if self._has_few_cells:
             covariance, shift = scattered(self._scores(), inverted, change, self.lines)
             self.H = moved(self.H, shift, self.scale)
+        else:
+            covariance = covariance * max(chi2 / count, 1.0)
         q = apply(self.H, self.raster.corners)
         corners, covariance = to_pixels(self.frame, q, covariance, self.scale)
         return PhotometricFit(
@@ -324,12 +331,11 @@ class _Iteration:
             raster.y,
             raster.cells,
             self.scale,
-            self.S,
-            self.bloom,
             self.gain,
             self.offset,
             np.array([self.noise.shot, self.noise.read]),
             self.residual,
+            self.seen,
         )
 
 

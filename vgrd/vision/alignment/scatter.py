@@ -41,19 +41,19 @@ def scattered(
     last step.
     """
     gradient, M, B = scores
+    has_step = np.diag(M) > _LEAST * np.diag(M).max()
+    gradient, M, B = gradient[has_step], M[np.ix_(has_step, has_step)], B[has_step]
     u = gradient - B @ change
     K, G = M - B @ inverted @ B.T, inverted[:SHAPE] @ B.T  # 22
     covariance, shift = inverted[:SHAPE, :SHAPE], np.zeros(SHAPE)
     if lines is not None:
-        belief = 1 / lines.sigma_mm**2
-        P, X = K @ lines.sides, G @ lines.sides
-        S = np.linalg.inv(lines.sides.T @ P + belief * np.eye(len(lines.shifts)))
-        step = S @ (lines.sides.T @ u - belief * lines.shifts)
+        belief, sides = 1 / lines.sigma_mm**2, lines.sides[has_step]
+        P, X = K @ sides, G @ sides
+        S = np.linalg.inv(sides.T @ P + belief * np.eye(len(lines.shifts)))
+        step = S @ (sides.T @ u - belief * lines.shifts)
         u, shift = u - P @ step, -X @ step
         K, G, covariance = K - P @ S @ P.T, G - X @ S @ P.T, covariance + X @ S @ X.T
-    has_step = np.diag(M) > _LEAST * np.diag(M).max()
-    G = G[:, has_step]
-    variance = _variance(K[np.ix_(has_step, has_step)], u[has_step])
+    variance = _variance(K, u)
     return np.asarray(covariance + variance * G @ G.T), shift  # 23
 
 

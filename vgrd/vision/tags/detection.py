@@ -17,6 +17,7 @@ from vgrd.errors import InputError
 from vgrd.geometry import Array
 from vgrd.vision.print.codes import (
     APRILTAG_FAMILIES,
+    BORDER_CELLS,
     border_cells,
     dictionary_of,
     family_named,
@@ -34,6 +35,7 @@ _LEAST_OWN = 0.25  # share of a cell in its level: below 1.3 px the code cannot 
 _LEAST_CONTRAST = 12.0  # grey levels between ink and paper: 6 sigma of white's noise at 40 dB
 _MOST_RING_WHITE = 0.1  # share of the black ring that may be too bright: 2 of 28 cells of a 36h11
 _MOST_RIM_BLACK = 0.35  # share of the white rim that may be too dark: one side of four, and more
+_WIDER_SCALES = (1.25, 1.17, 1.09)  # 10 cells by 8, down to a quadrangle near the outer edge
 _LEAST_SIDE_PX = 6.0  # of the smallest code, 4 x 4, a cell has 1 px
 _LEAST_PICTURE_PX = 8  # that and its rim; on less than 3 px pyapriltags crashes
 _FAST_WINDOW_PX = 13  # of the adaptive threshold: the middle of OpenCV's three, 3, 13 and 23
@@ -87,7 +89,8 @@ def find_tags(
     names = [family_named(name) for name in families]
     grey = np.ascontiguousarray(grey)
     levels = _pyramid(grey)
-    searched = [*reversed(levels), *_doubled(grey)] if thorough else levels[-1:]
+    # What is seen without interpolation is exacter, and the later of equals is kept.
+    searched = [*_doubled(grey), *reversed(levels)] if thorough else levels[-1:]
     tags: list[FoundTag] = []
     for scale, level in searched:
         for name in names:
@@ -98,7 +101,33 @@ def find_tags(
                     _keep(tags, tag)
     if thorough:
         _keep_mirrored(tags, grey, names, levels[-1])
+    tags = [tag for tag in tags if not _is_inside_wider(tag, grey)]
     return sorted(tags, key=lambda tag: (tag.family, tag.id, tag.corners_px[0].tolist()))
+
+
+def _is_inside_wider(tag: FoundTag, grey: Grey) -> bool:
+    """Whether a tag is the inner part of one of the same code whose border is wider.
+
+    Both edges of the wide border pull at a quadrangle; between them it reads as a tag, at a wrong place.
+    """
+    wider = f"{tag.family}_border2"
+    if wider not in BORDER_CELLS:
+        return False
+    middle = tag.corners_px.mean(0)
+    likeness = _likeness(grey, tag)
+    for scale in _WIDER_SCALES:
+        corners = middle + scale * (tag.corners_px - middle)
+        other = read_tag(grey, wider, tag.id, corners)
+        if other is not None and other.hamming == 0 and _likeness(grey, other) > likeness:
+            return True
+    return False
+
+
+def _likeness(grey: Grey, tag: FoundTag) -> float:
+    """Correlation of a tag's cells and their white rim with what is drawn."""
+    code = np.pad(marker_cells(tag.family, tag.id), 1, constant_values=1.0)
+    cells = read_cells(grey, tag.corners_px, len(code) - 2)
+    return float(np.corrcoef(code.ravel(), cells.ravel())[0, 1])
 
 
 def _keep_mirrored(
