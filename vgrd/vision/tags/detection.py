@@ -36,6 +36,9 @@ _LEAST_CONTRAST = 12.0  # grey levels between ink and paper: 6 sigma of white's 
 _MOST_RING_WHITE = 0.1  # share of the black ring that may be too bright: 2 of 28 cells of a 36h11
 _MOST_RIM_BLACK = 0.35  # share of the white rim that may be too dark: one side of four, and more
 _WIDER_SCALES = (1.25, 1.17, 1.09)  # 10 cells by 8, down to a quadrangle near the outer edge
+_SMALL_PX = (
+    24.0  # a side below it is seen better at twice its size: corners else are off by up to 2 px
+)
 _LEAST_SIDE_PX = 6.0  # of the smallest code, 4 x 4, a cell has 1 px
 _LEAST_PICTURE_PX = 8  # that and its rim; on less than 3 px pyapriltags crashes
 _FAST_WINDOW_PX = 13  # of the adaptive threshold: the middle of OpenCV's three, 3, 13 and 23
@@ -92,6 +95,7 @@ def find_tags(
     # What is seen without interpolation is exacter, and the later of equals is kept.
     searched = [*_doubled(grey), *reversed(levels)] if thorough else levels[-1:]
     tags: list[FoundTag] = []
+    small: list[FoundTag] = []
     for scale, level in searched:
         for name in names:
             for tag_id, corners in _candidates(level, name, thorough=thorough):
@@ -99,6 +103,9 @@ def find_tags(
                 tag = read_tag(grey, name, tag_id, full)
                 if tag is not None and tag.hamming <= max_hamming:
                     _keep(tags, tag)
+                    small += [tag] if scale < 1 and tag.side_px < _SMALL_PX else []
+    for tag in small:
+        _keep(tags, tag)
     if thorough:
         _keep_mirrored(tags, grey, names, levels[-1])
     tags = [tag for tag in tags if not _is_inside_wider(tag, grey)]
