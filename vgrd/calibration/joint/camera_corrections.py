@@ -64,6 +64,11 @@ class PriorSigmas:
             stretch_b_mm=twice * b_mm,
         )
 
+    @property
+    def without_stretches(self) -> "PriorSigmas":
+        """The same with square tags."""
+        return replace(self, stretch_a_mm=None, stretch_b_mm=None)
+
     def sigmas(self) -> dict[str, float]:
         """Of what is refined, by name."""
         every = {

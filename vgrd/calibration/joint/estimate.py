@@ -6,6 +6,7 @@ reported, and refused only by the expected coordinate that depends on it.
 """
 
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from dataclasses import replace
 
 import numpy as np
@@ -48,9 +49,12 @@ def calibrate_joint(
     priors of levels that the samples tell; else they count as they are stated. Raises InputError,
     TooFewObservations, NotObservable or DidNotConverge.
     """
+    print_sigmas = refine or PriorSigmas.of_print(recording.facts)
 
-    def gathered(moves_s: Moves) -> JointData:
-        return gather(recording, sightings, arm, turntable, refine, moves_s)
+    def gathered(
+        moves_s: Moves, sigmas: PriorSigmas = print_sigmas.without_stretches
+    ) -> JointData:
+        return gather(recording, sightings, arm, turntable, sigmas, moves_s)
 
     def solve(moves_s: Moves) -> Trial:
         data = gathered(moves_s)
@@ -58,9 +62,26 @@ def calibrate_joint(
         return Trial(moves_s, optimum, screen(data, optimum) if robust else optimum)
 
     trial = _followed(recording, gathered, solve, robust=robust)
+    data = gathered(trial.moves_s)
+    stretched = gathered(trial.moves_s, print_sigmas)
+    if stretched.corrections.count > data.corrections.count:
+        # A stretch takes up what a camera that moved, or a bad sample, does: it is tried when these are known.
+        with suppress(DidNotConverge):
+            trial, data = _stretched(trial, stretched, robust=robust), stretched
     if not find_noise:
         return trial.screened
-    return at_found_levels(gathered(trial.moves_s), trial, robust=robust)
+    return at_found_levels(data, trial, robust=robust)
+
+
+def _stretched(trial: Trial, data: JointData, *, robust: bool) -> Trial:
+    """The same with tags that may be wider than high."""
+    known = dict(
+        zip(trial.optimum.data.corrections.sigmas, trial.optimum.state.refined, strict=True)
+    )
+    values = np.array([known.get(name, 0.0) for name in data.corrections.sigmas])
+    start = replace(trial.optimum.state, refined=values)
+    optimum = fit_joint(data, layout_of(data), start)
+    return Trial(trial.moves_s, optimum, screen(data, optimum) if robust else optimum)
 
 
 def _followed(

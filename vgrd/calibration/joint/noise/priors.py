@@ -22,6 +22,7 @@ from vgrd.model import Finding
 
 _CONTRADICTED = 1 - 2e-5  # of good sessions, for each of a dozen targets: one session in 4,000
 _FEW_CONTRADICTED = 1 - 1e-3  # the same for centre and prints, of which there are few
+_HOPELESS = 1 - 1e-8  # six sigmas; three, and one session in a hundred, if noise is twice as large
 _TOLD = 1e-3  # share of a prior that the samples check: less is rounding
 _FREED = 100.0  # times its sigma: a prior that tells nothing beside any sample
 _WORDS = {
@@ -54,7 +55,14 @@ class Prior:
     @property
     def is_contradicted(self) -> bool:
         """Whether that is beyond chance."""
-        share = _FEW_CONTRADICTED if self.name in _WORDS else _CONTRADICTED
+        return self._is_beyond(_FEW_CONTRADICTED if self.name in _WORDS else _CONTRADICTED)
+
+    @property
+    def is_hopeless(self) -> bool:
+        """Whether it is so even if all noise were twice as large as taken."""
+        return self._is_beyond(_HOPELESS)
+
+    def _is_beyond(self, share: float) -> bool:
         return self.freedom > 0 and self.square > chi2_quantile(share, self.freedom)
 
 
@@ -75,8 +83,15 @@ def priors_of(fit: JointFit, left_out: Sequence[str] = ()) -> list[Prior]:
 
 
 def contradicted(fit: JointFit, left_out: Sequence[str] = ()) -> Prior | None:
-    """The prior that the samples contradict most, beyond chance, of those that count; None: there is none."""
-    priors = [p for p in priors_of(fit) if p.is_contradicted and p.name not in left_out]
+    """The prior that the samples contradict most, beyond chance, of those that count; None: there is none.
+
+    Where levels of noise were not found yet, only one that is hopeless.
+    """
+    priors = [
+        p
+        for p in priors_of(fit)
+        if p.name not in left_out and (p.is_contradicted if fit.levels else p.is_hopeless)
+    ]
     return max(priors, key=lambda prior: prior.sigmas, default=None)
 
 
