@@ -78,7 +78,9 @@ def taught_by(calibration: Calibration, profile: str) -> Calibration:
     )
     solution = calibration.solution
     assert isinstance(solution, JointSolution)
-    arm = replace(solution.arm, model=facts.arm)
+    told = facts.arm  # its steps; what teaching found of its noise stays
+    model = replace(solution.arm.model, quantum_mm=told.quantum_mm, quantum_rad=told.quantum_rad)
+    arm = replace(solution.arm, model=model)
     return replace(calibration, facts=facts, solution=replace(solution, arm=arm))
 
 
