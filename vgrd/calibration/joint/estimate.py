@@ -15,6 +15,7 @@ from vgrd.calibration.joint.camera_corrections import PriorSigmas
 from vgrd.calibration.joint.fit import JointFit, fit_at, fit_joint
 from vgrd.calibration.joint.knocks import Moves, Trial, follow, jumps, pictures_of
 from vgrd.calibration.joint.noise.leveling import at_found_levels
+from vgrd.calibration.joint.noise.priors import at_sigmas
 from vgrd.calibration.joint.problem import EvidenceKind, HolePixel, JointData, Turntable
 from vgrd.calibration.joint.robust import screen
 from vgrd.calibration.joint.rows import seen_tag_a, touched_places
@@ -75,11 +76,7 @@ def calibrate_joint(
 
 def _stretched(trial: Trial, data: JointData, *, robust: bool) -> Trial:
     """The same with tags that may be wider than high."""
-    known = dict(
-        zip(trial.optimum.data.corrections.sigmas, trial.optimum.state.refined, strict=True)
-    )
-    values = np.array([known.get(name, 0.0) for name in data.corrections.sigmas])
-    start = replace(trial.optimum.state, refined=values)
+    start = at_sigmas(trial.optimum.state, trial.optimum.data, data)
     optimum = fit_joint(data, layout_of(data), start)
     return Trial(trial.moves_s, optimum, screen(data, optimum) if robust else optimum)
 

@@ -9,7 +9,6 @@ from vgrd.calibration.joint.fit import JointFit, fit_joint
 from vgrd.calibration.joint.knocks import Trial
 from vgrd.calibration.joint.noise.levels import Noise, at_levels
 from vgrd.calibration.joint.noise.priors import (
-    Prior,
     at_sigmas,
     contradicted,
     in_words,
@@ -55,17 +54,17 @@ class _Search:
     def __init__(self, data: JointData, trial: Trial) -> None:
         self._every = data
         self._state = trial.optimum.state
-        self._left_out: dict[str, Prior] = {}
+        self._left_out: tuple[str, ...] = ()
         self._scales: Scales = {}
         self._fit = trial.screened
 
     def doubt(self) -> None:
         """Leave out, one after the other, what the samples contradict."""
         while len(self._left_out) < _MOST_LEFT_OUT:
-            worst = contradicted(self._fit, tuple(self._left_out))
+            worst = contradicted(self._fit, self._left_out)
             if worst is None:
                 return
-            self._left_out[worst.name] = worst
+            self._left_out = (*self._left_out, worst.name)
             self._fit_anew()
             if self._scales:
                 self._settle()
@@ -80,20 +79,15 @@ class _Search:
 
     def restore(self) -> None:
         """Take back the priors that the samples do not contradict at the levels found without them."""
-        names = tuple(self._left_out)
-        innocent = {
-            p.name
-            for p in priors_of(self._fit, names)
-            if p.name in names and not p.is_contradicted
-        }
-        if innocent:
-            self._left_out = {n: p for n, p in self._left_out.items() if n not in innocent}
+        guilty = {p.name for p in priors_of(self._fit, self._left_out) if p.is_contradicted}
+        if not guilty.issuperset(self._left_out):
+            self._left_out = tuple(name for name in self._left_out if name in guilty)
             self._fit_anew()
             self._settle()
 
     def result(self) -> JointFit:
         """The fit, with what is told of the priors that do not count."""
-        told = {prior.name: prior for prior in priors_of(self._fit, tuple(self._left_out))}
+        told = {prior.name: prior for prior in priors_of(self._fit, self._left_out)}
         return replace(self._fit, freed=tuple(in_words(told[name]) for name in self._left_out))
 
     def _fit_anew(self) -> None:
@@ -102,7 +96,7 @@ class _Search:
         They are judged by no finer level than stated: what errs alike in all of them is no outlier.
         """
         self._scales = {name: max(scale, 1.0) for name, scale in self._scales.items()}
-        every = at_levels(without(self._every, tuple(self._left_out)), self._scales)
+        every = at_levels(without(self._every, self._left_out), self._scales)
         state = at_sigmas(self._state, self._every, every)
         self._fit = screen(every, fit_joint(every, layout_of(every), state))
 

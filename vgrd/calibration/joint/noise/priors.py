@@ -114,9 +114,10 @@ def without(raw: JointData, names: Sequence[str]) -> JointData:
 
 
 def at_sigmas(state: JointState, old: JointData, new: JointData) -> JointState:
-    """The same state, what is refined counted in the sigmas of other evidence."""
-    before, after = old.corrections.sigmas, new.corrections.sigmas
-    values = [v * before[n] / after[n] for n, v in zip(before, state.refined, strict=True)]
+    """The same state, what is refined counted in the sigmas of other evidence; 0 where only that refines."""
+    sigmas = old.corrections.sigmas
+    found = {name: sigmas[name] * value for name, value in zip(sigmas, state.refined, strict=True)}
+    values = [found.get(name, 0.0) / sigma for name, sigma in new.corrections.sigmas.items()]
     return replace(state, refined=np.array(values, dtype=np.float64))
 
 
