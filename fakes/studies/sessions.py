@@ -18,7 +18,10 @@ STEP_MINUTES: Mapping[str, float] = MappingProxyType(  # the paper's table 4: mi
 
 @dataclass(frozen=True, slots=True)
 class Session:
-    """How many samples of each kind are taught; tilted touches come after those at work orientation."""
+    """How many samples of each kind are taught; tilted touches come after those at work orientation.
+
+    turned: how many touches, the last ones, are taken after the object was turned half round.
+    """
 
     plan: Plan
     points: int = 0
@@ -26,6 +29,7 @@ class Session:
     spins: int = 0
     touches: int = 6  # each target once
     tilted: int = 0
+    turned: int = 0
 
     def record(self, cell: Simulation) -> Recording:
         """Teach it."""
@@ -35,6 +39,7 @@ class Session:
         return cell.record(
             plan=self.plan,
             wrists=wrists,
+            turns_rad=[0.0] * (self.touches - self.turned) + [np.pi] * self.turned,
             looks=self.looks,
             spins=self.spins,
             points=self.points,

@@ -222,13 +222,16 @@ class Simulation:
         spins: int = 10,  # idem
         wrists: Sequence[Array] | None = None,
         names: Sequence[str] | None = None,
+        turns_rad: Sequence[float] | None = None,
         points: int = 0,
         plan: Plan = Plan.JOINT,
     ) -> Recording:
-        """A session; wrists: orientation of every touch, None for six alike."""
+        """A session; wrists: orientation of every touch, None for six alike; turns_rad: of the object then."""
         wrists = [WORK_ROTATION] * 6 if wrists is None else wrists
         every = list(self.targets)
         names = [every[i % 6] for i in range(len(wrists))] if names is None else names
+        turns_rad = [0.0] * len(wrists) if turns_rad is None else turns_rad
+        touched = zip(names, wrists, turns_rad, strict=True)
         self.spin_angles = [float(a) for a in np.linspace(0, 1.6 * np.pi, max(spins, 1))]
         return Recording(
             session="simulated",
@@ -236,7 +239,7 @@ class Simulation:
             facts=self.facts(),
             looks=self.looks(looks),
             spins=self.spins(spins),
-            touches=tuple(self.touch(n, R) for n, R in zip(names, wrists, strict=True)),
+            touches=tuple(self.touch(name, R, turn_rad) for name, R, turn_rad in touched),
             points=self.points(points, plan=plan),
         )
 

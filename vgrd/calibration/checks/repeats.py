@@ -3,7 +3,7 @@
 from collections.abc import Iterator, Sequence
 
 from vgrd.calibration.hand_eye import first_of_same, sightings_of_tag_a
-from vgrd.calibration.touches import moved_touches
+from vgrd.calibration.touches import moved_touches, turned_touches
 from vgrd.geometry.coincidence import Difference
 from vgrd.judging.findings import finding
 from vgrd.model import Finding, Recording, Stability
@@ -56,11 +56,12 @@ def _repeated_touches(recording: Recording) -> Iterator[Finding]:
 def moved_object(recording: Recording) -> Finding | None:
     """Names the touches in which tag B stood elsewhere; None where there are none.
 
-    A camera that people move sees it elsewhere all the time.
+    A camera that people move sees it elsewhere all the time, and an object on its table may be turned.
     """
     if recording.facts.camera_stability is Stability.MOVABLE:
         return None
-    indices = moved_touches(recording.touches)
+    turned = turned_touches(recording)
+    indices = [i for i in moved_touches(recording.touches) if i not in turned]
     if not indices:
         return None
     names = ", ".join(str(i + 1) for i in indices)

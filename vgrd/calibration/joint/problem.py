@@ -210,14 +210,11 @@ class Holes:
     def weighted(self, weights: Array, spins: Array) -> "Holes":
         """Variances divided by weights (h,), 0 leaves one out; spins (s,): which are left."""
         chosen = weights > 0
-        renumbered = np.where(
-            self.spin >= 0, np.append(np.cumsum(spins > 0) - 1, 0)[self.spin], -1
-        )
         sigma_px = self.sigma_px[chosen] / np.sqrt(weights[chosen])
         return Holes(
             self.cad[chosen],
             self.inexact_of[chosen],
-            renumbered[chosen],
+            renumbered(self.spin, spins)[chosen],
             self.pixels[chosen],
             sigma_px,
             self.camera,
@@ -231,7 +228,8 @@ class JointData:
     Stations are where the arm stood, one per rest: flange_at (s, 3) of all samples; cad: (m, 3), one per touch.
     bare: names of the touched targets without CAD; bare_of: (m,) which of them each touch is of, -1 for
     one in CAD. inexact: names of the targets in CAD, which the part has elsewhere by cad_sigma_mm times
-    cad_factors (c,); inexact_of: (m,) the same for these; none where CAD is exact.
+    cad_factors (c,); inexact_of: (m,) the same for these; none where CAD is exact. touch_spins: (m,) number of
+    the spin that shows the object as it was touched, -1 where it stood as in most touches.
     center: of the turntable in CAD, or None. names: of the samples of every kind. corrections: what is
     refined of tag sizes and intrinsics; refined_values: (e,) values of it at which tags are seen here.
     stamps_s: (n,) of the pictures of the samples, by kind, inf where there is none; places: of the camera.
@@ -246,6 +244,7 @@ class JointData:
     inexact: tuple[str, ...]
     inexact_of: Indices
     touch_stations: Indices
+    touch_spins: Indices
     points: TouchSet
     point_stations: Indices
     reference: Tags
@@ -323,13 +322,18 @@ class JointData:
     def weighted(self, weights: Mapping[EvidenceKind, Array]) -> "JointData":
         """Variances divided by the weights of the samples of every kind; 0 leaves one out.
 
-        A hole seen in a spin goes with it.
+        A hole seen in a spin goes with it, and so does a touch of the turned object.
         """
-        touched, pointed, spun = (
-            weights[k] for k in (EvidenceKind.TOUCHES, EvidenceKind.POINTS, EvidenceKind.SPINS)
+        weights = self.in_use(weights)
+        touched, pointed, spun, holes = (
+            weights[kind]
+            for kind in (
+                EvidenceKind.TOUCHES,
+                EvidenceKind.POINTS,
+                EvidenceKind.SPINS,
+                EvidenceKind.HOLES,
+            )
         )
-        holes = weights[EvidenceKind.HOLES] * (np.append(spun, 1)[self.holes.spin] > 0)
-        weights = {**weights, EvidenceKind.HOLES: holes}
         return replace(
             self,
             looks=self.looks.weighted(weights[EvidenceKind.HAND_EYE]),
@@ -338,6 +342,7 @@ class JointData:
             bare_of=self.bare_of[touched > 0],
             inexact_of=self.inexact_of[touched > 0],
             touch_stations=self.touch_stations[touched > 0],
+            touch_spins=renumbered(self.touch_spins, spun)[touched > 0],
             points=self.points.weighted(pointed).subset(np.flatnonzero(pointed)),
             point_stations=self.point_stations[pointed > 0],
             reference=self.reference.weighted(weights[EvidenceKind.REFERENCE]),
@@ -349,6 +354,15 @@ class JointData:
             },
             stamps_s={link: s[weights[link] > 0] for link, s in self.stamps_s.items()},
         )
+
+    def in_use(self, weights: Mapping[EvidenceKind, Array]) -> Mapping[EvidenceKind, Array]:
+        """The weights as they count: what a spin shows goes with it."""
+        spun = np.append(weights[EvidenceKind.SPINS], 1) > 0
+        return {
+            **weights,
+            EvidenceKind.TOUCHES: weights[EvidenceKind.TOUCHES] * spun[self.touch_spins],
+            EvidenceKind.HOLES: weights[EvidenceKind.HOLES] * spun[self.holes.spin],
+        }
 
     def refined(self, values: Array) -> "JointData":
         """The same, gathered with nothing refined, as seen with refined values (e,)."""
@@ -382,6 +396,11 @@ class JointData:
             reference=seen(self.reference, EvidenceKind.REFERENCE, TAG_B),
             spins=seen(self.spins, EvidenceKind.SPINS, TAG_B),
         )
+
+
+def renumbered(spin: Indices, weights: Array) -> Indices:
+    """Numbers (n,) among the spins whose weight is not 0; -1 stays."""
+    return np.where(spin >= 0, np.append(np.cumsum(weights > 0) - 1, 0)[spin], -1)
 
 
 def inexact_of(names: Sequence[str], inexact: Sequence[str]) -> Indices:

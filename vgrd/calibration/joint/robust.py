@@ -12,7 +12,7 @@ from types import MappingProxyType
 import numpy as np
 
 from vgrd.calibration.joint.fit import JointFit, JointSample, fit_joint, units
-from vgrd.calibration.joint.problem import SAMPLED, EvidenceKind, JointData
+from vgrd.calibration.joint.problem import SAMPLED, EvidenceKind, JointData, renumbered
 from vgrd.calibration.joint.rows import touched_places
 from vgrd.calibration.joint.state import JointState, layout_of
 from vgrd.calibration.observability import fit_without_outliers
@@ -133,21 +133,18 @@ class _Screening:
     def samples(self) -> tuple[JointSample, ...]:
         samples = []
         misses_mm, weights = (
-            _misses_mm(self._data, self.optimum.state),
-            self._in_use(self._weights),
+            _misses_mm(self._data, self.optimum.state, self._weights[EvidenceKind.SPINS]),
+            self._data.in_use(self._weights),
         )
         for link in SAMPLED:
             for i, name in enumerate(self._data.names[link]):
                 used, score = bool(weights[link][i]), float(self._scores[link][i])
                 mm = f"{misses_mm[link][i]:.2f} mm, " if link in misses_mm else ""
                 reason = "" if used else f"{mm}{score:.1f} sigma off what the others say"
+                if self._weights[link][i] > weights[link][i]:
+                    reason = "as the turn of the object in its picture was"
                 samples.append(JointSample(name, link.value, used, score, reason))
         return tuple(samples)
-
-    def _in_use(self, weights: Weights) -> Weights:
-        """The weights as they count: a hole goes with the spin that shows it."""
-        spun = np.append(weights[EvidenceKind.SPINS], 1)[self._data.holes.spin] > 0
-        return {**weights, EvidenceKind.HOLES: weights[EvidenceKind.HOLES] * spun}
 
     def _worst(self, link: EvidenceKind) -> float:
         return -float(self._scores[link].max(initial=0))
@@ -157,7 +154,7 @@ class _Screening:
         fit = fit_without_outliers(partial(self._fit, link), count, _limit(link))
         self._weights[link] = fit.used.astype(np.float64)
         self.optimum, fits = self._solve(self._weights)
-        weights = self._in_use(self._weights)
+        weights = self._data.in_use(self._weights)
         for other in SAMPLED:
             used = weights[other] > 0
             self._scores[other][used] = fits[other].scores
@@ -165,7 +162,7 @@ class _Screening:
 
     def _fit(self, link: EvidenceKind, weights: Array) -> KindFit:
         fit = self._solve({**self._weights, link: weights})[1][link]
-        weights = self._in_use({**self._weights, link: weights})[link]
+        weights = self._data.in_use({**self._weights, link: weights})[link]
         whitened = _spread(fit.whitened, weights)
         return KindFit(whitened, _spread(fit.scores, weights), fit.degrees_of_freedom)
 
@@ -198,9 +195,10 @@ def _spread(values: Array, weights: Array) -> Array:
     return spread
 
 
-def _misses_mm(data: JointData, state: JointState) -> Mapping[EvidenceKind, Array]:
-    """How far the tips were from what they touched."""
+def _misses_mm(data: JointData, state: JointState, spun: Array) -> Mapping[EvidenceKind, Array]:
+    """How far the tips were from what they touched; spun (s,): weights of the spins, 0 for one left out."""
     misses_mm = {}
+    data = replace(data, touch_spins=renumbered(data.touch_spins, spun))
     for link, touches, points in (
         (EvidenceKind.TOUCHES, data.touches, touched_places(state, data)),
         (EvidenceKind.POINTS, data.points, state.fixed_point_in_base),

@@ -274,7 +274,17 @@ def _put_offsets(J: Array, by_point: Array, inexact_of: Indices, layout: StepLay
 
 
 def touched_places(state: JointState, data: JointData) -> Array:
-    """Where the target of every touch stood, (m, 3) base: by CAD, or a place of its own."""
+    """Where the target of every touch stood, (m, 3) base: by CAD or a place of its own, and by the turn."""
+    places, turned = _still_places(state, data), data.touch_spins >= 0
+    if turned.any():
+        R, t = turns_of(state.camera_from_axis, state.table_motion[data.touch_spins[turned]])
+        in_camera = state.base_from_camera.inverse() @ places[turned]
+        places[turned] = state.base_from_camera @ (np.einsum("nij,nj->ni", R, in_camera) + t)
+    return places
+
+
+def _still_places(state: JointState, data: JointData) -> Array:
+    """The same, (m, 3) base, with the object as it stood in most touches."""
     places, own = state.base_from_object @ touched_points(state, data), data.bare_of >= 0
     places[own] = state.bare_in_base[data.bare_of[own]]
     return places
@@ -283,14 +293,41 @@ def touched_places(state: JointState, data: JointData) -> Array:
 def _touches(state: JointState, data: JointData, layout: StepLayout) -> tuple[Array, Array]:
     touches = data.touches
     W = touches.base_sqrt_informations()
-    targets, in_cad = touched_places(state, data), data.bare_of < 0
+    places, in_cad = _still_places(state, data), data.bare_of < 0
     J = _rows(len(W), 3, layout)
+    by_place = W if (data.touch_spins < 0).all() else W @ _put_turns(J, -W, state, data, layout)
     J[:, :, layout.TCP] = W @ touches.rotations
-    J[in_cad, :, layout.OBJECT] = -W[in_cad] @ left_jacobian(targets[in_cad])
+    J[in_cad, :, layout.OBJECT] = -by_place[in_cad] @ left_jacobian(places[in_cad])
     for i in np.flatnonzero(~in_cad):
-        J[i][:, layout.bare_columns()[data.bare_of[i]]] = -W[i]
-    _put_offsets(J, -W @ state.base_from_object.rotation, data.inexact_of, layout)
-    return _flat(np.einsum("nij,nj->ni", W, _tips(state, touches) - targets), J)
+        J[i][:, layout.bare_columns()[data.bare_of[i]]] = -by_place[i]
+    _put_offsets(J, -by_place @ state.base_from_object.rotation, data.inexact_of, layout)
+    misses = _tips(state, touches) - touched_places(state, data)
+    return _flat(np.einsum("nij,nj->ni", W, misses), J)
+
+
+def _put_turns(
+    J: Array, W: Array, state: JointState, data: JointData, layout: StepLayout
+) -> Array:
+    """Derivatives of the touches' places by what turned the object into J, weighted by W (n, 3, 3).
+
+    A place p stands at p' = X N X^-1 p with X = base_from_camera and N the motion of the spin. Returns
+    the rotation (n, 3, 3) of that, the derivative by p.
+    """
+    by_place = np.broadcast_to(_EYE, W.shape).copy()
+    turned = np.flatnonzero(data.touch_spins >= 0)
+    spins, X = data.touch_spins[turned], state.base_from_camera
+    motions = object_motions(state.camera_from_axis, state.table_motion, layout)
+    R = X.rotation @ motions.rotations[spins] @ X.rotation.T
+    places, moved = _still_places(state, data)[turned], touched_places(state, data)[turned]
+    by_camera = left_jacobian(moved) - R @ left_jacobian(places)
+    by_motion = X.rotation @ left_jacobian(X.inverse() @ moved)
+    part = _rows(len(turned), 3, layout)
+    part[:, :, layout.CAMERA] = by_camera
+    part[:, :, layout.axis_columns] = by_motion @ motions.J_axis[spins]
+    _put_moves(part, by_motion @ motions.J_motion[spins], spins, layout)
+    J[turned] = W[turned] @ part
+    by_place[turned] = R
+    return by_place
 
 
 def _points(state: JointState, data: JointData, layout: StepLayout) -> tuple[Array, Array]:
@@ -318,19 +355,24 @@ def object_motions(
     camera_from_axis: Pose, table_motion: Array, layout: StepLayout
 ) -> ObjectMotions:
     """How the object moved since it was touched; table_motion: (n, 3) x, y, angle."""
+    R, t = turns_of(camera_from_axis, table_motion)
+    adjoint = camera_from_axis.adjoint()
+    J_axis = (np.eye(6) - adjoints(R, t)) @ adjoint[:, list(layout.axis)]
+    J_motion = np.broadcast_to(
+        adjoint[:, list(layout.object_motions)], (len(R), 6, len(layout.object_motions))
+    )
+    return ObjectMotions(R, t, J_axis, J_motion)
+
+
+def turns_of(camera_from_axis: Pose, table_motion: Array) -> tuple[Array, Array]:
+    """The motions alone, (n, 3, 3) and (n, 3), in the camera."""
     G = camera_from_axis
     c, s = np.cos(table_motion[:, 2]), np.sin(table_motion[:, 2])
     P = np.zeros((len(c), 3, 3))
     P[:, 0, 0], P[:, 0, 1], P[:, 1, 0], P[:, 1, 1], P[:, 2, 2] = c, -s, s, c, 1.0
     shift = np.column_stack([table_motion[:, :2], np.zeros(len(c))])
     R = G.rotation @ P @ G.rotation.T
-    t = shift @ G.rotation.T + G.translation - R @ G.translation
-    adjoint = G.adjoint()
-    J_axis = (np.eye(6) - adjoints(R, t)) @ adjoint[:, list(layout.axis)]
-    J_motion = np.broadcast_to(
-        adjoint[:, list(layout.object_motions)], (len(c), 6, len(layout.object_motions))
-    )
-    return ObjectMotions(R, t, J_axis, J_motion)
+    return R, shift @ G.rotation.T + G.translation - R @ G.translation
 
 
 def moved_tag(

@@ -19,7 +19,7 @@ from vgrd.calibration.joint.problem import (
     points_of,
     target_of,
 )
-from vgrd.calibration.touches import TouchSet, touch_set
+from vgrd.calibration.touches import TouchSet, touch_set, turned_touches
 from vgrd.errors import InputError, TooFewObservations
 from vgrd.geometry import Array, Pose
 from vgrd.geometry.covariance import sqrt_information
@@ -73,8 +73,14 @@ def gather(
         *spins,
     ]
     of_a = [i for i, (_, s) in enumerate(pictures) if s is not None and s.tag_a is not None]
-    reference = [(name, t.observation) for name, t in touches if _tag_b(t.observation)]
+    of_turned = {_touch_name("touch", i, recording.touches[i]) for i in turned_touches(recording)}
+    shown = [
+        (name, t.observation) for name, t in touches if t.observation and _tag_b(t.observation)
+    ]
+    reference = [one for one in shown if one[0] not in of_turned]
     turned = [] if motion is Motion.FREE else [one for one in spins if one[1].tag_b is not None]
+    turned += [one for one in shown if one[0] in of_turned]
+    turns = {name: k for k, (name, _) in enumerate(turned)}
     holes = sorted(
         zip(_hole_names(holes_seen), holes_seen, strict=True), key=lambda one: _hole_key(one[1])
     )
@@ -96,6 +102,7 @@ def gather(
         inexact=inexact,
         inexact_of=inexact_of([target.name for target in targets], inexact),
         touch_stations=stations[:m],
+        touch_spins=np.array([turns.get(name, _STILL) for name, _ in touches], dtype=np.intp),
         points=_touch_set(recording, [touch for _, touch in points]),
         point_stations=stations[m : m + k],
         reference=_tags([_tag_b(picture) for _, picture in reference]),
@@ -156,8 +163,12 @@ def _stamps(pictures: Sequence[Observation | None]) -> Array:
 
 
 def _touched(kind: str, touches: Sequence[Touch]) -> list[tuple[str, Touch]]:
-    named = [(f"{kind} {i + 1} ({touch.target})", touch) for i, touch in enumerate(touches)]
+    named = [(_touch_name(kind, i, touch), touch) for i, touch in enumerate(touches)]
     return sorted(named, key=lambda one: _touch_key(one[1]))
+
+
+def _touch_name(kind: str, index: int, touch: Touch) -> str:
+    return f"{kind} {index + 1} ({touch.target})"
 
 
 def _pictures(kind: str, observations: Sequence[Observation]) -> list[tuple[str, Observation]]:

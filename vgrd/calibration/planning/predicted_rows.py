@@ -130,6 +130,7 @@ class ForeseenRows:
             bare_of=bare_of,
             inexact_of=inexact_of(names, data.inexact),
             touch_stations=np.array(touching, dtype=np.intp),
+            touch_spins=np.full(m, -1, dtype=np.intp),
             reference=self._tags([result.state.camera_from_tag_b] * m, TAG_B),
         )
 
@@ -257,6 +258,7 @@ def _blank(data: JointData) -> JointData:
         bare_of=_NONE,
         inexact_of=_NONE,
         touch_stations=_NONE,
+        touch_spins=_NONE,
         points=touches,
         point_stations=_NONE,
         reference=tags,

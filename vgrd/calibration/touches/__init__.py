@@ -17,6 +17,7 @@ from vgrd.calibration.touches.reference import (
     find_reference,
     find_reference_tag_a,
     moved_touches,
+    turned_touches,
 )
 
 __all__ = [
@@ -35,4 +36,5 @@ __all__ = [
     "studentized_residuals",
     "touch_set",
     "touched_orientation",
+    "turned_touches",
 ]

@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vgrd.calibration.touches.equations import TouchSet, touch_set
+from vgrd.calibration.touches.reference import turned_touches
 from vgrd.errors import InputError
 from vgrd.geometry import Array, log_rotation
 from vgrd.model import Recording, Touch
@@ -23,7 +24,7 @@ def arm_touches(touches: Sequence[Touch], recording: Recording) -> TouchSet:
 
 
 def cad_touches(recording: Recording) -> tuple[NDArray[np.intp], Array]:
-    """Which touches are of targets in CAD, (k,) indices, and these points (k, 3).
+    """Which touches are of targets in CAD, the object not turned, (k,) indices, and these points (k, 3).
 
     Raises InputError for a target that the object does not have.
     """
@@ -33,7 +34,8 @@ def cad_touches(recording: Recording) -> tuple[NDArray[np.intp], Array]:
         names = ", ".join(sorted(targets))
         raise InputError(f"the object has no target {unknown[0]!r} as touched; there are: {names}")
     points = [targets[touch.target].point_in_object for touch in recording.touches]
-    known = [(i, point) for i, point in enumerate(points) if point is not None]
+    turned = turned_touches(recording)
+    known = [(i, p) for i, p in enumerate(points) if p is not None and i not in turned]
     indices = np.array([i for i, _ in known], dtype=np.intp)
     return indices, np.array([point for _, point in known]).reshape(-1, 3)
 

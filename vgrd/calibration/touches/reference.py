@@ -11,10 +11,21 @@ from vgrd.geometry.chi2 import chi2_quantile
 from vgrd.geometry.coincidence import Difference
 from vgrd.geometry.covariance import mean_pose
 from vgrd.judging.thresholds import SAME_ORIENTATION_RAD
-from vgrd.model import Observation, Recording, TagObservation, Touch, frozen_array
+from vgrd.model import (
+    Motion,
+    Observation,
+    Plan,
+    Recording,
+    Stability,
+    TagObservation,
+    Touch,
+    frozen_array,
+)
 
 _NEAR = 0.3  # share of the pictures that tell their noise: fewer than stand still, or nothing does
 _MOVED = Difference(squared=40.0, mm=0.05, rad=1e-3)  # 1 in 2 million; less does not matter
+_TURNED_RAD = np.radians(10)  # far beyond a push, far below the turns that tell something
+_ABOUT_AXIS = 0.9  # cosine: a tag taken for its mirror image turns about a line in its plane
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -100,13 +111,52 @@ def _mean(poses: Sequence[Pose]) -> Pose:
     return Pose(R, np.mean([pose.translation for pose in poses], axis=0))
 
 
+def turned_touches(recording: Recording) -> tuple[int, ...]:
+    """Touches of the object while it was turned on its table against most others, seen by tag B.
+
+    The joint estimate takes them with their turn, which tells where the centre is. Only a camera that stands
+    still sees it; the paper's methods have one place of the object.
+    """
+    facts = recording.facts
+    is_still = facts.camera_stability is Stability.FIXED
+    if recording.plan is not Plan.JOINT or facts.object.motion is Motion.FREE or not is_still:
+        return ()
+    tags = _seen(recording.touches)
+    if not tags:
+        return ()
+    R = tags[_most_central([tag.camera_from_tag for _, tag in tags])][1].camera_from_tag.rotation
+    turns = {i: log_rotation(tag.camera_from_tag.rotation @ R.T) for i, tag in tags}
+    axis = _axis_of(recording.spins)
+    return tuple(
+        i
+        for i, turn in turns.items()
+        if (angle := np.linalg.norm(turn)) > _TURNED_RAD
+        and (axis is None or abs(axis @ turn) > _ABOUT_AXIS * angle)
+    )
+
+
+def _axis_of(spins: Sequence[Observation]) -> Array | None:
+    """Unit vector (3,) of the largest turn of tag B since the first spin, in the camera; None without a turn."""
+    rotations = [spin.tag_b.camera_from_tag.rotation for spin in spins if spin.tag_b is not None]
+    turns = [log_rotation(R @ rotations[0].T) for R in rotations[1:]]
+    widest = max(turns, key=lambda turn: float(np.linalg.norm(turn)), default=np.zeros(3))
+    angle = float(np.linalg.norm(widest))
+    return widest / angle if angle > _TURNED_RAD else None
+
+
 def moved_touches(touches: Sequence[Touch]) -> tuple[int, ...]:
     """Touches that saw tag B elsewhere than most others did."""
     tags = _seen(touches)
     if not tags:
         return ()
     middle = tags[_most_central([tag.camera_from_tag for _, tag in tags])][1]
-    noise = _noise([tag for _, tag in tags if tag is not middle], middle)
+    near = [
+        tag
+        for _, tag in tags
+        if tag is not middle
+        and middle.camera_from_tag.distance(tag.camera_from_tag)[1] < _TURNED_RAD
+    ]
+    noise = _noise(near, middle)
     return tuple(
         i
         for i, tag in tags

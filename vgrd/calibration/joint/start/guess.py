@@ -9,7 +9,7 @@ from vgrd.calibration.joint.start.cameras import (
     guess_places,
     guess_reference,
 )
-from vgrd.calibration.joint.start.touches import guess_bare, guess_object
+from vgrd.calibration.joint.start.touches import guess_bare, guess_object, turned_back
 from vgrd.calibration.joint.state import JointState, table_motion_of
 from vgrd.calibration.turntable import RotationCenter, find_rotation_center
 from vgrd.errors import NotObservable, TooFewObservations
@@ -29,6 +29,7 @@ def guess(data: JointData) -> JointState:
     else:
         camera_from_tag_b = guess_reference(data.reference)
         base_from_camera, wrist_from_tag_a = guess_hand_eye(data.looks)
+    data = turned_back(data, base_from_camera, camera_from_tag_b)
     by_touches, tcp, is_tied = guess_object(data)
     # Without CAD nothing tells of the object's frame, and nothing needs it: tag B's is as good as any.
     base_from_object = by_touches or base_from_camera @ camera_from_tag_b

@@ -1,5 +1,7 @@
 """First values of what touches tell: the object, the TCP, targets without CAD."""
 
+from dataclasses import replace
+
 import numpy as np
 
 from vgrd.calibration.joint.problem import Indices, JointData
@@ -11,6 +13,18 @@ from vgrd.geometry import Array, Pose, nearest_rotation
 
 _UNIVERSAL_TOUCHES = 4  # what the universal method needs
 _LINEAR_RCOND = 1e-6  # directions that no sample tells apart from rounding
+
+
+def turned_back(data: JointData, base_from_camera: Pose, camera_from_tag_b: Pose) -> JointData:
+    """Touches of the turned object as if the arm had been turned back with it, by the pictures of tag B."""
+    rotations, translations = data.touches.rotations.copy(), data.touches.translations.copy()
+    spins, base_from_tag_b = data.spins.poses(), base_from_camera @ camera_from_tag_b
+    for i in np.flatnonzero(data.touch_spins >= 0):
+        turned = base_from_camera @ spins[data.touch_spins[i]]
+        back = base_from_tag_b @ turned.inverse()
+        rotations[i], translations[i] = back.rotation @ rotations[i], back @ translations[i]
+    touches = replace(data.touches, rotations=rotations, translations=translations)
+    return replace(data, touches=touches)
 
 
 def guess_object(data: JointData) -> tuple[Pose | None, Array, bool]:
