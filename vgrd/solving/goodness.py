@@ -87,8 +87,8 @@ def _center_in_words(calibration: Calibration) -> str:
         return ""
     return (
         f"; an exact centre would leave {exact_mm:.2g} mm, it is stated to "
-        f"{calibration.facts.object.center_sigma_mm:g} mm: holes, touches of the turned object or tilted "
-        "touches measure it"
+        f"{calibration.facts.object.center_sigma_mm:g} mm: turn the object half round and touch three targets "
+        "again; holes and tilted touches measure it too"
     )
 
 

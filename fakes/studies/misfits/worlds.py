@@ -64,10 +64,14 @@ class World:
 
 @dataclass(frozen=True, slots=True)
 class MisfitRow:
-    """A row of the catalogue. causes: codes of findings and names of links that tell it rightly; none: clean."""
+    """A row of the catalogue. causes: codes of findings and names of links that tell it rightly; none: clean.
+
+    turned: whether half of the touches were taken after the object was turned half round, as advised.
+    """
 
     world: World
     causes: frozenset[str] = frozenset()
+    turned: bool = True
 
 
 # Which codes (vgrd/judging/findings.py) and links tell a misfit rightly: edit with the findings.
@@ -84,9 +88,14 @@ _LENS = frozenset({"tag_size"})  # whose remedy names the focal length
 _VISION = frozenset({"noisy", "hand_eye_noise", "tag_noise"})
 _TIME = frozenset({"time_offset", "picture_delay"})
 
+BEFORE = (
+    "clean, centre 0.02 stated, one turn"  # as all sessions were before any noise was estimated
+)
+
 ROWS: Mapping[str, MisfitRow] = MappingProxyType(
     {
         "clean, centre 0.02 stated": MisfitRow(World()),
+        BEFORE: MisfitRow(World(), turned=False),
         "clean": MisfitRow(
             World(center_sigma_mm=USUAL_CENTER_MM, center_drawn_mm=USUAL_CENTER_MM)
         ),
@@ -101,6 +110,9 @@ ROWS: Mapping[str, MisfitRow] = MappingProxyType(
         ),
         "centre 1 mm off": MisfitRow(
             World(center_mm=1.0, center_drawn_mm=0.0, center_sigma_mm=USUAL_CENTER_MM), _CENTER
+        ),
+        "centre 1 mm off, 0.02 stated, one turn": MisfitRow(
+            World(center_mm=1.0), _CENTER, turned=False
         ),
         "CAD 0.1 mm off": MisfitRow(World(cad_mm=0.1), _CAD),
         "tag A 1 % off": MisfitRow(World(size_a=0.01), _TAG_A),

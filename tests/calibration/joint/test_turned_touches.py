@@ -13,6 +13,8 @@ from vgrd.calibration.joint.rows import touched_places
 from vgrd.calibration.joint.samples import gather
 from vgrd.calibration.joint.start import guess
 from vgrd.calibration.joint.state import layout_of
+from vgrd.calibration.planning import Job, PredictedError
+from vgrd.calibration.planning.next_sample import next_best
 from vgrd.calibration.solve import calibrate_system
 from vgrd.calibration.touches import turned_touches
 from vgrd.geometry import Pose
@@ -151,6 +153,24 @@ def test_a_plan_of_the_paper_keeps_the_object_where_it_is():
     calibration = calibrate_system(recording)
     assert "object_moved" in codes(calibration)
     assert not calibration.verdict.ok
+
+
+def test_a_touch_of_the_turned_object_is_advised_and_brings_what_is_foretold():
+    cell = Simulation(9)
+    wrists, names = [WORK_ROTATION] * 6, [f"P{i}" for i in range(1, 7)]
+    at_rest = stating(cell.record(wrists=wrists, names=names), USUAL_CENTER_MM)
+    fit = calibrate_joint(at_rest, find_noise=False, robust=False)
+    best = next_best(fit, Job(angles_rad=(0.0, 2.0)))[0]
+    assert best.candidate.turn_rad == pytest.approx(np.pi)
+    assert best.base_from_wrist is None
+    assert best.sentence.startswith("turn the object to 180 degrees and touch P")
+    again = cell.touch(best.candidate.target, WORK_ROTATION, np.pi)
+    more = replace(at_rest, touches=(*at_rest.touches, again))
+    came = calibrate_joint(more, find_noise=False, robust=False)
+    came_mm = PredictedError(came, Job(angles_rad=(0.0, 2.0))).error_mm(came.covariance)
+    foretold_mm = best.after_mm * (came.variance_scale / fit.variance_scale) ** 0.5
+    assert came_mm < 0.8 * best.before_mm
+    assert foretold_mm == pytest.approx(came_mm, rel=0.05)
 
 
 @pytest.mark.exact("another order of the samples is the same evidence to the last bit")

@@ -39,7 +39,7 @@ from vgrd.calibration.joint.rows import (
     arm_jacobian,
     displacement_jacobian,
     linearize,
-    object_motions,
+    turn_of,
 )
 from vgrd.calibration.joint.solution import JointSolution
 from vgrd.calibration.joint.state import JointState, StepLayout, taught_place
@@ -74,13 +74,13 @@ __all__ = [
     "inexact_of",
     "information_inverse",
     "linearize",
-    "object_motions",
     "points_of",
     "predict",
     "solution_of",
     "start_near_tag_plane",
     "target_of",
     "taught_place",
+    "turn_of",
     "variance_inflation",
     "whiten_arm",
     "work_orientation",

@@ -364,6 +364,12 @@ def object_motions(
     return ObjectMotions(R, t, J_axis, J_motion)
 
 
+def turn_of(camera_from_axis: Pose, angle_rad: float) -> Pose:
+    """The motion of the object about its axis, in the camera."""
+    R, t = turns_of(camera_from_axis, np.array([[0.0, 0.0, angle_rad]]))
+    return Pose(R[0], t[0])
+
+
 def turns_of(camera_from_axis: Pose, table_motion: Array) -> tuple[Array, Array]:
     """The motions alone, (n, 3, 3) and (n, 3), in the camera."""
     G = camera_from_axis

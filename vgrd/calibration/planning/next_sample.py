@@ -178,7 +178,8 @@ def in_words(
         place = f"with the flange at ({x:.0f}, {y:.0f}, {z:.0f}) mm" if names_place else "at tag A"
         return f"look {place}, {tilt}"
     tilt = _tilt_in_words(result, usual(candidate.target), candidate.base_from_wrist)
-    return f"touch {candidate.target} {tilt}"
+    turn = f"turn the object to {np.degrees(candidate.turn_rad):.0f} degrees and "
+    return f"{turn if candidate.turn_rad else ''}touch {candidate.target} {tilt}"
 
 
 def _tilt_in_words(result: JointFit, straight: Array, R: Array) -> str:

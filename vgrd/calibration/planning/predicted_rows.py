@@ -21,11 +21,11 @@ from vgrd.calibration.joint import (
     displacement_jacobian,
     inexact_of,
     linearize,
-    object_motions,
     points_of,
     target_of,
+    turn_of,
 )
-from vgrd.calibration.planning.reach import Candidate, Spinning, Touching, flange_of
+from vgrd.calibration.planning.reach import Candidate, Spinning, Touching, flange_of, touch_pose
 from vgrd.calibration.touches import TouchSet, touch_set
 from vgrd.geometry import Array, Pose
 from vgrd.geometry.covariance import sqrt_information
@@ -56,6 +56,8 @@ class ForeseenRows:
             if isinstance(candidate, Spinning):
                 J = self._spin_rows(candidate.angle_rad)
                 rows[i, : len(J)] = J
+            elif isinstance(candidate, Touching) and candidate.turn_rad:
+                rows[i] = self._turned_rows(candidate)
             else:
                 stations.append(i)
         for k in range(0, len(stations), _AT_ONCE):
@@ -66,7 +68,7 @@ class ForeseenRows:
     def _stand_rows(self, candidates: Sequence[Candidate]) -> Array:
         """Rows (c, 15, n) of touches and looks: 6 of tag A, 3 of the touch, 6 of tag B."""
         result, c = self._result, len(candidates)
-        poses = [flange_of(result, candidate) or Pose.identity() for candidate in candidates]
+        poses = [_pose_of(result, candidate) for candidate in candidates]
         touching = [i for i, candidate in enumerate(candidates) if isinstance(candidate, Touching)]
         data, looking = self._with_looks(poses)
         data = self._with_touches(data, candidates, poses, touching)
@@ -85,6 +87,27 @@ class ForeseenRows:
         rows = self._with_arm(rows, data, looking, touching)
         by_unknowns, by_displacement = rows[:, :, :-_TAG], rows[:, :, -_TAG:]
         return _beside(by_unknowns, by_displacement) if self._is_movable else by_unknowns
+
+    def _turned_rows(self, touching: Touching) -> Array:
+        """Rows (15, n) of a touch of the turned object; its turn, which nobody knows, is eliminated."""
+        result = self._result
+        alone, pose = replace(result.layout, spins=1, places=0), touch_pose(result, touching)
+        state = replace(result.state, table_motion=np.array([[0.0, 0.0, touching.turn_rad]]))
+        data, looking = self._with_looks([pose])
+        data = replace(
+            self._with_touches(data, [touching], [pose], [0]),
+            touch_spins=np.zeros(1, dtype=np.intp),
+            reference=data.reference,
+            spins=self._tags([moved_tag_b(result, touching.turn_rad)], TAG_B),
+        )
+        J = linearize(state, data, alone)[1]
+        rows = np.zeros((1, _WIDTH, alone.size))
+        seen = J[data.rows_of(EvidenceKind.HAND_EYE)]
+        rows[0, : len(seen)] = seen
+        rows[0, _TAG : _TAG + _TOUCH] = J[data.rows_of(EvidenceKind.TOUCHES)]
+        rows[0, _TAG + _TOUCH :] = J[data.rows_of(EvidenceKind.SPINS)]
+        (J,) = self._with_arm(rows, data, looking, [0])
+        return self._embedded(_beside(J, J[:, alone.spin_columns()[0]]), alone)
 
     def _with_arm(
         self, rows: Array, data: JointData, looking: list[int], touching: list[int]
@@ -207,6 +230,13 @@ class ForeseenRows:
         return Tags(R, t, sqrt_information(A @ body @ A.transpose(0, 2, 1)), J_refined)
 
 
+def _pose_of(result: JointFit, candidate: Candidate) -> Pose:
+    """base_from_wrist of a touch or a look."""
+    if isinstance(candidate, Touching):
+        return touch_pose(result, candidate)
+    return flange_of(result, candidate) or Pose.identity()
+
+
 def _beside(rows: Array, own: Array) -> Array:
     """Rows (..., r, n) beside what a sample's own unknowns take up, derivatives (..., r, k)."""
     Q = np.linalg.qr(own)[0]
@@ -221,10 +251,7 @@ def picture_of(result: JointFit, angle_rad: float) -> TagObservation:
 
 def moved_tag_b(result: JointFit, angle_rad: float) -> Pose:
     """camera_from_tag_b after the object has turned by an angle about its axis."""
-    state = result.state
-    table_motion = np.array([[0.0, 0.0, angle_rad]])
-    motions = object_motions(state.camera_from_axis, table_motion, result.layout)
-    return Pose(motions.rotations[0], motions.translations[0]) @ state.camera_from_tag_b
+    return turn_of(result.state.camera_from_axis, angle_rad) @ result.state.camera_from_tag_b
 
 
 def _body_covariance(tags: Tags) -> Array:

@@ -6,12 +6,12 @@ from itertools import product
 
 import numpy as np
 
-from vgrd.calibration.joint import JointFit, target_of, taught_place
+from vgrd.calibration.joint import JointFit, target_of, taught_place, turn_of
 from vgrd.calibration.observability import Axes, turned_axes
 from vgrd.calibration.touches import touched_orientation
 from vgrd.errors import InputError
 from vgrd.geometry import Array, Pose, exp_rotation
-from vgrd.model import Motion, Recording
+from vgrd.model import Motion, Plan, Recording, Stability
 
 _SLACK_RAD = 1e-6  # rounding
 _LIFT_MM = 100.0  # above the target, so that the way there is seen
@@ -23,10 +23,14 @@ _CIRCLE = tuple(float(a) for a in np.arange(12) * np.pi / 6)  # nearer turns tel
 
 @dataclass(frozen=True, slots=True)
 class Touching:
-    """Touch a target with the wrist oriented as base_from_wrist (3, 3)."""
+    """Touch a target with the wrist oriented as base_from_wrist (3, 3).
+
+    turn_rad: of the object on its table since most targets were touched.
+    """
 
     target: str
     base_from_wrist: Array
+    turn_rad: float = 0.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -140,16 +144,27 @@ class Reach:
 
 
 def flange_of(result: JointFit, candidate: Candidate) -> Pose | None:
-    """base_from_wrist at which the sample is taken, by the present estimate; None for a spin."""
-    if isinstance(candidate, Spinning):
-        return None
+    """base_from_wrist at which the sample is taken, by the present estimate.
+
+    None for a spin and for a touch of the turned object: people turn it by eye.
+    """
     if isinstance(candidate, Looking):
         return candidate.base_from_wrist
-    R, state = candidate.base_from_wrist, result.state
-    target = target_of(result.recording.facts, candidate.target)
+    if isinstance(candidate, Spinning) or candidate.turn_rad:
+        return None
+    return touch_pose(result, candidate)
+
+
+def touch_pose(result: JointFit, touching: Touching) -> Pose:
+    """base_from_wrist of a touch, the object turned by as much as it says."""
+    R, state = touching.base_from_wrist, result.state
+    target = target_of(result.recording.facts, touching.target)
     point, _ = taught_place(
         target, state.base_from_object, state.bare_in_base, state.offsets_in_object, result.layout
     )
+    if touching.turn_rad:
+        turn = turn_of(state.camera_from_axis, touching.turn_rad)
+        point = state.base_from_camera @ (turn @ (state.base_from_camera.inverse() @ point))
     return Pose(R, point - R @ state.tcp_in_wrist)
 
 
@@ -201,10 +216,34 @@ def spins_within(result: JointFit, reach: Reach) -> list[Spinning]:
     return [Spinning(angle) for angle in reach.turns_rad]
 
 
+def turned_touches_within(result: JointFit, reach: Reach) -> list[Touching]:
+    """Touches of every target with the wrist as usual and the object turned as far as the spins.
+
+    They tell the centre best half round. None where nothing shows the turn: a camera that people move, an
+    object that lies anywhere, no spin yet.
+    """
+    facts = result.recording.facts
+    turns_rad = [turn for turn in reach.turns_rad if turn]
+    is_movable = facts.camera_stability is Stability.MOVABLE
+    if (
+        not (result.layout.axis and turns_rad)
+        or is_movable
+        or result.recording.plan is not Plan.JOINT
+    ):
+        return []
+    turn_rad = min(turns_rad, key=lambda turn: abs(np.cos(turn) + 1))
+    every = []
+    for name in known_targets(result):
+        straight = usual_wrist(result.recording, name)
+        every.append((Touching(name, straight, turn_rad), straight))
+    return [touch for touch, straight in every if _is_allowed(result, reach, touch, straight)]
+
+
 def samples_within(result: JointFit, reach: Reach) -> list[Candidate]:
     """Touches, looks and spins that the reach allows, always in the same order."""
     return [
         *touches_within(result, reach),
+        *turned_touches_within(result, reach),
         *looks_within(result, reach),
         *spins_within(result, reach),
     ]
@@ -237,6 +276,8 @@ def _incidence(camera_from_tag: Pose) -> float:
 def _is_allowed(result: JointFit, reach: Reach, candidate: Candidate, straight: Array) -> bool:
     axis = np.asarray(result.recording.facts.tool.axis_in_wrist)
     nominal = straight @ axis if reach.axis_in_base is None else np.asarray(reach.axis_in_base)
+    if isinstance(candidate, Touching):
+        return reach.allows(touch_pose(result, candidate), axis, nominal)
     flange = flange_of(result, candidate)
     return flange is None or reach.allows(flange, axis, nominal)
 
