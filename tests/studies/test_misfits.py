@@ -9,7 +9,7 @@ from fakes.studies.misfits import study as misfits
 from fakes.studies.misfits.cell import MisfitCell
 from fakes.studies.misfits.judging import Answer, Judged
 from fakes.studies.misfits.prints import Print, seen_as
-from fakes.studies.misfits.worlds import ROWS, Move, Touching, World
+from fakes.studies.misfits.worlds import BEFORE, ROWS, Move, Touching, World
 from fakes.studies.study import Trials
 from fakes.world.simulation import TAG_B
 from vgrd.geometry import Pose
@@ -95,7 +95,7 @@ def test_a_row_passes_by_its_radii_or_by_what_it_catches():
 
 
 def test_a_clean_row_is_judged_by_its_alarms_and_by_what_doubt_costs():
-    name = "clean, centre 0.02 stated"
+    name = BEFORE
 
     def figures(u95_mm, told):
         row = {**judged(*[True] * 10, told=told).row(set()), "u95_mm": u95_mm}
@@ -200,7 +200,7 @@ def test_the_axis_is_tilted_in_the_object_and_cad_is_off():
 
 def test_every_misfit_has_a_row_and_every_row_but_the_clean_ones_a_cause():
     clean = [name for name, row in ROWS.items() if not row.causes]
-    assert clean == ["clean, centre 0.02 stated", "clean"]
+    assert clean == ["clean, centre 0.02 stated", BEFORE, "clean"]
     differing = {
         f
         for row in ROWS.values()

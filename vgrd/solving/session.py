@@ -81,7 +81,7 @@ def solve_session(
         if state_dir is not None and calibration.verdict.ok:
             name = CalibrationStore(state_dir, clock).save(calibration)
     return {
-        **goodness(calibration, stored.recording, tolerance_mm, policy),
+        **goodness(calibration, stored.recording, holes.sightings, tolerance_mm, policy),
         "calibration": name,
         **summary(calibration),
         "transforms": transforms_of(calibration),

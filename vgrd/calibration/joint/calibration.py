@@ -58,9 +58,7 @@ def calibrate_jointly(
     Raises TooFewObservations, NotObservable (what is missing, in words), InputError or
     DidNotConverge.
     """
-    usable, doubts = without_useless_spins(recording)
-    holes = [hole for hole in sightings if hole.spin is None or usable.spins]
-    fit = calibrate_joint(usable, holes)
+    fit, doubts = fit_session(recording, sightings)
     solution = solution_of(fit)
     targets = recording.facts.object.targets
     taught = {
@@ -78,6 +76,15 @@ def calibrate_jointly(
         told = _predicted(knowing, seen or fit.recording, taught, policy)
         residuals["predicted_u95_exact_center_mm"] = max(one.u95_mm for one in told)
     return Outcome(solution, taught, residuals, findings, seen)
+
+
+def fit_session(
+    recording: Recording, sightings: Sequence[HolePixel] = ()
+) -> tuple[JointFit, tuple[Finding, ...]]:
+    """The estimate that a session is solved by, and what was passed over for it."""
+    usable, doubts = without_useless_spins(recording)
+    holes = [hole for hole in sightings if hole.spin is None or usable.spins]
+    return calibrate_joint(usable, holes), doubts
 
 
 def _knowing_center(fit: JointFit, solution: JointSolution) -> JointSolution | None:
