@@ -18,11 +18,14 @@ from vgrd.calibration.joint.noise.kinds import (
     STOP,
 )
 from vgrd.calibration.levels import Level
+from vgrd.geometry.chi2 import chi2_quantile
 from vgrd.judging.findings import finding
 from vgrd.judging.thresholds import WRONG_SIGMA
 from vgrd.model import Finding
 
-_SURE = 3.0  # sigmas of the found level: with what matters, 1 good session in 1,000 over all kinds
+_BY_CHANCE = (
+    1e-4  # of good sessions, for either side of each of a dozen levels: 1 in 1,000 over all
+)
 _MATTERS = 1.33  # a third of a sigma: less changes no decision
 _CODES: Mapping[str, str] = MappingProxyType(
     {
@@ -51,9 +54,15 @@ def level_findings(levels: Sequence[Level]) -> Iterator[Finding]:
         is_finer = level.found < level.stated
         if is_finer and level.name not in _TOLD_IF_FINER:
             continue
-        off = abs(np.log(level.ratio))
-        if off > max(_SURE * level.log_sigma, np.log(_MATTERS)):
+        if abs(np.log(level.ratio)) > np.log(_MATTERS) and _is_beyond_chance(level):
             yield finding(_CODES[level.name], _words(level), fatal=level.ratio > WRONG_SIGMA)
+
+
+def _is_beyond_chance(level: Level) -> bool:
+    """By the chi-square that its freedom stands for: few samples come out far too fine more often than too coarse."""
+    square = level.freedom * level.ratio**2
+    least, most = (chi2_quantile(p, level.freedom) for p in (_BY_CHANCE, 1 - _BY_CHANCE))
+    return not least < square < most
 
 
 def _words(level: Level) -> str:
