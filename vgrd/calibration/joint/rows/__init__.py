@@ -1,0 +1,32 @@
+"""Rows of the joint estimate: residuals and derivatives of everything that a session tells, the arm's too.
+
+May import what precedes the fit: problem, state and camera_corrections.
+"""
+
+from vgrd.calibration.joint.rows.arm import arm_jacobian
+from vgrd.calibration.joint.rows.evidence import (
+    displacement_jacobian,
+    linearize,
+    moved_tag,
+    touched_places,
+)
+from vgrd.calibration.joint.rows.tags import (
+    ObjectMotions,
+    as_refined,
+    object_motions,
+    seen_tag_a,
+    tag_residuals,
+)
+
+__all__ = [
+    "ObjectMotions",
+    "arm_jacobian",
+    "as_refined",
+    "displacement_jacobian",
+    "linearize",
+    "moved_tag",
+    "object_motions",
+    "seen_tag_a",
+    "tag_residuals",
+    "touched_places",
+]
