@@ -12,7 +12,7 @@ from scipy.linalg import solve_triangular
 
 from vgrd.calibration.joint.camera_corrections import RefinedCorrections
 from vgrd.calibration.joint.problem import JointData
-from vgrd.calibration.joint.rows import arm_jacobian, as_refined, linearize
+from vgrd.calibration.joint.rows import ArmRows, arm_rows, as_refined, linearize
 from vgrd.calibration.joint.state import JointState, StepLayout
 from vgrd.calibration.levels import Level
 from vgrd.errors import DidNotConverge
@@ -29,6 +29,7 @@ _SETTLED_MM = 2e-2  # mm, a tenth of what the best session is sure of
 _SETTLED_SIGMA = 1e-2  # of a refined number, in what was known of it before
 _TOLERANCE = 1e-6  # of the cost: below it steps follow rounding
 _ROUNDING = 1e-6  # of a direction of length 1
+_NONE = np.zeros((0, 0))  # rows that feel an exact arm
 _NOISE_CONFIDENCE = 0.999  # a good session is called noisy once in a thousand
 
 
@@ -144,7 +145,7 @@ def fit_joint(raw: JointData, layout: StepLayout, state: JointState) -> JointFit
     for rounds in range(_ROUNDS):
         anchor = state if rounds < _ANCHORED else anchor
         data = as_refined(state, raw, layout, anchor)
-        _, factor = arm_noise(state, data)
+        factor = arm_noise(state, data)
         frozen = _frozen(state, data, layout, factor)
         minimum = minimize(
             partial(_held, data=data, layout=layout, factor=factor, frozen=frozen),
@@ -175,7 +176,10 @@ def fit_at(
 ) -> JointFit:
     """The fit as it looks at a state; anchor: as of `as_refined`."""
     data = as_refined(state, raw, layout, anchor)
-    G, factor = arm_noise(state, data)
+    G, factor = _NONE, _NONE
+    if not data.arm.is_exact:
+        rows = arm_rows(state, data)
+        G, factor = rows.jacobian(len(data.flange_at)), arm_factor(rows, data)
     r, J = _whitened(state, data, layout, factor)
     covariance, undetermined = information_inverse(J, layout)
     freedom = _degrees_of_freedom(data, layout, undetermined)
@@ -206,13 +210,16 @@ def _degrees_of_freedom(data: JointData, layout: StepLayout, undetermined: Array
     return max(data.measured() - determined, 0)
 
 
-def arm_noise(state: JointState, data: JointData) -> tuple[Array, Array]:
-    """G and the Cholesky factor of I + G S G^T; both empty for an exact arm."""
-    if data.arm.is_exact:
-        return np.zeros((0, 0)), np.zeros((0, 0))
-    G = arm_jacobian(state, data)
-    F = G @ data.arm.cholesky_factor(data.flange_at)
-    return G, np.asarray(np.linalg.cholesky(np.eye(len(G)) + F @ F.T), dtype=np.float64)
+def arm_factor(rows: ArmRows, data: JointData) -> Array:
+    """Cholesky factor of I + G S G^T, the noise of the rows that feel the arm."""
+    noise = rows.covariance(data.arm, data.flange_at)
+    noise[np.diag_indices_from(noise)] += 1
+    return np.asarray(np.linalg.cholesky(noise), dtype=np.float64)
+
+
+def arm_noise(state: JointState, data: JointData) -> Array:
+    """The same at a state; empty for an exact arm."""
+    return _NONE if data.arm.is_exact else arm_factor(arm_rows(state, data), data)
 
 
 def whiten_arm(factor: Array, rows: Array) -> Array:

@@ -3,7 +3,7 @@
 May import what precedes the fit: problem, state and camera_corrections.
 """
 
-from vgrd.calibration.joint.rows.arm import arm_jacobian
+from vgrd.calibration.joint.rows.arm import ArmRows, arm_jacobian, arm_rows
 from vgrd.calibration.joint.rows.evidence import (
     displacement_jacobian,
     linearize,
@@ -19,8 +19,10 @@ from vgrd.calibration.joint.rows.tags import (
 )
 
 __all__ = [
+    "ArmRows",
     "ObjectMotions",
     "arm_jacobian",
+    "arm_rows",
     "as_refined",
     "displacement_jacobian",
     "linearize",
