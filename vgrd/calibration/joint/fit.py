@@ -243,6 +243,12 @@ def information_inverse(jacobian: Array, layout: StepLayout) -> tuple[Array, Arr
     return half @ half.T, scales[:, None] * Vt[rank:].T
 
 
+def determined_half(jacobian: Array, layout: StepLayout) -> Array:
+    """Factor (n, k) of the covariance from a whitened Jacobian (r, n): what is determined, in its sigmas."""
+    s, Vt = _spectrum(jacobian, layout)
+    return np.asarray(units(layout)[:, None] * Vt[: len(s)].T / s)
+
+
 def determined_columns(jacobian: Array, layout: StepLayout) -> Array:
     """Directions (n, k) of a step that a whitened Jacobian (r, n) determines."""
     s, Vt = _spectrum(jacobian, layout)
