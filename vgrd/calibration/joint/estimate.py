@@ -77,7 +77,7 @@ def calibrate_joint(
 def _stretched(trial: Trial, data: JointData, *, robust: bool) -> Trial:
     """The same with tags that may be wider than high."""
     start = at_sigmas(trial.optimum.state, trial.optimum.data, data)
-    optimum = fit_joint(data, layout_of(data), start)
+    optimum = fit_joint(data, layout_of(data), start, is_near=True)
     return Trial(trial.moves_s, optimum, screen(data, optimum) if robust else optimum)
 
 

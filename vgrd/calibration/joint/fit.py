@@ -28,6 +28,8 @@ _ANCHORED = 2  # rounds after which derivatives by a stretch, which change with 
 _SETTLED_MM = 2e-2  # mm, a tenth of what the best session is sure of
 _SETTLED_SIGMA = 1e-2  # of a refined number, in what was known of it before
 _TOLERANCE = 1e-6  # of the cost: below it steps follow rounding
+_FAR = 1e-6  # damping, of unit columns, where the start is a guess
+_NEAR = 1e-12  # the same near the end: more would hold what is hardly known for some steps
 _ROUNDING = 1e-6  # of a direction of length 1
 _NONE = np.zeros((0, 0))  # rows that feel an exact arm
 _NOISE_CONFIDENCE = 0.999  # a good session is called noisy once in a thousand
@@ -136,27 +138,26 @@ class JointFit:
         return unknown_in_words(self.layout, self.undetermined)
 
 
-def fit_joint(raw: JointData, layout: StepLayout, state: JointState) -> JointFit:
+def fit_joint(
+    raw: JointData, layout: StepLayout, state: JointState, *, is_near: bool = False
+) -> JointFit:
     """Most likely state near the one given, which keeps what nothing determines as it was.
 
-    Raises DidNotConverge.
+    is_near: the start is that of nearly the same evidence. Raises DidNotConverge.
     """
     anchor = state
     for rounds in range(_ROUNDS):
         anchor = state if rounds < _ANCHORED else anchor
-        data = as_refined(state, raw, layout, anchor)
-        factor = arm_noise(state, data)
-        frozen = _frozen(state, data, layout, factor)
+        weighed = _Weighed(raw, layout, state, anchor)
         minimum = minimize(
-            partial(_held, data=data, layout=layout, factor=factor, frozen=frozen),
+            weighed.held,
             partial(_retract, layout=layout),
             state,
             tolerance=_TOLERANCE,
+            damping=_NEAR if rounds or is_near else _FAR,
         )
         before, state = state, minimum.state
-        if _is_settled(before, state, data) and (
-            not len(frozen) or len(_frozen(state, data, layout, factor)) == len(frozen)
-        ):
+        if _is_settled(before, state, weighed.data) and weighed.is_as_open(state):
             break
     else:
         raise DidNotConverge(
@@ -165,6 +166,41 @@ def fit_joint(raw: JointData, layout: StepLayout, state: JointState) -> JointFit
         )
     check_convergence(minimum.report, "joint estimate")
     return fit_at(raw, layout, state, minimum.report, anchor)
+
+
+class _Weighed:
+    """Rows with the noise of the arm and the derivatives of refined numbers kept as they are at one state."""
+
+    def __init__(
+        self, raw: JointData, layout: StepLayout, state: JointState, anchor: JointState
+    ) -> None:
+        self.data = as_refined(state, raw, layout, anchor)
+        self._layout, self._state = layout, state
+        self._factor = arm_noise(state, self.data)
+        self._rows = _whitened(state, self.data, layout, self._factor)
+        # No step is taken along these directions (z, n): costs would lead nowhere there.
+        self._frozen = _open(self._rows[1], layout)
+
+    def held(self, state: JointState) -> tuple[Array, Array]:
+        """Residuals and derivative across what is frozen, which rows of zero residual hold."""
+        r, J = self._at(state)
+        if not len(self._frozen):
+            return r, J
+        scales, frozen = units(self._layout), self._frozen
+        J = J * scales
+        J = np.vstack([J - J @ frozen.T @ frozen, frozen]) / scales
+        return np.concatenate([r, np.zeros(len(frozen))]), J
+
+    def is_as_open(self, state: JointState) -> bool:
+        """Whether as much is frozen as is undetermined at the state."""
+        count = len(self._frozen)
+        return not count or len(_open(self._at(state)[1], self._layout)) == count
+
+    def _at(self, state: JointState) -> tuple[Array, Array]:
+        if state is not self._state:
+            self._rows = _whitened(state, self.data, self._layout, self._factor)
+            self._state = state
+        return self._rows
 
 
 def fit_at(
@@ -236,23 +272,20 @@ def information_inverse(jacobian: Array, layout: StepLayout) -> tuple[Array, Arr
 
     A direction is undetermined when the data leave it uncertain by more than 500 mm or 1 rad.
     """
-    scales = units(layout)
-    s, Vt = _spectrum(jacobian, layout)
-    rank = len(s)
-    half = scales[:, None] * Vt[:rank].T / s
-    return half @ half.T, scales[:, None] * Vt[rank:].T
+    half, undetermined = _determined(jacobian, layout)
+    return half @ half.T, units(layout)[:, None] * undetermined.T
 
 
 def determined_half(jacobian: Array, layout: StepLayout) -> Array:
     """Factor (n, k) of the covariance from a whitened Jacobian (r, n): what is determined, in its sigmas."""
-    s, Vt = _spectrum(jacobian, layout)
-    return np.asarray(units(layout)[:, None] * Vt[: len(s)].T / s)
+    return _determined(jacobian, layout)[0]
 
 
-def determined_columns(jacobian: Array, layout: StepLayout) -> Array:
-    """Directions (n, k) of a step that a whitened Jacobian (r, n) determines."""
-    s, Vt = _spectrum(jacobian, layout)
-    return np.asarray(units(layout)[:, None] * Vt[: len(s)].T)
+def determined_span(jacobian: Array, layout: StepLayout) -> Array:
+    """Orthonormal columns (r, k) of what the unknowns that are determined take up of the rows."""
+    Q, R = np.linalg.qr(jacobian * units(layout))
+    U, s, _ = np.linalg.svd(R)
+    return np.asarray(Q @ U[:, s > 1.0])
 
 
 def units(layout: StepLayout) -> Array:
@@ -283,29 +316,26 @@ def _whitened(
     return whiten_arm(factor, r), whiten_arm(factor, J)
 
 
-def _spectrum(jacobian: Array, layout: StepLayout) -> tuple[Array, Array]:
-    """Singular values (k,) that count as determined, and all right vectors (n, n), in `units`."""
-    R = np.linalg.qr(jacobian * units(layout), mode="r")
+def _determined(jacobian: Array, layout: StepLayout) -> tuple[Array, Array]:
+    """Factor (n, k) of the covariance and, in `units`, directions (z, n) that are undetermined."""
+    scales = units(layout)[:, None]
+    R = np.linalg.qr(jacobian * scales.T, mode="r")
+    if _is_determined(R):
+        return scales * solve_triangular(R, np.eye(len(R)), check_finite=False), R[:0]
     _, s, Vt = np.linalg.svd(R, full_matrices=True)
-    return s[s > 1.0], Vt
+    s = s[s > 1.0]
+    return scales * Vt[: len(s)].T / s, Vt[len(s) :]
 
 
-def _frozen(state: JointState, data: JointData, layout: StepLayout, factor: Array) -> Array:
-    """Directions (z, n) in `units` along which no step is taken: costs would lead nowhere there."""
-    s, Vt = _spectrum(_whitened(state, data, layout, factor)[1], layout)
-    return Vt[len(s) :]
+def _open(jacobian: Array, layout: StepLayout) -> Array:
+    """Directions (z, n) in `units` that are undetermined."""
+    return _determined(jacobian, layout)[1]
 
 
-def _held(
-    state: JointState, data: JointData, layout: StepLayout, factor: Array, frozen: Array
-) -> tuple[Array, Array]:
-    """Whitened residuals and derivative across what is frozen, which rows of zero residual hold."""
-    r, J = _whitened(state, data, layout, factor)
-    if not len(frozen):
-        return r, J
-    J = J * units(layout)
-    J = np.vstack([J - J @ frozen.T @ frozen, frozen]) / units(layout)
-    return np.concatenate([r, np.zeros(len(frozen))]), J
+def _is_determined(R: Array) -> bool:
+    """Whether no singular value of a triangle (n, n) is below 1."""
+    square = R.shape[0] == R.shape[1]
+    return square and bool(np.linalg.svd(R, compute_uv=False).min(initial=np.inf) > 1.0)
 
 
 def _retract(state: JointState, step: Array, layout: StepLayout) -> JointState:
