@@ -30,6 +30,7 @@ _SETTLED_SIGMA = 1e-2  # of a refined number, in what was known of it before
 _TOLERANCE = 1e-6  # of the cost: below it steps follow rounding
 _FAR = 1e-6  # damping, of unit columns, where the start is a guess
 _NEAR = 1e-12  # the same near the end: more would hold what is hardly known for some steps
+_ROUGH = 1e-3  # the same where everything is weighed anew afterwards
 _ROUNDING = 1e-6  # of a direction of length 1
 _NONE = np.zeros((0, 0))  # rows that feel an exact arm
 _NOISE_CONFIDENCE = 0.999  # a good session is called noisy once in a thousand
@@ -139,25 +140,33 @@ class JointFit:
 
 
 def fit_joint(
-    raw: JointData, layout: StepLayout, state: JointState, *, is_near: bool = False
+    raw: JointData,
+    layout: StepLayout,
+    state: JointState,
+    *,
+    is_near: bool = False,
+    is_rough: bool = False,
 ) -> JointFit:
     """Most likely state near the one given, which keeps what nothing determines as it was.
 
-    is_near: the start is that of nearly the same evidence. Raises DidNotConverge.
+    is_near: the start is that of nearly the same evidence. is_rough: only until derivatives by a stretch are
+    near the end, for a fit that another one follows. Raises DidNotConverge.
     """
     anchor = state
     for rounds in range(_ROUNDS):
         anchor = state if rounds < _ANCHORED else anchor
         weighed = _Weighed(raw, layout, state, anchor)
+        is_last = is_rough and rounds + 1 == _ANCHORED
+        is_passing = is_rough or (not rounds and not weighed.is_for_good)
         minimum = minimize(
             weighed.held,
             partial(_retract, layout=layout),
             state,
-            tolerance=_TOLERANCE,
+            tolerance=_ROUGH if is_passing else _TOLERANCE,
             damping=_NEAR if rounds or is_near else _FAR,
         )
         before, state = state, minimum.state
-        if _is_settled(before, state, weighed.data) and weighed.is_as_open(state):
+        if is_last or (not is_passing and weighed.is_settled(before, state)):
             break
     else:
         raise DidNotConverge(
@@ -191,10 +200,17 @@ class _Weighed:
         J = np.vstack([J - J @ frozen.T @ frozen, frozen]) / scales
         return np.concatenate([r, np.zeros(len(frozen))]), J
 
-    def is_as_open(self, state: JointState) -> bool:
-        """Whether as much is frozen as is undetermined at the state."""
+    @property
+    def is_for_good(self) -> bool:
+        """Whether nothing is to be weighed anew."""
+        return self.data.arm.is_exact and not self.data.corrections.count
+
+    def is_settled(self, before: JointState, after: JointState) -> bool:
+        """Whether the weights hold after a round, and as much is frozen as is undetermined then."""
         count = len(self._frozen)
-        return not count or len(_open(self._at(state)[1], self._layout)) == count
+        if not _is_settled(before, after, self.data):
+            return False
+        return not count or len(_open(self._at(after)[1], self._layout)) == count
 
     def _at(self, state: JointState) -> tuple[Array, Array]:
         if state is not self._state:
