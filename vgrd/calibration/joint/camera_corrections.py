@@ -88,13 +88,12 @@ class PriorSigmas:
 class RefinedTags:
     """n tags as refined: rotations (n, 3, 3), translations (n, 3).
 
-    J_refined: (n, 6, e), left tangents; shifts: (n, 6, 6), tangents as measured to refined ones.
+    back: (n, 6, 6), tangents as refined to measured ones.
     """
 
     rotations: Array
     translations: Array
-    J_refined: Array
-    shifts: Array
+    back: Array
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -165,9 +164,16 @@ class CameraCorrections:
             pixels = self.camera.project(_corners(R, t, nominal_mm))
             R, t = _resected(R, t, pixels, self.camera_at(values), nominal_mm)
         t = t * (size_mm / nominal_mm)
-        turn = R @ np.swapaxes(rotations, 1, 2)
-        back = t - np.einsum("nij,nj->ni", turn, translations)
-        return RefinedTags(R, t, self.tangents(R, t, tag, values), adjoints(turn, back))
+        turn = rotations @ np.swapaxes(R, 1, 2)
+        back = translations - np.einsum("nij,nj->ni", turn, t)
+        return RefinedTags(R, t, adjoints(turn, back))
+
+    def tangents_as_seen(
+        self, rotations: Array, translations: Array, tag: str, values: Array
+    ) -> Array:
+        """As `tangents`, of poses as measured."""
+        refined = self.refine(rotations, translations, tag, values)
+        return self.tangents(refined.rotations, refined.translations, tag, values)
 
     def tangents(self, R: Array, t: Array, tag: str, values: Array) -> Array:
         """Left tangents (n, 6, e) by which refined poses (n, 3, 3), (n, 3) of a tag move per sigma."""
@@ -217,10 +223,10 @@ class RefinedCorrections:
         if not self.corrections.count:
             return tag
         refined = self._refine(tag, name)
-        A = refined.shifts[0]
+        A = np.linalg.inv(refined.back[0])
         pose = Pose(refined.rotations[0], refined.translations[0])
         curvature = self.corrections.curvatures(
-            refined.rotations, refined.translations, name, refined.J_refined
+            refined.rotations, refined.translations, name, self.tangent(pose, name)[None]
         )
         covariance = frozen_array(A @ tag.covariance @ A.T + curvature[0], 6, 6)
         return replace(tag, camera_from_tag=pose, covariance=covariance)

@@ -155,10 +155,10 @@ class Tags:
         return replace(subset, sqrt_informations=root * subset.sqrt_informations)
 
     def refined(self, corrections: CameraCorrections, size_of: str, values: Array) -> "Tags":
-        """As seen with refined tag sizes and intrinsics, values (e,)."""
+        """As seen with refined tag sizes and intrinsics, values (e,); derivatives by them are left to others."""
         refined = corrections.refine(self.rotations, self.translations, size_of, values)
-        sqrt_informations = self.sqrt_informations @ np.linalg.inv(refined.shifts)
-        return Tags(refined.rotations, refined.translations, sqrt_informations, refined.J_refined)
+        sqrt_informations = self.sqrt_informations @ refined.back
+        return Tags(refined.rotations, refined.translations, sqrt_informations)
 
     def poses(self) -> list[Pose]:
         """camera_from_tag of all."""
@@ -351,7 +351,7 @@ class JointData:
         )
 
     def refined(self, values: Array) -> "JointData":
-        """The same, gathered with nothing refined, as seen with refined values (e,)."""
+        """The same, gathered with nothing refined, as seen with refined values (e,), without derivatives."""
         if not len(values):
             return self
         corrections, values = self.corrections, self.corrections.applied(values)

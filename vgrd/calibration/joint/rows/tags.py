@@ -10,6 +10,7 @@ from vgrd.calibration.joint.state import JointState, StepLayout
 from vgrd.geometry import Array, Pose, hat, log_rotation
 
 Displaced = tuple[Array, Array]  # (n, 3, 3), (n, 3): camera_from_taught of every picture
+_SMALL_RAD = 1e-2  # the second term is 1e-11 of the first there
 _BERNOULLI = (1 / 12, -1 / 720, 1 / 30240)  # B_2k / (2k)!, k = 1, 2, 3: exact to 1e-6 at 1 rad
 
 
@@ -34,26 +35,28 @@ def tag_residuals(R: Array, t: Array, tags: Tags) -> tuple[Array, Array, Array]:
     turn = R @ np.swapaxes(tags.rotations, 1, 2)
     shift = t - np.einsum("nij,nj->ni", turn, tags.translations)
     w = log_rotation(turn).reshape(-1, 3)
-    W = hat(w)
+    W, largest = hat(w), float(np.abs(w).max(initial=0.0))
     ad = np.zeros((len(w), 6, 6))
     ad[:, :3, :3] = ad[:, 3:, 3:] = W
-    v = np.einsum("nij,nj->ni", _inverse_jacobian(W), shift)
+    v = np.einsum("nij,nj->ni", _inverse_jacobian(W, largest), shift)
     ad[:, :3, 3:] = hat(v)
-    D = tags.sqrt_informations @ _inverse_jacobian(ad)
+    D = tags.sqrt_informations @ _inverse_jacobian(ad, largest)
     E = np.zeros((len(w), 6, 0))
     if tags.J_refined is not None:
         E = -D @ tags.J_refined
     return np.einsum("nij,nj->ni", tags.sqrt_informations, np.concatenate([v, w], axis=1)), D, E
 
 
-def _inverse_jacobian(ad: Array) -> Array:
-    """Inverse left Jacobian as a series in the adjoint of the logarithm; turns below a radian."""
+def _inverse_jacobian(ad: Array, largest: float) -> Array:
+    """Inverse left Jacobian as a series in the adjoint of the logarithm; turns up to `largest`, below a radian."""
     square = ad @ ad
     inverse = np.eye(ad.shape[-1]) - ad / 2
-    power = square
-    for factor in _BERNOULLI:
-        inverse = inverse + factor * power
-        power = power @ square
+    inverse += _BERNOULLI[0] * square
+    if largest > _SMALL_RAD:
+        power = square
+        for factor in _BERNOULLI[1:]:
+            power = power @ square
+            inverse += factor * power
     return np.asarray(inverse)
 
 
