@@ -279,8 +279,19 @@ def whiten_arm(factor: Array, rows: Array) -> Array:
     k = len(factor)
     if not k:
         return rows
-    first = solve_triangular(factor, rows[:k], lower=True, check_finite=False)
-    return np.concatenate([first, rows[k:]])
+    if rows.ndim == 1:
+        first = solve_triangular(factor, rows[:k], lower=True, check_finite=False)
+        return np.concatenate([first, rows[k:]])
+    out = rows.copy()
+    # Columns that touches alone move begin late, and nothing comes before their first row.
+    begins = np.argmax(rows[:k] != 0, axis=0)
+    early = begins < k // 2
+    for columns in (np.flatnonzero(early), np.flatnonzero(~early)):
+        first = int(begins[columns].min(initial=k))
+        own = np.ix_(np.arange(first, k), columns)
+        corner = factor[first:, first:]
+        out[own] = solve_triangular(corner, rows[own], lower=True, check_finite=False)
+    return out
 
 
 def information_inverse(jacobian: Array, layout: StepLayout) -> tuple[Array, Array]:

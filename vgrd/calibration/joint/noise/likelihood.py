@@ -5,7 +5,7 @@ What is shared counts as unknowns of variance 1 (Harville 1977): with X = (J, F)
 N = X^T D^-1 X + (0, I) = L L^T, P = D^-1 - U U^T, U = D^-1 X L^-T. Nothing as large as all rows is inverted.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -16,6 +16,8 @@ from vgrd.calibration.levels import Levels, Slope, ascend
 from vgrd.geometry import Array
 
 Rows = NDArray[np.intp]
+
+_ROUNDING = 1e-12  # of a variance
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -39,28 +41,30 @@ class Part:
 class _Samples:
     """Samples (m) of b rows each that feel the same kinds of noise.
 
-    rows: where they stand; known: (m, b, b); own: the number of each kind and its covariance (m, b, b).
+    rows: where they stand; known: (m, b, b); own: the number of each kind and its covariance (m, b, b);
+    roots: factors (m, b, q) of these.
     """
 
     rows: slice
     known: Array
     own: dict[int, Array]
+    roots: dict[int, Array]
 
     def of(self, columns: Array) -> Array:
         """Their rows (m, b, p) of columns (r, p)."""
         return columns[self.rows].reshape(*self.known.shape[:2], -1)
 
-    def inverse(self, sizes: Array) -> Array:
-        """(m, b, b): of their own covariance."""
+    def whitener(self, sizes: Array) -> Array:
+        """W (m, b, b) with W^T W the inverse of their own covariance."""
         covariance = self.known + sum(sizes[k] * C for k, C in self.own.items())
-        return np.asarray(np.linalg.inv(covariance))
+        return np.asarray(np.linalg.inv(np.linalg.cholesky(covariance)))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Noise:
-    """At given sizes: D^-1 of all samples, U (r, p) and L^-1 (p, p)."""
+    """At given sizes: W of all samples, D^-1 = W^T W, U (r, p) and L^-1 (p, p)."""
 
-    inverses: Sequence[Array]
+    whiteners: Sequence[Array]
     U: Array
     L_inv: Array
 
@@ -115,15 +119,18 @@ class Restricted:
     def _at(self, sizes: Array) -> _Noise:
         scale = 1.0 if self._shared is None else np.sqrt(sizes[self._shared])
         X = np.hstack([self._jacobian, scale * self._factor])
-        weighed = np.empty_like(X)
-        inverses = [samples.inverse(sizes) for samples in self._samples]
-        for samples, inverse in zip(self._samples, inverses, strict=True):
-            weighed[samples.rows] = (inverse @ samples.of(X)).reshape(-1, X.shape[1])
-        N = X.T @ weighed
+        whiteners = [samples.whitener(sizes) for samples in self._samples]
+        for samples, W in zip(self._samples, whiteners, strict=True):
+            X[samples.rows] = (W @ samples.of(X)).reshape(-1, X.shape[1])
+        N = X.T @ X
         ends = np.arange(self._jacobian.shape[1], len(N))
         N[ends, ends] += 1
-        L_inv = solve_triangular(np.linalg.cholesky(N), np.eye(len(N)), lower=True)
-        return _Noise(inverses, weighed @ L_inv.T, L_inv)
+        L = np.linalg.cholesky(N)
+        U = np.ascontiguousarray(solve_triangular(L, X.T, lower=True, check_finite=False).T)
+        for samples, W in zip(self._samples, whiteners, strict=True):
+            U[samples.rows] = (W.transpose(0, 2, 1) @ samples.of(U)).reshape(-1, U.shape[1])
+        L_inv = solve_triangular(L, np.eye(len(L)), lower=True, check_finite=False)
+        return _Noise(whiteners, U, L_inv)
 
     def _slope(self, log_variances: Array) -> Slope:
         """Of the likelihood: first what D^-1 alone gives, then what the unknowns take of it."""
@@ -131,10 +138,11 @@ class Restricted:
         noise = self._at(sizes)
         sums = _Sums.none(self._count, len(noise.L_inv))
         by_unknowns = noise.U.T @ self._residuals
-        for samples, inverse in zip(self._samples, noise.inverses, strict=True):
+        for samples, W in zip(self._samples, noise.whiteners, strict=True):
             U, r = samples.of(noise.U), samples.of(self._residuals)
+            inverse = W.transpose(0, 2, 1) @ W
             pulled = inverse @ r - (U @ by_unknowns)[:, :, None]
-            sums.add(samples.own, sizes, inverse, U, pulled)
+            sums.add(samples, sizes, inverse, U, pulled)
         if self._shared is not None:
             sums.share(self._shared, noise.L_inv[:, self._jacobian.shape[1] :], by_unknowns)
         return sums.slope()
@@ -168,24 +176,25 @@ class _Sums:
         )
 
     def add(
-        self, own: Mapping[int, Array], sizes: Array, inverse: Array, U: Array, pulled: Array
+        self, samples: _Samples, sizes: Array, inverse: Array, U: Array, pulled: Array
     ) -> None:
         """Samples with D^-1 (m, b, b), U (m, b, p) and P r (m, b, 1)."""
-        S = {k: sizes[k] * C for k, C in own.items()}
+        S = {k: sizes[k] * C for k, C in samples.own.items()}
         moved = {k: S_k @ pulled for k, S_k in S.items()}
-        seen = {k: S_k @ U for k, S_k in S.items()}
         weighed = {k: inverse @ S_k for k, S_k in S.items()}
         flat = U.reshape(-1, U.shape[2])
-        for k in own:
+        outer = U @ U.transpose(0, 2, 1)
+        for k, root in samples.roots.items():
             self.squares[k] += np.sum(pulled * moved[k])
             self.traces[k] += np.trace(weighed[k], axis1=1, axis2=2).sum()
             self.taken[k] += moved[k].reshape(-1) @ flat
-            self.of_unknowns[k] += flat.T @ seen[k].reshape(flat.shape)
-            turned, pull = inverse @ seen[k], inverse @ moved[k]
-            for j in own:
+            seen = (root.transpose(0, 2, 1) @ U).reshape(-1, U.shape[2])
+            self.of_unknowns[k] += sizes[k] * (seen.T @ seen)
+            pull, left = inverse @ moved[k], outer @ S[k]
+            for j in samples.own:
                 self.pulls[k, j] += np.sum(pull * moved[j])
-                self.alike[k, j] += np.sum(weighed[k] * np.swapaxes(weighed[j], 1, 2))
-                self.alike[k, j] -= 2 * np.sum(turned * seen[j])
+                both = weighed[k] - 2 * left
+                self.alike[k, j] += np.sum(both * np.swapaxes(weighed[j], 1, 2))
 
     def share(self, k: int, K: Array, by_unknowns: Array) -> None:
         """What all samples share, F F^T: F^T P r = K^T U^T r, F^T P F = I - K^T K, P F = U K."""
@@ -225,14 +234,19 @@ def _grouped(
         width = widths[members[0]]
         rows = slice(first, first + width * len(members))
         first = rows.stop
-        groups.append(
-            _Samples(
-                rows,
-                sum((sign * C.of(rows, width) for sign, C in others), np.zeros((1, 1, 1))),
-                {k: C.of(rows, width) for k, C in covariances if feels[members[0], k]},
-            )
-        )
+        known_own = sum((sign * C.of(rows, width) for sign, C in others), np.zeros((1, 1, 1)))
+        its = {k: C.of(rows, width) for k, C in covariances if feels[members[0], k]}
+        roots = {k: _root(C) for k, C in its.items()}
+        groups.append(_Samples(rows, known_own, its, roots))
     return order, groups
+
+
+def _root(covariances: Array) -> Array:
+    """Factors (m, b, q) of covariances (m, b, b), without what vanishes in all of them."""
+    values, vectors = np.linalg.eigh(covariances)
+    q = int((values > _ROUNDING * values.max(initial=0.0)).any(axis=0).sum())
+    values = np.sqrt(np.maximum(values[:, -q:], 0.0))
+    return np.asarray(vectors[:, :, -q:] * values[:, None, :])
 
 
 class _OfSamples:
