@@ -193,19 +193,18 @@ class CameraCorrections:
         return out
 
     def curvatures(self, R: Array, t: Array, tag: str, tangents: Array) -> Array:
-        """Covariances (n, 6, 6) of what tangents (n, 6, e) of a stretch leave out, as it turns a tag.
+        """What tangents (n, 6, e) of a stretch leave out, as it turns a tag: (n, 6), times one noise each.
 
         Seen under an angle a, a stretch s turns a tag by s / a, and so by the square of that over 2 a less than
         the tangent says. That counts as noise: tags seen from the front tell no tilt then.
         """
         if _STRETCHES[tag] not in self.sigmas:
-            return np.zeros((len(R), 6, 6))
+            return np.zeros((len(R), 6))
         j = tangents[:, :, list(self.sigmas).index(_STRETCHES[tag])]
         sight = t / np.linalg.norm(t, axis=1, keepdims=True)
         angles = np.linalg.norm(np.cross(R[:, :, 2], sight), axis=1)
         shares = np.linalg.norm(j[:, 3:], axis=1) / (2 * np.maximum(angles, _FRONTAL_RAD))
-        off = shares[:, None] * j
-        return np.asarray(off[:, :, None] * off[:, None, :])
+        return np.asarray(shares[:, None] * j)
 
     def _of_camera(self) -> bool:
         return any(name in _INTRINSIC for name in self.sigmas)
@@ -228,7 +227,8 @@ class RefinedCorrections:
         curvature = self.corrections.curvatures(
             refined.rotations, refined.translations, name, self.tangent(pose, name)[None]
         )
-        covariance = frozen_array(A @ tag.covariance @ A.T + curvature[0], 6, 6)
+        own = np.outer(curvature[0], curvature[0])
+        covariance = frozen_array(A @ tag.covariance @ A.T + own, 6, 6)
         return replace(tag, camera_from_tag=pose, covariance=covariance)
 
     @property
@@ -284,7 +284,9 @@ def _by_stretch(R: Array, t: Array, camera: CameraModel, size_mm: float) -> Arra
     corners = _corners(R, t, size_mm)
     shifts = (_SQUARE * np.array([0.5, -0.5, 0.0])) @ np.swapaxes(R, 1, 2)
     D = camera.linearize(corners)[1] @ shifts.reshape(-1, 3, 1)
-    return np.asarray((-np.linalg.pinv(_by_pose(camera, corners)) @ D.reshape(-1, 8, 1))[:, :, 0])
+    P = _by_pose(camera, corners)
+    P_T = P.transpose(0, 2, 1)
+    return np.asarray(-np.linalg.solve(P_T @ P, P_T @ D.reshape(-1, 8, 1))[:, :, 0])
 
 
 def _by_intrinsics(R: Array, t: Array, camera: CameraModel, size_mm: float) -> Array:

@@ -347,8 +347,11 @@ def _determined(jacobian: Array, layout: StepLayout) -> tuple[Array, Array]:
     """Factor (n, k) of the covariance and, in `units`, directions (z, n) that are undetermined."""
     scales = units(layout)[:, None]
     R = np.linalg.qr(jacobian * scales.T, mode="r")
-    if _is_determined(R):
-        return scales * solve_triangular(R, np.eye(len(R)), check_finite=False), R[:0]
+    if R.shape[0] == R.shape[1] and np.diag(R).all():
+        R_inv = solve_triangular(R, np.eye(len(R)), check_finite=False)
+        # The largest singular value of the inverse is at most its Frobenius norm.
+        if np.sum(R_inv * R_inv) < 1 or np.linalg.svd(R, compute_uv=False).min() > 1.0:
+            return scales * R_inv, R[:0]
     _, s, Vt = np.linalg.svd(R, full_matrices=True)
     s = s[s > 1.0]
     return scales * Vt[: len(s)].T / s, Vt[len(s) :]
@@ -357,12 +360,6 @@ def _determined(jacobian: Array, layout: StepLayout) -> tuple[Array, Array]:
 def _open(jacobian: Array, layout: StepLayout) -> Array:
     """Directions (z, n) in `units` that are undetermined."""
     return _determined(jacobian, layout)[1]
-
-
-def _is_determined(R: Array) -> bool:
-    """Whether no singular value of a triangle (n, n) is below 1."""
-    square = R.shape[0] == R.shape[1]
-    return square and bool(np.linalg.svd(R, compute_uv=False).min(initial=np.inf) > 1.0)
 
 
 def _retract(state: JointState, step: Array, layout: StepLayout) -> JointState:

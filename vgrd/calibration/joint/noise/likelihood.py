@@ -17,8 +17,6 @@ from vgrd.geometry import Array
 
 Rows = NDArray[np.intp]
 
-_ROUNDING = 1e-12  # of a variance
-
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Part:
@@ -108,9 +106,11 @@ class Restricted:
         gain = by @ noise.U.T
         parts = np.zeros((len(J), self._count))
         for samples in self._samples:
-            own = gain[:, :, samples.rows].reshape(*gain.shape[:2], *samples.known.shape[:2])
-            for k, C in samples.own.items():
-                parts[:, k] += sizes[k] * np.einsum("acmi,mij,acmj->a", own, C, own, optimize=True)
+            m, b, _ = samples.known.shape
+            own = gain[:, :, samples.rows].reshape(-1, m, b).transpose(1, 0, 2)
+            for k, root in samples.roots.items():
+                squares = np.sum((own @ root) ** 2, axis=(0, 2))
+                parts[:, k] += sizes[k] * squares.reshape(len(J), -1).sum(axis=1)
         if self._shared is not None:
             shared = gain @ self._factor
             parts[:, self._shared] = sizes[self._shared] * np.sum(shared**2, axis=(1, 2))
@@ -126,10 +126,10 @@ class Restricted:
         ends = np.arange(self._jacobian.shape[1], len(N))
         N[ends, ends] += 1
         L = np.linalg.cholesky(N)
-        U = np.ascontiguousarray(solve_triangular(L, X.T, lower=True, check_finite=False).T)
+        L_inv = solve_triangular(L, np.eye(len(L)), lower=True, check_finite=False)
+        U = X @ L_inv.T
         for samples, W in zip(self._samples, whiteners, strict=True):
             U[samples.rows] = (W.transpose(0, 2, 1) @ samples.of(U)).reshape(-1, U.shape[1])
-        L_inv = solve_triangular(L, np.eye(len(L)), lower=True, check_finite=False)
         return _Noise(whiteners, U, L_inv)
 
     def _slope(self, log_variances: Array) -> Slope:
@@ -235,18 +235,11 @@ def _grouped(
         rows = slice(first, first + width * len(members))
         first = rows.stop
         known_own = sum((sign * C.of(rows, width) for sign, C in others), np.zeros((1, 1, 1)))
-        its = {k: C.of(rows, width) for k, C in covariances if feels[members[0], k]}
-        roots = {k: _root(C) for k, C in its.items()}
+        felt = {k: C for k, C in covariances if feels[members[0], k]}
+        its = {k: C.of(rows, width) for k, C in felt.items()}
+        roots = {k: C.root(rows, width) for k, C in felt.items()}
         groups.append(_Samples(rows, known_own, its, roots))
     return order, groups
-
-
-def _root(covariances: Array) -> Array:
-    """Factors (m, b, q) of covariances (m, b, b), without what vanishes in all of them."""
-    values, vectors = np.linalg.eigh(covariances)
-    q = int((values > _ROUNDING * values.max(initial=0.0)).any(axis=0).sum())
-    values = np.sqrt(np.maximum(values[:, -q:], 0.0))
-    return np.asarray(vectors[:, :, -q:] * values[:, None, :])
 
 
 class _OfSamples:
@@ -261,7 +254,21 @@ class _OfSamples:
 
     def of(self, rows: slice, width: int) -> Array:
         """(m, b, b) of samples of b = `width` rows."""
+        F, same = self._factor_of(rows, width)
+        return np.asarray(F @ np.swapaxes(F, 1, 2) * same)
+
+    def root(self, rows: slice, width: int) -> Array:
+        """Factors (m, b, q) of the same."""
+        F, same = self._factor_of(rows, width)
+        if same.all():
+            return F
+        if F.shape[2] == 1 and np.array_equal(same, np.broadcast_to(np.eye(width), same.shape)):
+            return F * np.eye(width)
+        values, vectors = np.linalg.eigh(F @ np.swapaxes(F, 1, 2) * same)
+        return np.asarray(vectors * np.sqrt(np.maximum(values, 0.0))[:, None, :])
+
+    def _factor_of(self, rows: slice, width: int) -> tuple[Array, NDArray[np.bool_]]:
+        """Factors (m, b, q) as if of one source, and which rows (m, b, b) have the same."""
         F = self._factor[rows].reshape(-1, width, self._factor.shape[1])
         sources = self._sources[rows].reshape(-1, width)
-        same = sources[:, :, None] == sources[:, None, :]
-        return np.asarray(F @ np.swapaxes(F, 1, 2) * same)
+        return F, sources[:, :, None] == sources[:, None, :]
