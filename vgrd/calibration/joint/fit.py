@@ -30,7 +30,7 @@ _SETTLED_SIGMA = 1e-2  # of a refined number, in what was known of it before
 _TOLERANCE = 1e-6  # of the cost: below it steps follow rounding
 _FAR = 1e-6  # damping, of unit columns, where the start is a guess
 _NEAR = 1e-12  # the same near the end: more would hold what is hardly known for some steps
-_ROUGH = 1e-3  # the same where everything is weighed anew afterwards
+_ROUGH = 1e-2  # the same where everything is weighed anew afterwards
 _ROUNDING = 1e-6  # of a direction of length 1
 _NONE = np.zeros((0, 0))  # rows that feel an exact arm
 _NOISE_CONFIDENCE = 0.999  # a good session is called noisy once in a thousand
@@ -311,6 +311,8 @@ def determined_half(jacobian: Array, layout: StepLayout) -> Array:
 def determined_span(jacobian: Array, layout: StepLayout) -> Array:
     """Orthonormal columns (r, k) of what the unknowns that are determined take up of the rows."""
     Q, R = np.linalg.qr(jacobian * units(layout))
+    if _inverse(R) is not None:
+        return np.asarray(Q)
     U, s, _ = np.linalg.svd(R)
     return np.asarray(Q @ U[:, s > 1.0])
 
@@ -347,14 +349,21 @@ def _determined(jacobian: Array, layout: StepLayout) -> tuple[Array, Array]:
     """Factor (n, k) of the covariance and, in `units`, directions (z, n) that are undetermined."""
     scales = units(layout)[:, None]
     R = np.linalg.qr(jacobian * scales.T, mode="r")
-    if R.shape[0] == R.shape[1] and np.diag(R).all():
-        R_inv = solve_triangular(R, np.eye(len(R)), check_finite=False)
-        # The largest singular value of the inverse is at most its Frobenius norm.
-        if np.sum(R_inv * R_inv) < 1 or np.linalg.svd(R, compute_uv=False).min() > 1.0:
-            return scales * R_inv, R[:0]
+    if (R_inv := _inverse(R)) is not None:
+        return scales * R_inv, R[:0]
     _, s, Vt = np.linalg.svd(R, full_matrices=True)
     s = s[s > 1.0]
     return scales * Vt[: len(s)].T / s, Vt[len(s) :]
+
+
+def _inverse(R: Array) -> Array | None:
+    """Of a triangle (k, n) that leaves nothing undetermined; else None."""
+    if R.shape[0] < R.shape[1] or not np.diag(R).all():
+        return None
+    R_inv = solve_triangular(R, np.eye(len(R)), check_finite=False)
+    # The largest singular value of the inverse is at most its Frobenius norm.
+    is_determined = np.sum(R_inv**2) < 1 or np.linalg.svd(R, compute_uv=False).min() > 1.0
+    return np.asarray(R_inv) if is_determined else None
 
 
 def _open(jacobian: Array, layout: StepLayout) -> Array:
