@@ -62,7 +62,7 @@ class JointFit:
     undetermined: (n, z),
     the step that 500 mm or 1 rad along each of them is. whitened (r,), jacobian (r, n): residuals and
     derivative at the optimum, in sigmas, noise of the arm included by `arm_factor` (lower triangle
-    of I + G S G^T) of `J_deviations`: G.
+    of I + G S G^T, G being `J_deviations`), of `arm_rows`.
     """
 
     data: JointData
@@ -73,7 +73,7 @@ class JointFit:
     undetermined: Array
     whitened: Array
     jacobian: Array
-    J_deviations: Array
+    arm_rows: ArmRows | None
     arm_factor: Array
     report: Convergence
     samples: tuple[JointSample, ...] = ()
@@ -86,6 +86,11 @@ class JointFit:
         return replace(
             self, covariance=self.covariance * factor**2, spread=self.spread * factor**2
         )
+
+    @property
+    def J_deviations(self) -> Array:  # noqa: N802
+        """Derivative (k, 6 s) of the rows that feel the arm by its deviation at every stand; none if it is exact."""
+        return _NONE if self.arm_rows is None else self.arm_rows.jacobian(len(self.data.flange_at))
 
     @property
     def recording(self) -> Recording:
@@ -228,10 +233,8 @@ def fit_at(
 ) -> JointFit:
     """The fit as it looks at a state; anchor: as of `as_refined`."""
     data = as_refined(state, raw, layout, anchor)
-    G, factor = _NONE, _NONE
-    if not data.arm.is_exact:
-        rows = arm_rows(state, data)
-        G, factor = rows.jacobian(len(data.flange_at)), arm_factor(rows, data)
+    rows = None if data.arm.is_exact else arm_rows(state, data)
+    factor = _NONE if rows is None else arm_factor(rows, data)
     r, J = _whitened(state, data, layout, factor)
     covariance, undetermined = information_inverse(J, layout)
     freedom = _degrees_of_freedom(data, layout, undetermined)
@@ -244,7 +247,7 @@ def fit_at(
         undetermined=undetermined,
         whitened=r,
         jacobian=J,
-        J_deviations=G,
+        arm_rows=rows,
         arm_factor=factor,
         report=report,
     )

@@ -30,7 +30,7 @@ class ArmRows:
     def covariance(self, arm: ArmModel, flange_at: Array) -> Array:
         """(k, k): of the rows for an arm that stood at (s, 3); without matrices of all deviations."""
         scaled = self.by_deviation * arm.scales()
-        prior = arm.prior(flange_at)[self.stations[:, None], self.stations]
+        prior = arm.prior(flange_at).take(self.stations, 0).take(self.stations, 1)
         out = (scaled @ scaled.T) * prior
         if arm.quantum_mm or arm.quantum_rad:
             rounded = self.by_deviation * arm.rounding()

@@ -41,14 +41,15 @@ def linearize(state: JointState, data: JointData, layout: StepLayout) -> tuple[A
         blocks.append(_axis(state, data.axis, data.turntable.axis_sigma_rad, layout))
     if layout.inexact:
         blocks.append(_cad(state, data, layout))
+    if layout.refined:
+        blocks.append((state.refined, np.eye(layout.size)[layout.refined_columns]))
     r, J = np.concatenate([r for r, _ in blocks]), np.vstack([J for _, J in blocks])
     if layout.places:
         _put_places(J, state, data, layout)
-    if not layout.refined:
-        return r, J
-    r = r + J[:, layout.refined_columns] @ (state.refined - data.refined_values)
-    prior = np.eye(layout.size)[layout.refined_columns]
-    return np.concatenate([r, state.refined]), np.vstack([J, prior])
+    if layout.refined:
+        seen = slice(0, len(r) - layout.refined)
+        r[seen] += J[seen, layout.refined_columns] @ (state.refined - data.refined_values)
+    return r, J
 
 
 def displacement_jacobian(
@@ -123,9 +124,10 @@ def _offsets(state: JointState, inexact_of: Indices) -> Array:
 
 def _put_offsets(J: Array, by_point: Array, inexact_of: Indices, layout: StepLayout) -> None:
     """Derivatives (n, k, 3) by points in the object into the columns of their offsets in J (n, k, m)."""
-    columns = layout.inexact_columns()
-    for i in np.flatnonzero(inexact_of >= 0):
-        J[i][:, columns[inexact_of[i]]] = by_point[i]
+    samples = np.flatnonzero(inexact_of >= 0)
+    columns = layout.inexact_columns()[inexact_of[samples]]
+    rows = np.arange(J.shape[1])[None, :, None]
+    J[samples[:, None, None], rows, columns[:, None, :]] = by_point[samples]
 
 
 def touched_places(state: JointState, data: JointData) -> Array:
@@ -201,8 +203,8 @@ def _spins(state: JointState, data: JointData, layout: StepLayout) -> tuple[Arra
 
 def _put_moves(J: Array, blocks: Array, spins: Indices, layout: StepLayout) -> None:
     columns = layout.spin_columns()[spins]
-    for i, (block, spin_columns) in enumerate(zip(blocks, columns, strict=True)):
-        J[i][:, spin_columns] = block
+    samples, rows = np.ogrid[: len(blocks), : blocks.shape[1]]
+    J[samples[:, :, None], rows[:, :, None], columns[:, None, :]] = blocks
 
 
 def _holes(state: JointState, data: JointData, layout: StepLayout) -> tuple[Array, Array]:
