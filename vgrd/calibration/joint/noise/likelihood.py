@@ -94,6 +94,8 @@ class Restricted:
             whole[part.rows] = part.factor
             self._factor = whole[order]
 
+        self._sums = _Sums.none(self._count, jacobian.shape[1] + self._factor.shape[1])
+
     def find(self, prior_factors: Array, start: Array | None = None) -> Levels:
         """Most likely levels in the order of the parts; prior_factors, start: as of `find_levels`."""
         return ascend(self._slope, self._count, prior_factors, start)
@@ -136,7 +138,8 @@ class Restricted:
         """Of the likelihood: first what D^-1 alone gives, then what the unknowns take of it."""
         sizes = np.exp(log_variances)
         noise = self._at(sizes)
-        sums = _Sums.none(self._count, len(noise.L_inv))
+        sums = self._sums
+        sums.clear()
         by_unknowns = noise.U.T @ self._residuals
         for samples, W in zip(self._samples, noise.whiteners, strict=True):
             U, r = samples.of(noise.U), samples.of(self._residuals)
@@ -153,7 +156,7 @@ class _Sums:
     """Sums over samples, by kind (k): with D^-1 for P the terms of r^T P S_k P r, tr P S_k and so on.
 
     squares, traces: (k,); pulls, alike (k, k): r^T P S_k P S_l P r and tr P S_k P S_l; taken: U^T S_k P r
-    (k, p); of_unknowns: U^T S_k U (k, p, p).
+    (k, p); of_unknowns: U^T S_k U (k, p, p), part (p, p) one of its terms.
     """
 
     squares: Array
@@ -162,6 +165,7 @@ class _Sums:
     alike: Array
     taken: Array
     of_unknowns: Array
+    part: Array
 
     @classmethod
     def none(cls, count: int, unknowns: int) -> "_Sums":
@@ -173,7 +177,14 @@ class _Sums:
             alike=np.zeros((count, count)),
             taken=np.zeros((count, unknowns)),
             of_unknowns=np.zeros((count, unknowns, unknowns)),
+            part=np.zeros((unknowns, unknowns)),
         )
+
+    def clear(self) -> None:
+        """Nothing again: memory of this size is slow to come by."""
+        for sums in (self.squares, self.traces, self.pulls, self.alike, self.taken):
+            sums.fill(0.0)
+        self.of_unknowns.fill(0.0)
 
     def add(
         self, samples: _Samples, sizes: Array, inverse: Array, U: Array, pulled: Array
@@ -188,8 +199,8 @@ class _Sums:
             self.squares[k] += np.sum(pulled * moved[k])
             self.traces[k] += np.trace(weighed[k], axis1=1, axis2=2).sum()
             self.taken[k] += moved[k].reshape(-1) @ flat
-            seen = (root.transpose(0, 2, 1) @ U).reshape(-1, U.shape[2])
-            self.of_unknowns[k] += sizes[k] * (seen.T @ seen)
+            seen = (np.sqrt(sizes[k]) * root.transpose(0, 2, 1) @ U).reshape(-1, U.shape[2])
+            self.of_unknowns[k] += np.matmul(seen.T, seen, out=self.part)
             pull, left = inverse @ moved[k], outer @ S[k]
             for j in samples.own:
                 self.pulls[k, j] += np.sum(pull * moved[j])
