@@ -11,7 +11,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.sparse import csr_array, issparse
 from scipy.stats import f as fisher
 
 from vgrd.geometry import Array
@@ -76,31 +75,15 @@ class Whitened:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Part:
-    """Covariance F F^T of one kind of noise at its stated level, on some of the rows (k,).
+class Slope:
+    """Score (k,) and expected information (k, k) of the log variances, of the data alone.
 
-    factor: F (k, q), sparse where that saves time; None: the rows are independent, of variance 1.
+    bend: (k, k), minus the second derivative of the likelihood, which is worth a step where it is known.
     """
 
-    rows: NDArray[np.intp]
-    factor: Array | csr_array | None = None
-
-    @property
-    def size(self) -> int:
-        """How many numbers were drawn."""
-        return len(self.rows) if self.factor is None else self.factor.shape[1]
-
-    def of(self, columns: Array) -> Array:
-        """M F (m, q) of a matrix M (m, r) over all rows."""
-        chosen = columns[:, self.rows]
-        return chosen if self.factor is None else np.asarray(chosen @ self.factor)
-
-    def covariance(self, size: int) -> Array:
-        """(r, r) over all rows."""
-        out = np.zeros((size, size))
-        block = np.eye(len(self.rows)) if self.factor is None else self.factor @ self.factor.T
-        out[np.ix_(self.rows, self.rows)] = block.toarray() if issparse(block) else block
-        return out
+    score: Array
+    information: Array
+    bend: Array | None = None
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -156,47 +139,21 @@ def find_levels(
     common_factor: the same of what all of them are wrong by alike.
     settled: the search ends with a step of the log variances below it, or worth less than its square.
     """
-    return _ascend(
-        lambda x: _score(whiten(x)), count, prior_factors, start, common_factor, settled
-    )
+    return ascend(lambda x: _score(whiten(x)), count, prior_factors, start, common_factor, settled)
 
 
-def find_levels_of(
-    residuals: Array,
-    jacobian: Array,
-    parts: Sequence[Part],
-    known: Array,
-    *,
-    prior_factors: Array | None = None,
-    start: Array | None = None,
-) -> Levels:
-    """The same for residuals (r,) and derivative (r, n) of full rank, with their noise in parts.
-
-    known: (r, r) covariance of what has no level.
-    """
-    size = len(residuals)
-    covariances = [part.covariance(size) for part in parts]
-
-    def score(log_variances: Array) -> tuple[Array, Array]:
-        sizes = np.exp(log_variances)
-        V = known + sum(s * C for s, C in zip(sizes, covariances, strict=True))
-        V_inv = np.linalg.inv(V)
-        by = V_inv @ jacobian
-        P = V_inv - by @ np.linalg.solve(jacobian.T @ by, by.T)
-        return _score_of(P, P @ residuals, parts, sizes)
-
-    return _ascend(score, len(parts), prior_factors, start)
-
-
-def _ascend(
-    score_at: Callable[[Array], tuple[Array, Array]],
+def ascend(
+    slope_at: Callable[[Array], Slope],
     count: int,
     prior_factors: Array | None,
     start: Array | None,
     common_factor: float = 1.0,
     settled: float = _SETTLED,
 ) -> Levels:
-    """Fisher scoring with the prior."""
+    """Most likely levels from the slope of the likelihood at log variances (k,), as `find_levels`.
+
+    Newton's steps where the likelihood bends down every way, else Fisher scoring.
+    """
     factors = np.full(count, STATED_FACTOR) if prior_factors is None else prior_factors
     own = np.diag(1 / (2 * np.log(factors)) ** 2)  # a log variance is two log sigmas
     common = 2 * np.log(common_factor)
@@ -204,14 +161,12 @@ def _ascend(
     prior_information = own - np.outer(alike, alike) / (1 + common * alike.sum())
     log_variances = np.zeros(count) if start is None else np.maximum(start, _FINEST)
     for _ in range(_ROUNDS):
-        score, information = score_at(log_variances)
-        curvature = np.diag(np.maximum(-score, 0))  # of a level that vanishes: steps overshoot
-        score = score - prior_information @ log_variances
-        information = information + prior_information
+        slope = slope_at(log_variances)
+        score = slope.score - prior_information @ log_variances
+        information = slope.information + prior_information
         free = (log_variances > _FINEST) | (score > 0)  # the others stay where no noise is left
-        inner = np.ix_(free, free)
         step = np.zeros(count)
-        step[free] = np.linalg.lstsq((information + curvature)[inner], score[free], rcond=None)[0]
+        step[free] = _step(slope, prior_information, score, free)
         step *= min(1.0, _LARGEST_STEP / max(float(np.abs(step).max(initial=0)), 1e-300))
         step = np.maximum(step, _FINEST - log_variances)
         gain = float(score @ step)  # of the log-likelihood, twice
@@ -219,6 +174,18 @@ def _ascend(
         if float(np.abs(step).max(initial=0)) < settled or gain < settled**2:
             break
     return Levels(log_variances, np.asarray(np.linalg.pinv(information, hermitian=True)))
+
+
+def _step(slope: Slope, prior_information: Array, score: Array, free: NDArray[np.bool_]) -> Array:
+    """Of the log variances that are free, with the prior."""
+    inner = np.ix_(free, free)
+    if slope.bend is not None:
+        bend = (slope.bend + prior_information)[inner]
+        if np.linalg.eigvalsh(bend).min(initial=np.inf) > 0:
+            return np.asarray(np.linalg.solve(bend, score[free]))
+    curvature = np.diag(np.maximum(-slope.score, 0))  # of a level that vanishes: steps overshoot
+    matrix = (slope.information + prior_information + curvature)[inner]
+    return np.asarray(np.linalg.lstsq(matrix, score[free], rcond=None)[0])
 
 
 def wider_by_freedom(freedom: float, dimensions: float = 1.0) -> float:
@@ -232,8 +199,7 @@ def wider_by_freedom(freedom: float, dimensions: float = 1.0) -> float:
     return float(np.sqrt(estimated / chi2_quantile(0.95, dimensions)))
 
 
-def _score(whitened: Whitened) -> tuple[Array, Array]:
-    """Score (k,) and expected information (k, k) of the log variances, of the data alone."""
+def _score(whitened: Whitened) -> Slope:
     U, s, _ = np.linalg.svd(whitened.jacobian, full_matrices=False)
     U = U[:, s > s.max(initial=0) * 1e-10]  # rounding: a direction that no row feels
     residuals = whitened.residuals - U @ (U.T @ whitened.residuals)
@@ -248,28 +214,10 @@ def _score(whitened: Whitened) -> tuple[Array, Array]:
     for i, F in enumerate(whitened.factors):
         for j in range(i + 1):
             information[i, j] = information[j, i] = 0.5 * float(np.sum((F.T @ seen[j]) ** 2))
-    return score, information
+    return Slope(score, information)
 
 
-def _score_of(
-    P: Array, weighted: Array, parts: Sequence[Part], sizes: Array
-) -> tuple[Array, Array]:
-    """As `_score`; P (r, r) of the module's equation, weighted: P r, sizes (k,): variances over the stated."""
-    count = len(parts)
-    score, information = np.empty(count), np.empty((count, count))
-    columns = [part.of(P) for part in parts]
-    for i, part in enumerate(parts):
-        square = float(np.sum(part.of(weighted[None]) ** 2))
-        for j in range(i + 1):
-            block = parts[j].of(columns[i].T)
-            information[i, j] = information[j, i] = (
-                0.5 * sizes[i] * sizes[j] * float(np.sum(block * block))
-            )
-        score[i] = 0.5 * sizes[i] * (square - float(np.trace(block)))
-    return score, information
-
-
-def _score_of_blocks(U: Array, residuals: Array, factors: Sequence[Array]) -> tuple[Array, Array]:
+def _score_of_blocks(U: Array, residuals: Array, factors: Sequence[Array]) -> Slope:
     """The same where the parts are (m, b, q): tr P S_k P S_l without matrices of all rows."""
     m, b, _ = factors[0].shape
     r, U = residuals.reshape(m, b, 1), U.reshape(m, b, -1)
@@ -290,4 +238,4 @@ def _score_of_blocks(U: Array, residuals: Array, factors: Sequence[Array]) -> tu
             alike = float(np.sum(of_unknowns[i] * of_unknowns[j]))
             half = 0.5 * (float(np.sum(both * both)) - 2 * crossed + alike)
             information[i, j] = information[j, i] = half
-    return score, information
+    return Slope(score, information)

@@ -10,7 +10,6 @@ from typing import Self, overload
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.spatial.transform import Rotation
 
 from vgrd.errors import InputError
 
@@ -74,7 +73,7 @@ def log_rotation(rotation: ArrayLike) -> Array:
     """
     R = np.asarray(rotation, dtype=np.float64)
     if R.ndim > 2:
-        return np.asarray(Rotation.from_matrix(R).as_rotvec())
+        return _log_rotations(R.reshape(-1, 3, 3)).reshape(R.shape[:-1])
     (a, b, c), (d, e, f), (g, h, i) = R.tolist()
     squares = (1 + a + e + i, 1 + a - e - i, 1 - a + e - i, 1 - a - e + i)
     largest = squares.index(max(squares))
@@ -89,6 +88,30 @@ def log_rotation(rotation: ArrayLike) -> Array:
         w, sine = -w, -sine
     scale = 2 / w if abs(sine) < _TINY_SINE * w else 2 * math.atan2(abs(sine), w) / sine
     return np.array([scale * x, scale * y, scale * z])
+
+
+def _log_rotations(R: Array) -> Array:
+    """The same of (n, 3, 3): row k of the 4 x 4 is the quaternion (scalar first) times 4 times its number k."""
+    (a, b, c), (d, e, f), (g, h, i) = R.transpose(1, 2, 0)
+    w, x, y, z = 1 + a + e + i, h - f, c - g, d - b
+    if (w < 1).any():
+        rows = (
+            (w, x, y, z),
+            (x, 1 + a - e - i, b + d, c + g),
+            (y, b + d, 1 - a + e - i, f + h),
+            (z, c + g, f + h, 1 - a - e + i),
+        )
+        every = np.array(rows)
+        largest = np.argmax(every[range(4), range(4)], axis=0)
+        w, x, y, z = every[largest, :, np.arange(len(R))].T
+    sine = np.copysign(np.sqrt(x * x + y * y + z * z), w)
+    w = np.abs(w)
+    is_tiny = np.abs(sine) < _TINY_SINE * w
+    angle = 2 * np.arctan2(np.abs(sine), w)
+    scale = np.where(
+        is_tiny, np.copysign(2 / np.maximum(w, 1), sine), angle / np.where(is_tiny, 1, sine)
+    )
+    return np.asarray(scale[:, None] * np.column_stack([x, y, z]))
 
 
 def _determinant(M: Array) -> float:

@@ -8,7 +8,7 @@ from fakes.world.simulation import Simulation
 from vgrd.calibration.joint.camera_corrections import FOCAL, TAG_A, TAG_B, PriorSigmas
 from vgrd.calibration.joint.estimate import calibrate_joint
 from vgrd.calibration.joint.expected import expected_by_joint
-from vgrd.calibration.joint.rows import linearize
+from vgrd.calibration.joint.rows import as_refined, linearize
 from vgrd.geometry import Pose, exp_rotation, log_rotation
 from vgrd.geometry.camera import CameraModel
 from vgrd.geometry.resection import pose_from_points
@@ -149,7 +149,7 @@ def test_rows_follow_the_refined_numbers_as_pictures_do():
         ends = []
         for s in (1, -1):
             state = result.state.retract(s * step, result.layout)
-            r = linearize(state, raw.refined(state.refined), result.layout)[0]
+            r = linearize(state, as_refined(state, raw, result.layout), result.layout)[0]
             ends.append(r @ r)
         r = linearize(result.state, result.data, result.layout)[0]
         gradient = 2 * r @ J[:, result.layout.refined_columns.start + i]

@@ -88,13 +88,12 @@ class PriorSigmas:
 class RefinedTags:
     """n tags as refined: rotations (n, 3, 3), translations (n, 3).
 
-    J_refined: (n, 6, e), left tangents; shifts: (n, 6, 6), tangents as measured to refined ones.
+    back: (n, 6, 6), tangents as refined to measured ones.
     """
 
     rotations: Array
     translations: Array
-    J_refined: Array
-    shifts: Array
+    back: Array
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -165,9 +164,16 @@ class CameraCorrections:
             pixels = self.camera.project(_corners(R, t, nominal_mm))
             R, t = _resected(R, t, pixels, self.camera_at(values), nominal_mm)
         t = t * (size_mm / nominal_mm)
-        turn = R @ np.swapaxes(rotations, 1, 2)
-        back = t - np.einsum("nij,nj->ni", turn, translations)
-        return RefinedTags(R, t, self.tangents(R, t, tag, values), adjoints(turn, back))
+        turn = rotations @ np.swapaxes(R, 1, 2)
+        back = translations - np.einsum("nij,nj->ni", turn, t)
+        return RefinedTags(R, t, adjoints(turn, back))
+
+    def tangents_as_seen(
+        self, rotations: Array, translations: Array, tag: str, values: Array
+    ) -> Array:
+        """As `tangents`, of poses as measured."""
+        refined = self.refine(rotations, translations, tag, values)
+        return self.tangents(refined.rotations, refined.translations, tag, values)
 
     def tangents(self, R: Array, t: Array, tag: str, values: Array) -> Array:
         """Left tangents (n, 6, e) by which refined poses (n, 3, 3), (n, 3) of a tag move per sigma."""
@@ -187,19 +193,18 @@ class CameraCorrections:
         return out
 
     def curvatures(self, R: Array, t: Array, tag: str, tangents: Array) -> Array:
-        """Covariances (n, 6, 6) of what tangents (n, 6, e) of a stretch leave out, as it turns a tag.
+        """What tangents (n, 6, e) of a stretch leave out, as it turns a tag: (n, 6), times one noise each.
 
         Seen under an angle a, a stretch s turns a tag by s / a, and so by the square of that over 2 a less than
         the tangent says. That counts as noise: tags seen from the front tell no tilt then.
         """
         if _STRETCHES[tag] not in self.sigmas:
-            return np.zeros((len(R), 6, 6))
+            return np.zeros((len(R), 6))
         j = tangents[:, :, list(self.sigmas).index(_STRETCHES[tag])]
         sight = t / np.linalg.norm(t, axis=1, keepdims=True)
         angles = np.linalg.norm(np.cross(R[:, :, 2], sight), axis=1)
         shares = np.linalg.norm(j[:, 3:], axis=1) / (2 * np.maximum(angles, _FRONTAL_RAD))
-        off = shares[:, None] * j
-        return np.asarray(off[:, :, None] * off[:, None, :])
+        return np.asarray(shares[:, None] * j)
 
     def _of_camera(self) -> bool:
         return any(name in _INTRINSIC for name in self.sigmas)
@@ -217,12 +222,13 @@ class RefinedCorrections:
         if not self.corrections.count:
             return tag
         refined = self._refine(tag, name)
-        A = refined.shifts[0]
+        A = np.linalg.inv(refined.back[0])
         pose = Pose(refined.rotations[0], refined.translations[0])
         curvature = self.corrections.curvatures(
-            refined.rotations, refined.translations, name, refined.J_refined
+            refined.rotations, refined.translations, name, self.tangent(pose, name)[None]
         )
-        covariance = frozen_array(A @ tag.covariance @ A.T + curvature[0], 6, 6)
+        own = np.outer(curvature[0], curvature[0])
+        covariance = frozen_array(A @ tag.covariance @ A.T + own, 6, 6)
         return replace(tag, camera_from_tag=pose, covariance=covariance)
 
     @property
@@ -278,7 +284,9 @@ def _by_stretch(R: Array, t: Array, camera: CameraModel, size_mm: float) -> Arra
     corners = _corners(R, t, size_mm)
     shifts = (_SQUARE * np.array([0.5, -0.5, 0.0])) @ np.swapaxes(R, 1, 2)
     D = camera.linearize(corners)[1] @ shifts.reshape(-1, 3, 1)
-    return np.asarray((-np.linalg.pinv(_by_pose(camera, corners)) @ D.reshape(-1, 8, 1))[:, :, 0])
+    P = _by_pose(camera, corners)
+    P_T = P.transpose(0, 2, 1)
+    return np.asarray(-np.linalg.solve(P_T @ P, P_T @ D.reshape(-1, 8, 1))[:, :, 0])
 
 
 def _by_intrinsics(R: Array, t: Array, camera: CameraModel, size_mm: float) -> Array:

@@ -8,10 +8,11 @@ reported, and refused only by the expected coordinate that depends on it.
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 
-from vgrd.calibration.joint.camera_corrections import PriorSigmas
+from vgrd.calibration.joint.camera_corrections import CameraCorrections, PriorSigmas
 from vgrd.calibration.joint.fit import JointFit, fit_at, fit_joint
 from vgrd.calibration.joint.knocks import Moves, Trial, follow, jumps, pictures_of
 from vgrd.calibration.joint.noise.leveling import at_found_levels
@@ -52,32 +53,37 @@ def calibrate_joint(
     """
     print_sigmas = refine or PriorSigmas.of_print(recording.facts)
 
+    @cache
     def gathered(
-        moves_s: Moves, sigmas: PriorSigmas = print_sigmas.without_stretches
+        moves_s: Moves,
     ) -> JointData:
-        return gather(recording, sightings, arm, turntable, sigmas, moves_s)
+        return gather(
+            recording, sightings, arm, turntable, print_sigmas.without_stretches, moves_s
+        )
 
     def solve(moves_s: Moves) -> Trial:
         data = gathered(moves_s)
         optimum = fit_joint(data, layout_of(data), _start(data))
         return Trial(moves_s, optimum, screen(data, optimum) if robust else optimum)
 
+    def finished(data: JointData, trial: Trial) -> JointFit:
+        return at_found_levels(data, trial, robust=robust) if find_noise else trial.screened
+
     trial = _followed(recording, gathered, solve, robust=robust)
     data = gathered(trial.moves_s)
-    stretched = gathered(trial.moves_s, print_sigmas)
-    if stretched.corrections.count > data.corrections.count:
+    corrections = CameraCorrections.of(recording.facts, print_sigmas)
+    if corrections.count > data.corrections.count:
         # A stretch takes up what a camera that moved, or a bad sample, does: it is tried when these are known.
+        stretched = replace(data, corrections=corrections)
         with suppress(DidNotConverge):
-            trial, data = _stretched(trial, stretched, robust=robust), stretched
-    if not find_noise:
-        return trial.screened
-    return at_found_levels(data, trial, robust=robust)
+            return finished(stretched, _stretched(trial, stretched, robust, is_rough=find_noise))
+    return finished(data, trial)
 
 
-def _stretched(trial: Trial, data: JointData, *, robust: bool) -> Trial:
-    """The same with tags that may be wider than high."""
+def _stretched(trial: Trial, data: JointData, robust: bool, *, is_rough: bool) -> Trial:
+    """The same with tags that may be wider than high; is_rough: as of `fit_joint`."""
     start = at_sigmas(trial.optimum.state, trial.optimum.data, data)
-    optimum = fit_joint(data, layout_of(data), start)
+    optimum = fit_joint(data, layout_of(data), start, is_near=True, is_rough=is_rough)
     return Trial(trial.moves_s, optimum, screen(data, optimum) if robust else optimum)
 
 

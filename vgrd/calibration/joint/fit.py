@@ -12,7 +12,7 @@ from scipy.linalg import solve_triangular
 
 from vgrd.calibration.joint.camera_corrections import RefinedCorrections
 from vgrd.calibration.joint.problem import JointData
-from vgrd.calibration.joint.rows import arm_jacobian, as_refined, linearize
+from vgrd.calibration.joint.rows import ArmRows, arm_rows, as_refined, linearize
 from vgrd.calibration.joint.state import JointState, StepLayout
 from vgrd.calibration.levels import Level
 from vgrd.errors import DidNotConverge
@@ -28,7 +28,11 @@ _ANCHORED = 2  # rounds after which derivatives by a stretch, which change with 
 _SETTLED_MM = 2e-2  # mm, a tenth of what the best session is sure of
 _SETTLED_SIGMA = 1e-2  # of a refined number, in what was known of it before
 _TOLERANCE = 1e-6  # of the cost: below it steps follow rounding
+_FAR = 1e-6  # damping, of unit columns, where the start is a guess
+_NEAR = 1e-12  # the same near the end: more would hold what is hardly known for some steps
+_ROUGH = 1e-2  # the same where everything is weighed anew afterwards
 _ROUNDING = 1e-6  # of a direction of length 1
+_NONE = np.zeros((0, 0))  # rows that feel an exact arm
 _NOISE_CONFIDENCE = 0.999  # a good session is called noisy once in a thousand
 
 
@@ -58,7 +62,7 @@ class JointFit:
     undetermined: (n, z),
     the step that 500 mm or 1 rad along each of them is. whitened (r,), jacobian (r, n): residuals and
     derivative at the optimum, in sigmas, noise of the arm included by `arm_factor` (lower triangle
-    of I + G S G^T) of `J_deviations`: G.
+    of I + G S G^T, G being `J_deviations`), of `arm_rows`.
     """
 
     data: JointData
@@ -69,7 +73,7 @@ class JointFit:
     undetermined: Array
     whitened: Array
     jacobian: Array
-    J_deviations: Array
+    arm_rows: ArmRows | None
     arm_factor: Array
     report: Convergence
     samples: tuple[JointSample, ...] = ()
@@ -82,6 +86,11 @@ class JointFit:
         return replace(
             self, covariance=self.covariance * factor**2, spread=self.spread * factor**2
         )
+
+    @property
+    def J_deviations(self) -> Array:  # noqa: N802
+        """Derivative (k, 6 s) of the rows that feel the arm by its deviation at every stand; none if it is exact."""
+        return _NONE if self.arm_rows is None else self.arm_rows.jacobian(len(self.data.flange_at))
 
     @property
     def recording(self) -> Recording:
@@ -135,27 +144,34 @@ class JointFit:
         return unknown_in_words(self.layout, self.undetermined)
 
 
-def fit_joint(raw: JointData, layout: StepLayout, state: JointState) -> JointFit:
+def fit_joint(
+    raw: JointData,
+    layout: StepLayout,
+    state: JointState,
+    *,
+    is_near: bool = False,
+    is_rough: bool = False,
+) -> JointFit:
     """Most likely state near the one given, which keeps what nothing determines as it was.
 
-    Raises DidNotConverge.
+    is_near: the start is that of nearly the same evidence. is_rough: only until derivatives by a stretch are
+    near the end, for a fit that another one follows. Raises DidNotConverge.
     """
     anchor = state
     for rounds in range(_ROUNDS):
         anchor = state if rounds < _ANCHORED else anchor
-        data = as_refined(state, raw, layout, anchor)
-        _, factor = arm_noise(state, data)
-        frozen = _frozen(state, data, layout, factor)
+        weighed = _Weighed(raw, layout, state, anchor)
+        is_last = is_rough and rounds + 1 == _ANCHORED
+        is_passing = is_rough or (not rounds and not weighed.is_for_good)
         minimum = minimize(
-            partial(_held, data=data, layout=layout, factor=factor, frozen=frozen),
+            weighed.held,
             partial(_retract, layout=layout),
             state,
-            tolerance=_TOLERANCE,
+            tolerance=_ROUGH if is_passing else _TOLERANCE,
+            damping=_NEAR if rounds or is_near else _FAR,
         )
         before, state = state, minimum.state
-        if _is_settled(before, state, data) and (
-            not len(frozen) or len(_frozen(state, data, layout, factor)) == len(frozen)
-        ):
+        if is_last or (not is_passing and weighed.is_settled(before, state)):
             break
     else:
         raise DidNotConverge(
@@ -164,6 +180,48 @@ def fit_joint(raw: JointData, layout: StepLayout, state: JointState) -> JointFit
         )
     check_convergence(minimum.report, "joint estimate")
     return fit_at(raw, layout, state, minimum.report, anchor)
+
+
+class _Weighed:
+    """Rows with the noise of the arm and the derivatives of refined numbers kept as they are at one state."""
+
+    def __init__(
+        self, raw: JointData, layout: StepLayout, state: JointState, anchor: JointState
+    ) -> None:
+        self.data = as_refined(state, raw, layout, anchor)
+        self._layout, self._state = layout, state
+        self._factor = arm_noise(state, self.data)
+        self._rows = _whitened(state, self.data, layout, self._factor)
+        # No step is taken along these directions (z, n): costs would lead nowhere there.
+        self._frozen = _open(self._rows[1], layout)
+
+    def held(self, state: JointState) -> tuple[Array, Array]:
+        """Residuals and derivative across what is frozen, which rows of zero residual hold."""
+        r, J = self._at(state)
+        if not len(self._frozen):
+            return r, J
+        scales, frozen = units(self._layout), self._frozen
+        J = J * scales
+        J = np.vstack([J - J @ frozen.T @ frozen, frozen]) / scales
+        return np.concatenate([r, np.zeros(len(frozen))]), J
+
+    @property
+    def is_for_good(self) -> bool:
+        """Whether nothing is to be weighed anew."""
+        return self.data.arm.is_exact and not self.data.corrections.count
+
+    def is_settled(self, before: JointState, after: JointState) -> bool:
+        """Whether the weights hold after a round, and as much is frozen as is undetermined then."""
+        count = len(self._frozen)
+        if not _is_settled(before, after, self.data):
+            return False
+        return not count or len(_open(self._at(after)[1], self._layout)) == count
+
+    def _at(self, state: JointState) -> tuple[Array, Array]:
+        if state is not self._state:
+            self._rows = _whitened(state, self.data, self._layout, self._factor)
+            self._state = state
+        return self._rows
 
 
 def fit_at(
@@ -175,7 +233,8 @@ def fit_at(
 ) -> JointFit:
     """The fit as it looks at a state; anchor: as of `as_refined`."""
     data = as_refined(state, raw, layout, anchor)
-    G, factor = arm_noise(state, data)
+    rows = None if data.arm.is_exact else arm_rows(state, data)
+    factor = _NONE if rows is None else arm_factor(rows, data)
     r, J = _whitened(state, data, layout, factor)
     covariance, undetermined = information_inverse(J, layout)
     freedom = _degrees_of_freedom(data, layout, undetermined)
@@ -188,7 +247,7 @@ def fit_at(
         undetermined=undetermined,
         whitened=r,
         jacobian=J,
-        J_deviations=G,
+        arm_rows=rows,
         arm_factor=factor,
         report=report,
     )
@@ -206,13 +265,16 @@ def _degrees_of_freedom(data: JointData, layout: StepLayout, undetermined: Array
     return max(data.measured() - determined, 0)
 
 
-def arm_noise(state: JointState, data: JointData) -> tuple[Array, Array]:
-    """G and the Cholesky factor of I + G S G^T; both empty for an exact arm."""
-    if data.arm.is_exact:
-        return np.zeros((0, 0)), np.zeros((0, 0))
-    G = arm_jacobian(state, data)
-    F = G @ data.arm.cholesky_factor(data.flange_at)
-    return G, np.asarray(np.linalg.cholesky(np.eye(len(G)) + F @ F.T), dtype=np.float64)
+def arm_factor(rows: ArmRows, data: JointData) -> Array:
+    """Cholesky factor of I + G S G^T, the noise of the rows that feel the arm."""
+    noise = rows.covariance(data.arm, data.flange_at)
+    noise[np.diag_indices_from(noise)] += 1
+    return np.asarray(np.linalg.cholesky(noise), dtype=np.float64)
+
+
+def arm_noise(state: JointState, data: JointData) -> Array:
+    """The same at a state; empty for an exact arm."""
+    return _NONE if data.arm.is_exact else arm_factor(arm_rows(state, data), data)
 
 
 def whiten_arm(factor: Array, rows: Array) -> Array:
@@ -220,8 +282,19 @@ def whiten_arm(factor: Array, rows: Array) -> Array:
     k = len(factor)
     if not k:
         return rows
-    first = solve_triangular(factor, rows[:k], lower=True, check_finite=False)
-    return np.concatenate([first, rows[k:]])
+    if rows.ndim == 1:
+        first = solve_triangular(factor, rows[:k], lower=True, check_finite=False)
+        return np.concatenate([first, rows[k:]])
+    out = rows.copy()
+    # Columns that touches alone move begin late, and nothing comes before their first row.
+    begins = np.argmax(rows[:k] != 0, axis=0)
+    early = begins < k // 2
+    for columns in (np.flatnonzero(early), np.flatnonzero(~early)):
+        first = int(begins[columns].min(initial=k))
+        own = np.ix_(np.arange(first, k), columns)
+        corner = factor[first:, first:]
+        out[own] = solve_triangular(corner, rows[own], lower=True, check_finite=False)
+    return out
 
 
 def information_inverse(jacobian: Array, layout: StepLayout) -> tuple[Array, Array]:
@@ -229,17 +302,22 @@ def information_inverse(jacobian: Array, layout: StepLayout) -> tuple[Array, Arr
 
     A direction is undetermined when the data leave it uncertain by more than 500 mm or 1 rad.
     """
-    scales = units(layout)
-    s, Vt = _spectrum(jacobian, layout)
-    rank = len(s)
-    half = scales[:, None] * Vt[:rank].T / s
-    return half @ half.T, scales[:, None] * Vt[rank:].T
+    half, undetermined = _determined(jacobian, layout)
+    return half @ half.T, units(layout)[:, None] * undetermined.T
 
 
-def determined_columns(jacobian: Array, layout: StepLayout) -> Array:
-    """Directions (n, k) of a step that a whitened Jacobian (r, n) determines."""
-    s, Vt = _spectrum(jacobian, layout)
-    return np.asarray(units(layout)[:, None] * Vt[: len(s)].T)
+def determined_half(jacobian: Array, layout: StepLayout) -> Array:
+    """Factor (n, k) of the covariance from a whitened Jacobian (r, n): what is determined, in its sigmas."""
+    return _determined(jacobian, layout)[0]
+
+
+def determined_span(jacobian: Array, layout: StepLayout) -> Array:
+    """Orthonormal columns (r, k) of what the unknowns that are determined take up of the rows."""
+    Q, R = np.linalg.qr(jacobian * units(layout))
+    if _inverse(R) is not None:
+        return np.asarray(Q)
+    U, s, _ = np.linalg.svd(R)
+    return np.asarray(Q @ U[:, s > 1.0])
 
 
 def units(layout: StepLayout) -> Array:
@@ -270,29 +348,30 @@ def _whitened(
     return whiten_arm(factor, r), whiten_arm(factor, J)
 
 
-def _spectrum(jacobian: Array, layout: StepLayout) -> tuple[Array, Array]:
-    """Singular values (k,) that count as determined, and all right vectors (n, n), in `units`."""
-    R = np.linalg.qr(jacobian * units(layout), mode="r")
+def _determined(jacobian: Array, layout: StepLayout) -> tuple[Array, Array]:
+    """Factor (n, k) of the covariance and, in `units`, directions (z, n) that are undetermined."""
+    scales = units(layout)[:, None]
+    R = np.linalg.qr(jacobian * scales.T, mode="r")
+    if (R_inv := _inverse(R)) is not None:
+        return scales * R_inv, R[:0]
     _, s, Vt = np.linalg.svd(R, full_matrices=True)
-    return s[s > 1.0], Vt
+    s = s[s > 1.0]
+    return scales * Vt[: len(s)].T / s, Vt[len(s) :]
 
 
-def _frozen(state: JointState, data: JointData, layout: StepLayout, factor: Array) -> Array:
-    """Directions (z, n) in `units` along which no step is taken: costs would lead nowhere there."""
-    s, Vt = _spectrum(_whitened(state, data, layout, factor)[1], layout)
-    return Vt[len(s) :]
+def _inverse(R: Array) -> Array | None:
+    """Of a triangle (k, n) that leaves nothing undetermined; else None."""
+    if R.shape[0] < R.shape[1] or not np.diag(R).all():
+        return None
+    R_inv = solve_triangular(R, np.eye(len(R)), check_finite=False)
+    # The largest singular value of the inverse is at most its Frobenius norm.
+    is_determined = np.sum(R_inv**2) < 1 or np.linalg.svd(R, compute_uv=False).min() > 1.0
+    return np.asarray(R_inv) if is_determined else None
 
 
-def _held(
-    state: JointState, data: JointData, layout: StepLayout, factor: Array, frozen: Array
-) -> tuple[Array, Array]:
-    """Whitened residuals and derivative across what is frozen, which rows of zero residual hold."""
-    r, J = _whitened(state, data, layout, factor)
-    if not len(frozen):
-        return r, J
-    J = J * units(layout)
-    J = np.vstack([J - J @ frozen.T @ frozen, frozen]) / units(layout)
-    return np.concatenate([r, np.zeros(len(frozen))]), J
+def _open(jacobian: Array, layout: StepLayout) -> Array:
+    """Directions (z, n) in `units` that are undetermined."""
+    return _determined(jacobian, layout)[1]
 
 
 def _retract(state: JointState, step: Array, layout: StepLayout) -> JointState:

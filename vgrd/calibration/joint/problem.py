@@ -13,7 +13,6 @@ from vgrd.calibration.touches import TouchSet
 from vgrd.errors import InputError
 from vgrd.geometry import Array, Pose
 from vgrd.geometry.camera import CameraModel
-from vgrd.geometry.covariance import sqrt_information
 from vgrd.model import CellFacts, Motion, Recording, Target
 from vgrd.model.arm import ArmModel
 
@@ -141,11 +140,15 @@ class Tags:
         )
 
     def with_tangents(self, J_refined: Array, curvatures: Array) -> "Tags":
-        """The same with other derivatives, and with covariances (n, 6, 6) of what these leave out."""
+        """The same with other derivatives, and with noise, one times curvatures (n, 6), of what these leave out."""
         if not curvatures.any():
             return replace(self, J_refined=J_refined)
-        half = np.linalg.inv(self.sqrt_informations)
-        W = sqrt_information(half @ half.transpose(0, 2, 1) + curvatures)
+        W = self.sqrt_informations
+        u = W @ curvatures[:, :, None]
+        squares = u.transpose(0, 2, 1) @ u
+        # (I + u u^T)^(-1/2) W, of which the square is the inverse of what W stands for and this noise.
+        root = np.sqrt(1 + squares)
+        W = W - u @ (u.transpose(0, 2, 1) @ W) / (root * (1 + root))
         return replace(self, J_refined=J_refined, sqrt_informations=W)
 
     def weighted(self, weights: Array) -> "Tags":
@@ -155,10 +158,10 @@ class Tags:
         return replace(subset, sqrt_informations=root * subset.sqrt_informations)
 
     def refined(self, corrections: CameraCorrections, size_of: str, values: Array) -> "Tags":
-        """As seen with refined tag sizes and intrinsics, values (e,)."""
+        """As seen with refined tag sizes and intrinsics, values (e,); derivatives by them are left to others."""
         refined = corrections.refine(self.rotations, self.translations, size_of, values)
-        sqrt_informations = self.sqrt_informations @ np.linalg.inv(refined.shifts)
-        return Tags(refined.rotations, refined.translations, sqrt_informations, refined.J_refined)
+        sqrt_informations = self.sqrt_informations @ refined.back
+        return Tags(refined.rotations, refined.translations, sqrt_informations)
 
     def poses(self) -> list[Pose]:
         """camera_from_tag of all."""
@@ -365,7 +368,7 @@ class JointData:
         }
 
     def refined(self, values: Array) -> "JointData":
-        """The same, gathered with nothing refined, as seen with refined values (e,)."""
+        """The same, gathered with nothing refined, as seen with refined values (e,), without derivatives."""
         if not len(values):
             return self
         corrections, values = self.corrections, self.corrections.applied(values)

@@ -10,8 +10,9 @@ from functools import partial
 from types import MappingProxyType
 
 import numpy as np
+from scipy.linalg import solve_triangular
 
-from vgrd.calibration.joint.fit import JointFit, JointSample, fit_joint, units
+from vgrd.calibration.joint.fit import JointFit, JointSample, determined_span, fit_joint
 from vgrd.calibration.joint.problem import SAMPLED, EvidenceKind, JointData, renumbered
 from vgrd.calibration.joint.rows import touched_places
 from vgrd.calibration.joint.state import JointState, layout_of
@@ -65,22 +66,23 @@ class _Deleted:
 
     def __init__(self, optimum: JointFit) -> None:
         self._data = optimum.data
-        k, J = len(optimum.arm_factor), optimum.jacobian * units(optimum.layout)
-        U, s, _ = np.linalg.svd(J, full_matrices=False)
-        U = U[:, s > 1.0]
+        factor, k = optimum.arm_factor, len(optimum.arm_factor)
+        U = determined_span(optimum.jacobian, optimum.layout)
         residuals = optimum.whitened - U @ (U.T @ optimum.whitened)
-        self._precision = np.eye(len(U))
+        self._by_arm = np.zeros((0, 0))
         if k:
-            inverse = np.linalg.inv(optimum.arm_factor)
-            self._precision[:k, :k] = inverse.T @ inverse
-            U = np.vstack([inverse.T @ U[:k], U[k:]])
-            residuals = np.concatenate([inverse.T @ residuals[:k], residuals[k:]])
+            self._by_arm = solve_triangular(factor, np.eye(k), lower=True)
+            U = np.vstack([self._by_arm.T @ U[:k], U[k:]])
+            residuals = np.concatenate([self._by_arm.T @ residuals[:k], residuals[k:]])
         self._U, self._residuals = U, residuals
 
     def of(self, link: EvidenceKind) -> tuple[Array, Array, Array]:
         """Precision (n, k, k) of every sample's rows, what the fit leaves of it, residuals (n, k)."""
         rows = np.arange(len(self._U))[self._data.rows_of(link)].reshape(-1, SAMPLED[link])
-        block = self._precision[rows[:, :, None], rows[:, None, :]]
+        block = np.broadcast_to(np.eye(SAMPLED[link]), (len(rows), SAMPLED[link], SAMPLED[link]))
+        if rows.size and rows.max() < len(self._by_arm):
+            columns = self._by_arm.T[rows]
+            block = columns @ columns.transpose(0, 2, 1)
         taken_up = self._U[rows] @ self._U[rows].transpose(0, 2, 1)
         return block, block - taken_up, self._residuals[rows]
 

@@ -300,7 +300,7 @@ def _refined_tangents(
     tags: Tags, corrections: CameraCorrections, tag: str, values: Array
 ) -> Array:
     """Tangents (n, 6, e) by which tags are seen elsewhere, per sigma of what is off."""
-    return corrections.refine(tags.rotations, tags.translations, tag, values).J_refined
+    return corrections.tangents_as_seen(tags.rotations, tags.translations, tag, values)
 
 
 def _source(refined: str) -> Source:

@@ -226,7 +226,7 @@ class ForeseenRows:
         A = adjoints(R, t)
         J_refined = None
         if corrections.count:
-            J_refined = corrections.refine(R, t, tag, values).J_refined
+            J_refined = corrections.tangents_as_seen(R, t, tag, values)
         return Tags(R, t, sqrt_information(A @ body @ A.transpose(0, 2, 1)), J_refined)
 
 

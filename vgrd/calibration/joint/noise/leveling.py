@@ -121,7 +121,7 @@ def _settle(raw: JointData, fit: JointFit, scales: Scales) -> tuple[JointFit, Sc
             fit = replace(fit, levels=noise.named(levels))
             break
         scales = found
-        fit = fit_joint(at_levels(raw, scales), fit.layout, fit.state)
+        fit = fit_joint(at_levels(raw, scales), fit.layout, fit.state, is_near=True)
         fit = replace(fit, samples=samples, levels=noise.named(levels))
     return fit.widened(noise.widening(levels)), scales
 

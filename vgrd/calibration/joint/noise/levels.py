@@ -4,9 +4,8 @@ from collections.abc import Iterator, Mapping
 from dataclasses import replace
 
 import numpy as np
-from scipy.sparse import csr_array
 
-from vgrd.calibration.joint.fit import determined_columns
+from vgrd.calibration.joint.fit import arm_noise, determined_half, whiten_arm
 from vgrd.calibration.joint.noise.kinds import (
     ACROSS,
     ALONG,
@@ -19,15 +18,14 @@ from vgrd.calibration.joint.noise.kinds import (
     POINT,
     STOP,
 )
-from vgrd.calibration.joint.problem import EvidenceKind, JointData, Tags, target_of
-from vgrd.calibration.joint.rows import arm_jacobian, as_refined, linearize
+from vgrd.calibration.joint.noise.likelihood import Part, Restricted
+from vgrd.calibration.joint.problem import EvidenceKind, Indices, JointData, Tags, target_of
+from vgrd.calibration.joint.rows import ArmRows, arm_rows, as_refined, linearize
 from vgrd.calibration.joint.state import JointState, StepLayout, taught_place
 from vgrd.calibration.levels import (
     STATED_FACTOR,
     Level,
     Levels,
-    Part,
-    find_levels_of,
     wider_by_freedom,
 )
 from vgrd.calibration.touches import TouchSet, touched_orientation
@@ -44,61 +42,43 @@ class Noise:
 
     def __init__(self, raw: JointData, layout: StepLayout, state: JointState) -> None:
         self._data, self._layout, self._state = as_refined(state, raw, layout), layout, state
-        self._residuals, jacobian = linearize(state, self._data, layout)
-        self.parts, self._known = self._split()
-        self._basis = determined_columns(
-            np.linalg.solve(np.linalg.cholesky(self._covariance()), jacobian), layout
+        residuals, jacobian = linearize(state, self._data, layout)
+        arm = arm_rows(state, self._data)
+        whitened = whiten_arm(arm_noise(state, self._data), jacobian)
+        self._basis = determined_half(whitened, layout)
+        self.parts, known = _split(self._data, arm, len(residuals))
+        others = len(self._data.flange_at) + np.arange(len(residuals) - len(arm.stations))
+        self._likelihood = Restricted(
+            residuals,
+            jacobian @ self._basis,
+            np.concatenate([arm.stations, others]),
+            list(self.parts.values()),
+            known,
         )
-        self._jacobian = jacobian @ self._basis
 
     def find(self, start: Array | None = None) -> Levels:
         """Most likely levels, in the order of `parts`."""
         factors = np.array(
             [_CENTER_FACTOR if name == CENTER else STATED_FACTOR for name in self.parts]
         )
-        levels = find_levels_of(
-            self._residuals,
-            self._jacobian,
-            list(self.parts.values()),
-            self._known,
-            prior_factors=factors,
-            start=start,
-        )
+        levels = self._likelihood.find(factors, start)
         # One centre that happens to be near CAD does not make CAD better than it is said to be.
         least = np.where([name == CENTER for name in self.parts], 0.0, -np.inf)
         return replace(levels, log_variances=np.maximum(levels.log_variances, least))
 
     def widening(self, levels: Levels) -> float:
         """Factor of a sigma for levels that are not known exactly, the largest of all touched targets."""
-        sizes = np.exp(levels.log_variances)
-        V = self._covariance(sizes)
-        by = np.linalg.solve(V, self._jacobian)
-        gain = np.linalg.solve(self._jacobian.T @ by, by.T)
-        widest = 1.0
-        for J in self._flanges():
-            K = J @ self._basis @ gain
-            # One centre tells nothing of how far centres are off: what is stated of it is believed here.
-            squares = [
-                float(np.sum(part.of(K) ** 2)) if name != CENTER else 0.0
-                for name, part in self.parts.items()
-            ]
-            freedom = levels.freedom_of(sizes * squares, float(np.trace(K @ V @ K.T)))
-            widest = max(widest, wider_by_freedom(freedom))
-        return widest
+        J = np.array(list(self._flanges())) @ self._basis
+        parts, totals = self._likelihood.variances(J, np.exp(levels.log_variances))
+        # One centre tells nothing of how far centres are off: what is stated of it is believed here.
+        parts = parts * np.array([name != CENTER for name in self.parts])
+        freedoms = [levels.freedom_of(*one) for one in zip(parts, totals, strict=True)]
+        return max([1.0, *map(wider_by_freedom, freedoms)])
 
     def named(self, levels: Levels) -> tuple[Level, ...]:
         """The levels in their units."""
         stated = _stated(self._data)
         return levels.named([(name, *stated[name]) for name in self.parts])
-
-    def _covariance(self, sizes: Array | None = None) -> Array:
-        """(r, r) of all rows; sizes (k,): variances over the stated ones."""
-        size = len(self._residuals)
-        factors = np.ones(len(self.parts)) if sizes is None else sizes
-        total = self._known.copy()
-        for factor, part in zip(factors, self.parts.values(), strict=True):
-            total += factor * part.covariance(size)
-        return total
 
     def _flanges(self) -> Iterator[Array]:
         """Derivatives (3, n) of where the flange must be for each touched target."""
@@ -114,62 +94,69 @@ class Noise:
             J[:, StepLayout.TCP] = -touched_orientation(recording.touches, name)
             yield J
 
-    def _split(self) -> tuple[dict[str, Part], Array]:
-        """Kinds that have a level, by name, and (r, r) covariance of the rest: priors and rounding."""
-        parts, size = _of_sensors(self._data, len(self._residuals)), len(self._residuals)
-        known = np.asarray(np.eye(size), dtype=np.float64)
-        for part in parts.values():
-            known -= part.covariance(size)
-        arm, at = self._data.arm, self._data.flange_at
-        if not arm.is_exact:
-            G, k = arm_jacobian(self._state, self._data), self._data.arm_rows
-            known[:k, :k] += (G * np.tile(arm.rounding() ** 2, len(at))) @ G.T
-            parts |= _of_arm(self._data, G)
-        return parts, known
+
+def _split(
+    data: JointData, arm: ArmRows, size: int
+) -> tuple[dict[str, Part], list[tuple[float, Part]]]:
+    """Kinds that have a level, by name, and the rest of all rows, priors and rounding, with its signs."""
+    parts = _of_sensors(data, size)
+    known = [(1.0, Part.independent(np.arange(size)))]
+    known += [(-1.0, part) for part in parts.values()]
+    if not data.arm.is_exact:
+        known.append((1.0, _at_stations(arm, data.arm.rounding())))
+        parts |= _of_arm(data, arm)
+    return parts, known
 
 
 def _of_sensors(data: JointData, size: int) -> dict[str, Part]:
     rows = {kind: np.arange(size)[data.rows_of(kind)] for kind in data.counts}
     of_b = np.concatenate([rows[EvidenceKind.REFERENCE], rows[EvidenceKind.SPINS]])
-    across, along = _by_tool(data.touches)
+    across, along = _by_tool(rows[EvidenceKind.TOUCHES], data.touches)
+    points = _by_tool(rows[EvidenceKind.POINTS], data.points)
     parts = {
-        NOISE_OF_TAG_A: Part(rows[EvidenceKind.HAND_EYE]),
-        NOISE_OF_TAG_B: Part(of_b),
-        ACROSS: Part(rows[EvidenceKind.TOUCHES], across),
-        ALONG: Part(rows[EvidenceKind.TOUCHES], along),
-        POINT: Part(rows[EvidenceKind.POINTS], np.hstack(_by_tool(data.points))),
-        HOLES: Part(rows[EvidenceKind.HOLES]),
-        CAD: Part(rows[EvidenceKind.CAD]),
-        CENTER: Part(rows[EvidenceKind.TURNTABLE][: 2 * (data.center is not None)]),
+        NOISE_OF_TAG_A: Part.independent(rows[EvidenceKind.HAND_EYE]),
+        NOISE_OF_TAG_B: Part.independent(of_b),
+        ACROSS: across,
+        ALONG: along,
+        POINT: replace(points[0], factor=np.hstack([part.factor for part in points])),
+        HOLES: Part.independent(rows[EvidenceKind.HOLES]),
+        CAD: Part.independent(rows[EvidenceKind.CAD]),
+        CENTER: Part.independent(rows[EvidenceKind.TURNTABLE][: 2 * (data.center is not None)]),
     }
-    return {name: part for name, part in parts.items() if part.size}
+    return {name: part for name, part in parts.items() if part.factor.any()}
 
 
-def _by_tool(touches: TouchSet) -> tuple[Array, Array]:
-    """Factors (3 m, q) of touches of variance 1 across and along the tool, as far as they measured it."""
-    axis = touches.axis_in_wrist
+def _by_tool(rows: Indices, touches: TouchSet) -> tuple[Part, Part]:
+    """Touches of variance 1 across and along the tool, as far as they measured it."""
+    axis, touch = touches.axis_in_wrist, np.arange(len(touches))
     across = np.linalg.svd(axis[None])[2][1:].T
     lateral, axial = (
-        np.eye(len(touches))[:, np.isfinite(sigma)]
+        np.isfinite(sigma)[:, None, None]
         for sigma in (touches.lateral_sigma_mm, touches.axial_sigma_mm)
     )
-    return np.asarray(np.kron(lateral, across)), np.asarray(np.kron(axial, axis[:, None]))
+    return (
+        Part(rows, (lateral * across).reshape(-1, 2), np.repeat(touch, 3)),
+        Part(rows, (axial * axis[:, None]).reshape(-1, 1), np.repeat(touch, 3)),
+    )
 
 
-def _of_arm(data: JointData, G: Array) -> dict[str, Part]:
-    """G: derivative (k, 6 s) of the rows that feel the arm by its deviations."""
-    arm, at, rows = data.arm, data.flange_at, np.arange(len(G))
-    scales, parts = np.diag(arm.scales()), {}
+def _of_arm(data: JointData, rows: ArmRows) -> dict[str, Part]:
+    arm, at, parts = data.arm, data.flange_at, {}
     if arm.sigma_mm > 0:
-        # Rows feel the arm where it stood, and nowhere else.
-        own = G.reshape(len(G), len(at), 6) * (arm.sigma_mm * arm.scales())
-        parts[STOP] = Part(rows, csr_array(own.reshape(len(G), -1)))
+        parts[STOP] = _at_stations(rows, arm.sigma_mm * arm.scales())
     if arm.field_mm > 0:
         variances, shapes = np.linalg.eigh(arm.field(at, at))
         smooth = variances > _SMOOTH * variances[-1]
         L = shapes[:, smooth] * np.sqrt(variances[smooth])
-        parts[FIELD] = Part(rows, G @ np.kron(L, scales))
+        scaled = rows.by_deviation * arm.scales()
+        factor = L[rows.stations][:, :, None] * scaled[:, None, :]
+        parts[FIELD] = Part(np.arange(len(scaled)), factor.reshape(len(scaled), -1), None)
     return parts
+
+
+def _at_stations(rows: ArmRows, sigmas: Array) -> Part:
+    """Deviations (6,) of the arm that it draws wherever it stands."""
+    return Part(np.arange(len(rows.stations)), rows.by_deviation * sigmas, rows.stations)
 
 
 def _stated(data: JointData) -> Mapping[str, tuple[str, float]]:

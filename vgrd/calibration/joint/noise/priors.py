@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from vgrd.calibration.joint.camera_corrections import STRETCH_A, STRETCH_B, TAG_A, TAG_B
-from vgrd.calibration.joint.fit import JointFit, determined_columns
+from vgrd.calibration.joint.fit import JointFit, determined_span
 from vgrd.calibration.joint.noise.kinds import CENTER
 from vgrd.calibration.joint.problem import EvidenceKind, JointData
 from vgrd.calibration.joint.state import JointState
@@ -68,7 +68,7 @@ class Prior:
 
 def priors_of(fit: JointFit, left_out: Sequence[str] = ()) -> list[Prior]:
     """Every prior of the cell file; left_out: those that do not count in the fit."""
-    Q = np.linalg.qr(fit.jacobian @ determined_columns(fit.jacobian, fit.layout))[0]
+    Q = determined_span(fit.jacobian, fit.layout)
     stated = {level.name: 1 / level.ratio for level in fit.levels if level.name == CENTER}
     return [
         _prior(

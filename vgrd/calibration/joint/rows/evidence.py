@@ -1,31 +1,24 @@
 """Residuals of the joint estimate, whitened by the sensors' noise, and their derivatives."""
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from vgrd.calibration.joint.camera_corrections import adjoints
 from vgrd.calibration.joint.problem import EvidenceKind, Indices, JointData, Tags
+from vgrd.calibration.joint.rows.tags import (
+    Displaced,
+    ObjectMotions,
+    displaced_by,
+    object_motions,
+    predicted_tag_a,
+    seen_residuals,
+    still_tag_b,
+    turns_of,
+)
 from vgrd.calibration.joint.state import JointState, StepLayout, left_jacobian
 from vgrd.calibration.touches import TouchSet
-from vgrd.geometry import Array, Pose, hat, log_rotation
+from vgrd.geometry import Array, Pose, hat
 
 _EYE = np.eye(3)
-Displaced = tuple[Array, Array]  # (n, 3, 3), (n, 3): camera_from_taught of every picture
-_BERNOULLI = (1 / 12, -1 / 720, 1 / 30240)  # B_2k / (2k)!, k = 1, 2, 3: exact to 1e-6 at 1 rad
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class ObjectMotions:
-    """How the object moved, in the camera: (n, 3, 3), (n, 3), and what that depends on.
-
-    J_axis (n, 6, a), J_motion (n, 6, k): left derivatives by the axis and by the planar motion.
-    """
-
-    rotations: Array
-    translations: Array
-    J_axis: Array
-    J_motion: Array
 
 
 def linearize(state: JointState, data: JointData, layout: StepLayout) -> tuple[Array, Array]:
@@ -49,14 +42,15 @@ def linearize(state: JointState, data: JointData, layout: StepLayout) -> tuple[A
         blocks.append(_axis(state, data.axis, data.turntable.axis_sigma_rad, layout))
     if layout.inexact:
         blocks.append(_cad(state, data, layout))
+    if layout.refined:
+        blocks.append((state.refined, np.eye(layout.size)[layout.refined_columns]))
     r, J = np.concatenate([r for r, _ in blocks]), np.vstack([J for _, J in blocks])
     if layout.places:
         _put_places(J, state, data, layout)
-    if not layout.refined:
-        return r, J
-    r = r + J[:, layout.refined_columns] @ (state.refined - data.refined_values)
-    prior = np.eye(layout.size)[layout.refined_columns]
-    return np.concatenate([r, state.refined]), np.vstack([J, prior])
+    if layout.refined:
+        seen = slice(0, len(r) - layout.refined)
+        r[seen] += J[seen, layout.refined_columns] @ (state.refined - data.refined_values)
+    return r, J
 
 
 def displacement_jacobian(
@@ -95,143 +89,6 @@ def _put_places(J: Array, state: JointState, data: JointData, layout: StepLayout
         J[rows[:, None], own] = by_displacement[rows]
 
 
-def arm_jacobian(state: JointState, data: JointData) -> Array:
-    """Derivative (rows of the arm, 6 s) of the residuals by a deviation (mm, rad) at every stand.
-
-    The arm stands at its report shifted by the deviation and turned about the flange.
-    """
-    G = np.zeros((data.arm_rows, len(data.flange_at), 6))
-    X_inv = state.base_from_camera.inverse()
-    looks = data.looks
-    displaced = _displaced(state, data, EvidenceKind.HAND_EYE)
-    D = _seen_residuals(*predicted_tag_a(state, data), looks.tags, displaced)[1] @ X_inv.adjoint()
-    D[:, :, 3:] += D[:, :, :3] @ hat(looks.translations)
-    _put(G, data.rows_of(EvidenceKind.HAND_EYE), D, looks.stations)
-    for link, touches, stations in (
-        (EvidenceKind.TOUCHES, data.touches, data.touch_stations),
-        (EvidenceKind.POINTS, data.points, data.point_stations),
-    ):
-        lever = -hat(touches.rotations @ state.tcp_in_wrist)
-        D = np.concatenate([np.broadcast_to(_EYE, lever.shape), lever], axis=2)
-        _put(G, data.rows_of(link), touches.base_sqrt_informations() @ D, stations)
-    return G.reshape(data.arm_rows, -1)
-
-
-def _put(G: Array, rows: slice, blocks: Array, stations: Indices) -> None:
-    part = G[rows].reshape(*blocks.shape[:2], *G.shape[1:])
-    part[np.arange(len(blocks)), :, stations] = blocks
-
-
-def tag_residuals(R: Array, t: Array, tags: Tags) -> tuple[Array, Array, Array]:
-    """Whitened log(predicted measured^-1) (n, 6), derivative (n, 6, 6) by a left perturbation.
-
-    And (n, 6, e) by the refined numbers, which move what was measured, its noise with it.
-    """
-    turn = R @ np.swapaxes(tags.rotations, 1, 2)
-    shift = t - np.einsum("nij,nj->ni", turn, tags.translations)
-    w = log_rotation(turn).reshape(-1, 3)
-    W = hat(w)
-    ad = np.zeros((len(w), 6, 6))
-    ad[:, :3, :3] = ad[:, 3:, 3:] = W
-    v = np.einsum("nij,nj->ni", _inverse_jacobian(W), shift)
-    ad[:, :3, 3:] = hat(v)
-    D = tags.sqrt_informations @ _inverse_jacobian(ad)
-    E = np.zeros((len(w), 6, 0))
-    if tags.J_refined is not None:
-        E = -D @ tags.J_refined
-    return np.einsum("nij,nj->ni", tags.sqrt_informations, np.concatenate([v, w], axis=1)), D, E
-
-
-def _inverse_jacobian(ad: Array) -> Array:
-    """Inverse left Jacobian as a series in the adjoint of the logarithm; turns below a radian."""
-    square = ad @ ad
-    inverse = np.eye(ad.shape[-1]) - ad / 2
-    power = square
-    for factor in _BERNOULLI:
-        inverse = inverse + factor * power
-        power = power @ square
-    return np.asarray(inverse)
-
-
-def _seen(R: Array, t: Array, displaced: Displaced | None) -> tuple[Array, Array]:
-    """Poses (n, 3, 3), (n, 3) of tags in the reference camera, as the camera of each picture has them."""
-    if displaced is None:
-        return R, t
-    turns, shifts = displaced
-    return turns @ R, np.einsum("nij,nj->ni", turns, t) + shifts
-
-
-def _displaced(state: JointState, data: JointData, kind: EvidenceKind) -> Displaced | None:
-    """Inverse displacements of the camera in the pictures of a kind; None where it stood still."""
-    places = data.places_of(kind)
-    if places is None:
-        return None
-    inverses = [*(pose.inverse() for pose in state.taught_from_camera), Pose.identity()]
-    turns = np.array([pose.rotation for pose in inverses])
-    shifts = np.array([pose.translation for pose in inverses])
-    return turns[places], shifts[places]
-
-
-def _seen_residuals(
-    R: Array, t: Array, tags: Tags, displaced: Displaced | None
-) -> tuple[Array, Array, Array]:
-    """As `tag_residuals`, R and t and their perturbations in the reference camera."""
-    r, D, E = tag_residuals(*_seen(R, t, displaced), tags)
-    return r, D if displaced is None else D @ adjoints(*displaced), E
-
-
-def as_refined(
-    state: JointState, raw: JointData, layout: StepLayout, anchor: JointState | None = None
-) -> JointData:
-    """The evidence, as gathered, as seen with what the state refined.
-
-    anchor: where the derivatives by it are taken; None: at the state.
-    """
-    data = raw.refined(state.refined)
-    if not data.corrections.count:
-        return data
-    at = anchor or state
-    still, turned = _still_tag_b(at, data), _turned_tag_b(at, layout)
-    return data.with_tangents(
-        {
-            EvidenceKind.HAND_EYE: seen_tag_a(at, data),
-            EvidenceKind.REFERENCE: _seen(*still, _displaced(at, data, EvidenceKind.REFERENCE)),
-            EvidenceKind.SPINS: _seen(*turned, _displaced(at, data, EvidenceKind.SPINS)),
-        }
-    )
-
-
-def _still_tag_b(state: JointState, data: JointData) -> tuple[Array, Array]:
-    """Poses of tag B while touching, (n, 3, 3) and (n, 3), in the reference camera."""
-    tag_b, n = state.camera_from_tag_b, len(data.reference)
-    return np.broadcast_to(tag_b.rotation, (n, 3, 3)), np.broadcast_to(tag_b.translation, (n, 3))
-
-
-def _turned_tag_b(state: JointState, layout: StepLayout) -> tuple[Array, Array]:
-    """The same in spins."""
-    if not layout.spins:
-        return np.zeros((0, 3, 3)), np.zeros((0, 3))
-    motions, F = (
-        object_motions(state.camera_from_axis, state.table_motion, layout),
-        state.camera_from_tag_b,
-    )
-    return motions.rotations @ F.rotation, motions.rotations @ F.translation + motions.translations
-
-
-def seen_tag_a(state: JointState, data: JointData) -> tuple[Array, Array]:
-    """Poses of tag A, (n, 3, 3) and (n, 3), in the camera where it stood in each picture."""
-    displaced = _displaced(state, data, EvidenceKind.HAND_EYE)
-    return _seen(*predicted_tag_a(state, data), displaced)
-
-
-def predicted_tag_a(state: JointState, data: JointData) -> tuple[Array, Array]:
-    """Poses of tag A in the reference camera, (n, 3, 3) and (n, 3), at the flange poses it was seen from."""
-    X_inv = state.base_from_camera.inverse()
-    Y, looks = state.wrist_from_tag_a, data.looks
-    t = looks.rotations @ Y.translation + looks.translations
-    return X_inv.rotation @ looks.rotations @ Y.rotation, X_inv @ t
-
-
 def _rows(count: int, width: int, layout: StepLayout) -> Array:
     return np.zeros((count, width, layout.size))
 
@@ -242,8 +99,8 @@ def _flat(r: Array, J: Array) -> tuple[Array, Array]:
 
 def _hand_eye(state: JointState, data: JointData, layout: StepLayout) -> tuple[Array, Array]:
     X_inv, looks = state.base_from_camera.inverse(), data.looks
-    displaced = _displaced(state, data, EvidenceKind.HAND_EYE)
-    r, D, E = _seen_residuals(*predicted_tag_a(state, data), looks.tags, displaced)
+    displaced = displaced_by(state, data, EvidenceKind.HAND_EYE)
+    r, D, E = seen_residuals(*predicted_tag_a(state, data), looks.tags, displaced)
     D = D @ X_inv.adjoint()
     J = _rows(len(r), 6, layout)
     J[:, :, layout.refined_columns] = E
@@ -268,9 +125,10 @@ def _offsets(state: JointState, inexact_of: Indices) -> Array:
 
 def _put_offsets(J: Array, by_point: Array, inexact_of: Indices, layout: StepLayout) -> None:
     """Derivatives (n, k, 3) by points in the object into the columns of their offsets in J (n, k, m)."""
-    columns = layout.inexact_columns()
-    for i in np.flatnonzero(inexact_of >= 0):
-        J[i][:, columns[inexact_of[i]]] = by_point[i]
+    samples = np.flatnonzero(inexact_of >= 0)
+    columns = layout.inexact_columns()[inexact_of[samples]]
+    rows = np.arange(J.shape[1])[None, :, None]
+    J[samples[:, None, None], rows, columns[:, None, :]] = by_point[samples]
 
 
 def touched_places(state: JointState, data: JointData) -> Array:
@@ -342,43 +200,13 @@ def _points(state: JointState, data: JointData, layout: StepLayout) -> tuple[Arr
 
 
 def _reference(state: JointState, data: JointData, layout: StepLayout) -> tuple[Array, Array]:
-    R, t = _still_tag_b(state, data)
-    displaced = _displaced(state, data, EvidenceKind.REFERENCE)
-    r, D, E = _seen_residuals(R, t, data.reference, displaced)
+    R, t = still_tag_b(state, data)
+    displaced = displaced_by(state, data, EvidenceKind.REFERENCE)
+    r, D, E = seen_residuals(R, t, data.reference, displaced)
     J = _rows(len(r), 6, layout)
     J[:, :, layout.refined_columns] = E
     J[:, :, layout.TAG_B] = D
     return _flat(r, J)
-
-
-def object_motions(
-    camera_from_axis: Pose, table_motion: Array, layout: StepLayout
-) -> ObjectMotions:
-    """How the object moved since it was touched; table_motion: (n, 3) x, y, angle."""
-    R, t = turns_of(camera_from_axis, table_motion)
-    adjoint = camera_from_axis.adjoint()
-    J_axis = (np.eye(6) - adjoints(R, t)) @ adjoint[:, list(layout.axis)]
-    J_motion = np.broadcast_to(
-        adjoint[:, list(layout.object_motions)], (len(R), 6, len(layout.object_motions))
-    )
-    return ObjectMotions(R, t, J_axis, J_motion)
-
-
-def turn_of(camera_from_axis: Pose, angle_rad: float) -> Pose:
-    """The motion of the object about its axis, in the camera."""
-    R, t = turns_of(camera_from_axis, np.array([[0.0, 0.0, angle_rad]]))
-    return Pose(R[0], t[0])
-
-
-def turns_of(camera_from_axis: Pose, table_motion: Array) -> tuple[Array, Array]:
-    """The motions alone, (n, 3, 3) and (n, 3), in the camera."""
-    G = camera_from_axis
-    c, s = np.cos(table_motion[:, 2]), np.sin(table_motion[:, 2])
-    P = np.zeros((len(c), 3, 3))
-    P[:, 0, 0], P[:, 0, 1], P[:, 1, 0], P[:, 1, 1], P[:, 2, 2] = c, -s, s, c, 1.0
-    shift = np.column_stack([table_motion[:, :2], np.zeros(len(c))])
-    R = G.rotation @ P @ G.rotation.T
-    return R, shift @ G.rotation.T + G.translation - R @ G.translation
 
 
 def moved_tag(
@@ -394,7 +222,7 @@ def moved_tag(
     """
     F = camera_from_tag_b
     t = motions.rotations @ F.translation + motions.translations
-    r, D, E = _seen_residuals(motions.rotations @ F.rotation, t, tags, displaced)
+    r, D, E = seen_residuals(motions.rotations @ F.rotation, t, tags, displaced)
     J = _rows(len(r), 6, layout)
     if tags.J_refined is not None:
         J[:, :, layout.refined_columns] = E
@@ -405,7 +233,7 @@ def moved_tag(
 
 def _spins(state: JointState, data: JointData, layout: StepLayout) -> tuple[Array, Array]:
     motions = object_motions(state.camera_from_axis, state.table_motion, layout)
-    displaced = _displaced(state, data, EvidenceKind.SPINS)
+    displaced = displaced_by(state, data, EvidenceKind.SPINS)
     r, J, J_motion = moved_tag(state.camera_from_tag_b, data.spins, motions, layout, displaced)
     _put_moves(J, J_motion, np.arange(len(r)), layout)
     return _flat(r, J)
@@ -413,8 +241,8 @@ def _spins(state: JointState, data: JointData, layout: StepLayout) -> tuple[Arra
 
 def _put_moves(J: Array, blocks: Array, spins: Indices, layout: StepLayout) -> None:
     columns = layout.spin_columns()[spins]
-    for i, (block, spin_columns) in enumerate(zip(blocks, columns, strict=True)):
-        J[i][:, spin_columns] = block
+    samples, rows = np.ogrid[: len(blocks), : blocks.shape[1]]
+    J[samples[:, :, None], rows[:, :, None], columns[:, None, :]] = blocks
 
 
 def _holes(state: JointState, data: JointData, layout: StepLayout) -> tuple[Array, Array]:
@@ -439,7 +267,7 @@ def _holes(state: JointState, data: JointData, layout: StepLayout) -> tuple[Arra
         part[:, :, layout.axis_columns] = lever @ motions.J_axis[k]
         _put_moves(part, lever @ motions.J_motion[k], k, layout)
         J_point[spun] = part
-    if (displaced := _displaced(state, data, EvidenceKind.HOLES)) is not None:
+    if (displaced := displaced_by(state, data, EvidenceKind.HOLES)) is not None:
         turns, shifts = displaced
         in_camera = np.einsum("nij,nj->ni", turns, in_camera) + shifts
     pixels, D = holes.camera.linearize(in_camera)
