@@ -23,17 +23,20 @@ from vgrd.geometry.covariance import rms
 from vgrd.judging.findings import finding
 from vgrd.judging.thresholds import IRRELEVANT_MM, NOISY_SCALE, WRONG_SIGMA
 from vgrd.model import (
+    CameraPlace,
     ExpectedCoordinate,
     Finding,
     Motion,
     Policy,
     Recording,
+    TagObservation,
     TaughtPoint,
     frozen_array,
     frozen_copy,
     place_in,
 )
 
+Case = tuple[TaughtPoint, TagObservation, CameraPlace]
 _EXACT = 1e-6  # of the variance of a centre: known a thousand times better
 _OUTLIERS: Mapping[str, str] = {
     EvidenceKind.HAND_EYE.value: "look_outlier",
@@ -66,15 +69,15 @@ def calibrate_jointly(
     }
     findings = [*doubts, *_findings(fit, solution)]
     seen = as_seen_in_the_end(fit, recording) if camera_moves(fit) else None
-    worst = max(
-        _predicted(solution, seen or fit.recording, taught, policy), key=lambda hole: hole.u95_mm
-    )
+    used = seen or fit.recording
+    answers = [(case, _served(solution, used, case, policy)) for case in _cases(used, taught)]
+    hardest, worst = max(answers, key=lambda answer: answer[1].u95_mm)
     if tolerance_mm is not None:
         findings.append(accept(worst.u95_mm, tolerance_mm, covariance=worst.position_covariance))
     residuals = _residuals(fit, worst)
     if (knowing := _knowing_center(fit, solution)) is not None:
-        told = _predicted(knowing, seen or fit.recording, taught, policy)
-        residuals["predicted_u95_exact_center_mm"] = max(one.u95_mm for one in told)
+        exact = _served(knowing, used, hardest, policy)
+        residuals["predicted_u95_exact_center_mm"] = exact.u95_mm
     return Outcome(solution, taught, residuals, findings, seen)
 
 
@@ -125,13 +128,8 @@ def _taught(solution: JointSolution, recording: Recording, name: str) -> TaughtP
     )
 
 
-def _predicted(
-    solution: JointSolution,
-    recording: Recording,
-    taught: Mapping[str, TaughtPoint],
-    policy: Policy,
-) -> list[ExpectedCoordinate]:
-    """What would be served in the pictures of the session."""
+def _cases(recording: Recording, taught: Mapping[str, TaughtPoint]) -> list[Case]:
+    """Every target in every picture of the session."""
     seen = [
         (picture.tag_b, place_in(picture, recording.facts.camera_stability))
         for picture in (*recording.touch_pictures, *recording.spins)
@@ -145,13 +143,16 @@ def _predicted(
             rank=0,
             unknowns=6,
         )
-    return [
-        solution.expected(
-            recording.facts, point, tag, policy, np.asarray(point.base_from_work), place
-        )
-        for point in taught.values()
-        for tag, place in known
-    ]
+    return [(point, tag, place) for point in taught.values() for tag, place in known]
+
+
+def _served(
+    solution: JointSolution, recording: Recording, case: Case, policy: Policy
+) -> ExpectedCoordinate:
+    """What would be served."""
+    point, tag, place = case
+    work = np.asarray(point.base_from_work)
+    return solution.expected(recording.facts, point, tag, policy, work, place)
 
 
 def contradicted_targets(fit: JointFit) -> tuple[Finding, ...]:
