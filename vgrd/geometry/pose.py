@@ -14,13 +14,13 @@ from numpy.typing import ArrayLike, NDArray
 from vgrd.errors import InputError
 
 Array = NDArray[np.float64]
+Row = tuple[float, float, float]
 
 _SMALL_ANGLE = 1e-2  # below, series: their first neglected term is under 1e-16
 _SMALL_ANGLE_FIFTH_ORDER = 0.1  # idem; the closed form cancels six digits there
 _ORTHONORMAL_TOLERANCE = 1e-6  # of a row's products: 0.001 mm at a distance of 1 m
 _TINY_SINE = 1e-9  # below, atan2(s, w) / s is 1 / w to 1e-18
 _LAST_ROW_TOLERANCE = 1e-9  # of 0 0 0 1, which no file rounds
-_IDENTITY = np.eye(3)
 
 
 def hat(vector: Array) -> Array:
@@ -114,9 +114,19 @@ def _log_rotations(R: Array) -> Array:
     return np.asarray(scale[:, None] * np.column_stack([x, y, z]))
 
 
-def _determinant(M: Array) -> float:
-    (a, b, c), (d, e, f), (g, h, i) = M.tolist()
-    return float(a * (e * i - f * h) - b * (d * i - f * g) + c * (d * h - e * g))
+def _is_rotation(x: Row, y: Row, z: Row) -> bool:
+    """Whether rows are orthonormal and right-handed; plain numbers, which are faster than so small arrays."""
+    (a, b, c), (d, e, f), (g, h, i) = x, y, z
+    off = max(
+        abs(a * a + b * b + c * c - 1),
+        abs(d * d + e * e + f * f - 1),
+        abs(g * g + h * h + i * i - 1),
+        abs(a * d + b * e + c * f),
+        abs(a * g + b * h + c * i),
+        abs(d * g + e * h + f * i),
+    )
+    determinant = a * (e * i - f * h) - b * (d * i - f * g) + c * (d * h - e * g)
+    return off <= _ORTHONORMAL_TOLERANCE and determinant >= 0
 
 
 def left_jacobian_rotation(rotvec: ArrayLike) -> Array:
@@ -163,9 +173,10 @@ class Pose:
         t = np.array(self.translation, dtype=np.float64)
         if R.shape != (3, 3) or t.shape != (3,):
             raise InputError(f"a pose needs shapes (3, 3) and (3,), got {R.shape} and {t.shape}")
-        if not (np.isfinite(R).all() and np.isfinite(t).all()):
+        rows, place = R.tolist(), t.tolist()
+        if not all(map(math.isfinite, (*rows[0], *rows[1], *rows[2], *place))):
             raise InputError("a pose must be finite")
-        if np.abs(R @ R.T - _IDENTITY).max() > _ORTHONORMAL_TOLERANCE or _determinant(R) < 0:
+        if not _is_rotation(*rows):
             raise InputError("not a rotation matrix: rows must be orthonormal with determinant +1")
         R.setflags(write=False)
         t.setflags(write=False)

@@ -287,12 +287,13 @@ def whiten_arm(factor: Array, rows: Array) -> Array:
         return np.concatenate([first, rows[k:]])
     out = rows.copy()
     # Columns that touches alone move begin late, and nothing comes before their first row.
-    begins = np.argmax(rows[:k] != 0, axis=0)
+    moved = rows[:k] != 0
+    begins, is_moved = np.argmax(moved, axis=0), moved.any(axis=0)
     early = begins < k // 2
-    for columns in (np.flatnonzero(early), np.flatnonzero(~early)):
-        first = int(begins[columns].min(initial=k))
-        own = np.ix_(np.arange(first, k), columns)
-        corner = factor[first:, first:]
+    for columns in (np.flatnonzero(is_moved & early), np.flatnonzero(is_moved & ~early)):
+        start = int(begins[columns].min(initial=k))
+        own = np.ix_(np.arange(start, k), columns)
+        corner = factor[start:, start:]
         out[own] = solve_triangular(corner, rows[own], lower=True, check_finite=False)
     return out
 
@@ -351,7 +352,7 @@ def _whitened(
 def _determined(jacobian: Array, layout: StepLayout) -> tuple[Array, Array]:
     """Factor (n, k) of the covariance and, in `units`, directions (z, n) that are undetermined."""
     scales = units(layout)[:, None]
-    R = np.linalg.qr(jacobian * scales.T, mode="r")
+    R = np.asarray(np.linalg.qr(jacobian * scales.T, mode="r"), dtype=np.float64)
     if (R_inv := _inverse(R)) is not None:
         return scales * R_inv, R[:0]
     _, s, Vt = np.linalg.svd(R, full_matrices=True)
