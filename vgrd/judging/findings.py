@@ -170,10 +170,15 @@ OF_A_SESSION: Mapping[str, Kind] = MappingProxyType(
             "print it again, not scaled to the page",
             "its pictures against the robot's motion: 1 in 1,000 good sessions",
         ),
+        "lens_off": Kind(
+            "the focal length is not what the camera file says; what was measured counts instead",
+            "calibrate the intrinsics again (vgrd intrinsics), focus and zoom as they are now",
+            "pictures against the robot's motion, where these are at odds: 4 sigma",
+        ),
         "touch_noise": Kind(
             "touches scatter more or less than the cell file says; what was found counts",
             "touch with more care, or set [touch] as found",
-            "likelihood of the level: 3 sigma and a third of itself",
+            "likelihood of the level: 1 in 10,000 good sessions, and a third of itself",
         ),
         "point_noise": Kind(
             "touches of the fixed point scatter more or less than stated; what was found counts",

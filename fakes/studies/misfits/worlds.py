@@ -84,7 +84,7 @@ _PRINT = frozenset({"tag_size", "tag_stretched", "tag_noise"})
 _CAMERA = frozenset({"camera_moved", "camera"})
 _ARM = frozenset({"hand_eye_noise", "noisy", "arm_noise"})
 _AXIS = frozenset({"spins_not_about_one_axis"})
-_LENS = frozenset({"tag_size"})  # whose remedy names the focal length
+_LENS = frozenset({"lens_off", "tag_size"})  # the remedy of the latter names the focal length
 _VISION = frozenset({"noisy", "hand_eye_noise", "tag_noise"})
 _TIME = frozenset({"time_offset", "picture_delay"})
 

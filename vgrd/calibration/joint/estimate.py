@@ -15,6 +15,7 @@ import numpy as np
 from vgrd.calibration.joint.camera_corrections import CameraCorrections, PriorSigmas
 from vgrd.calibration.joint.fit import JointFit, fit_at, fit_joint
 from vgrd.calibration.joint.knocks import Moves, Trial, follow, jumps, pictures_of
+from vgrd.calibration.joint.noise.lens import PRIOR_SHARE, with_lens
 from vgrd.calibration.joint.noise.leveling import at_found_levels
 from vgrd.calibration.joint.noise.priors import at_sigmas
 from vgrd.calibration.joint.problem import EvidenceKind, HolePixel, JointData, Turntable
@@ -46,12 +47,37 @@ def calibrate_joint(
 
     sightings: holes that the camera saw. arm: None takes `facts.arm`.
     turntable: how well CAD knows the axis of turning. refine: tag sizes and intrinsics to estimate
-    too; None: the tag sizes, as far as `facts` have them inexact. robust: samples that the others contradict
+    too; None: the tag sizes, as far as `facts` have them inexact, and the focal length where the samples are
+    at odds without it. robust: samples that the others contradict
     are left out and named, and a fixed camera that was knocked meanwhile is followed. find_noise: sigmas are
     priors of levels that the samples tell; else they count as they are stated. Raises InputError,
     TooFewObservations, NotObservable or DidNotConverge.
     """
-    print_sigmas = refine or PriorSigmas.of_print(recording.facts)
+
+    def estimate(sigmas: PriorSigmas) -> JointFit:
+        return _estimate(recording, sightings, arm, turntable, sigmas, robust, find_noise)
+
+    if refine is not None:
+        return estimate(refine)
+    print_sigmas = PriorSigmas.of_print(recording.facts)
+    fit = estimate(print_sigmas)
+    if not (robust and find_noise):
+        return fit
+    focal_px = PRIOR_SHARE * float(np.asarray(recording.facts.camera_matrix)[0, 0])
+    fit, told = with_lens(fit, lambda: estimate(replace(print_sigmas, focal_px=focal_px)))
+    return fit if told is None else replace(fit, freed=(*fit.freed, told))
+
+
+def _estimate(
+    recording: Recording,
+    sightings: Sequence[HolePixel],
+    arm: ArmModel | None,
+    turntable: Turntable | None,
+    print_sigmas: PriorSigmas,
+    robust: bool,
+    find_noise: bool,
+) -> JointFit:
+    """As `calibrate_joint`, with what is to be refined."""
 
     @cache
     def gathered(
