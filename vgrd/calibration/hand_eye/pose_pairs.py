@@ -86,7 +86,8 @@ class HandEyeResult:
     recording; the covariance is then wide enough for 1.96 sigma to be 95 % although they are known by
     `freedom` degrees of freedom only. misfit: minus twice the log-likelihood of the target's poses in the
     pictures, up to a constant. refined: whether the intrinsics were estimated. shares: mm^2
-    that each cause adds to the miss of a target's place, by name.
+    that each cause adds to the miss of a target's place, by name. as_given: the result with the intrinsics
+    as given, where the samples demanded others.
     """
 
     mount: Mount
@@ -107,6 +108,7 @@ class HandEyeResult:
     misfit: float = np.nan
     refined: bool = False
     shares: Mapping[str, float] = field(default_factory=dict)
+    as_given: "HandEyeResult | None" = None
 
     def predict(self, base_from_wrist: Pose) -> Pose:
         """camera_from_target that this calibration expects at a flange pose."""

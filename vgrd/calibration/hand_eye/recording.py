@@ -201,7 +201,7 @@ def demands_refinement(problem: RecordingProblem, given: HandEyeResult) -> HandE
         result = calibrate_recording(refined)
     except CalibrationError:
         return None
-    return result if given.misfit - result.misfit > enough else None
+    return replace(result, as_given=given) if given.misfit - result.misfit > enough else None
 
 
 def _gain_at_once(refined: RecordingProblem, given: HandEyeResult) -> float:

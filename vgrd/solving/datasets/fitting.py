@@ -105,7 +105,9 @@ class LikelihoodFitter(Fitter):
 
 def _as_given(problem: RecordingProblem) -> HandEyeResult | None:
     """The start of a fit with the intrinsics as given: poses and levels under refined ones are none."""
-    return None if problem.start is None or problem.start.refined else problem.start
+    if problem.start is None or not problem.start.refined:
+        return problem.start
+    return problem.start.as_given
 
 
 def fitter_of_points(

@@ -139,7 +139,7 @@ def _look(dataset: Dataset, steps: _Steps) -> Sightings:
     samples, observations, unseen, faults = [], [], {}, []
     for sample in dataset.samples:
         try:
-            observations.append(_observe(sample, dataset.target))
+            observations.append(observe(sample, dataset.target))
             samples.append(sample)
         except TagNotSeen as reason:
             unseen[sample.name] = str(reason)
@@ -179,9 +179,8 @@ def _led_by(hints: Sequence[str], error: CalibrationError) -> CalibrationError:
     return led
 
 
-def _observe(
-    sample: DatasetSample, target: TargetSpec | TagGrid | None
-) -> BoardObservation | Pose:
+def observe(sample: DatasetSample, target: TargetSpec | TagGrid | None) -> BoardObservation | Pose:
+    """What one sample shows; raises TagNotSeen, or InputError for what is no picture."""
     match sample.source:
         case Pose():
             return sample.source
