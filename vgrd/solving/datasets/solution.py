@@ -7,11 +7,11 @@ from typing import Any
 
 import numpy as np
 
-from vgrd.calibration.hand_eye import TargetScale
 from vgrd.calibration.levels import Level
 from vgrd.geometry import Array, Pose
 from vgrd.geometry.camera import CameraModel
 from vgrd.model import Mount, Verdict
+from vgrd.solving.datasets.fitting import TargetScale
 from vgrd.solving.datasets.quality import Quality
 
 

@@ -1,0 +1,117 @@
+"""The likeliest poses, levels of noise and distribution of the samples of a recording."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from vgrd.calibration.hand_eye.likelihood import HEAVY, Kind, Likelihood
+from vgrd.calibration.hand_eye.null_space import determined_steps
+from vgrd.calibration.hand_eye.recording_problem import RecordingProblem
+from vgrd.calibration.hand_eye.state import HandEye
+from vgrd.calibration.levels import Levels
+from vgrd.geometry import Array
+
+_WIDE = 10.0  # of a sigma that nobody stated: 0.05 to 5 mm and 0.006 to 0.6 degrees are all common
+_ARM_MM = 0.5  # the middle of it: arms of hobby and industry
+_ARM_RAD = 1e-3  # the same at 0.5 m
+_STARTS = (
+    0.0,
+    3.0,
+)  # log variances of the arm over nominal against the pictures': two modes are rare
+_CLEARLY = 10.0  # of minus twice the log-likelihood: a t distribution is no better by chance
+_NARROWER = (
+    -0.35,
+    -3.0,
+    -7.0,
+)  # of log variances: as a t distribution finds of normal samples, or if few
+# samples are what made them large
+_HOPELESS = 6.0  # of the same likelihood: no search makes up for it
+_CAMERA_ROUNDS = 3  # of renewing the noise of pixels under a refined camera
+_FEWEST_PX = 1e-3  # no detector is better; keeps exact data solvable
+TRIAL_STEPS = 8  # towards other levels or intrinsics, to see whether they are worth more
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Found:
+    """What a search ended with; objective: minus twice the restricted log-likelihood."""
+
+    likelihood: Likelihood
+    state: HandEye
+    levels: Levels
+    objective: float
+
+
+def kinds_of(problem: RecordingProblem, state: HandEye) -> list[Kind]:
+    """Of noise, with what is assumed of each before the samples are looked at."""
+    rows = problem.evidence.at(state)
+    if not rows.white_freedom:
+        return [
+            Kind("places", "positions", "mm", _ARM_MM, _WIDE),
+            Kind("turns", "target's turn", "rad", _ARM_RAD, _WIDE),
+            Kind("arm turns", "arm's turn", "rad", _ARM_RAD, _WIDE),
+        ]
+    px = max(float(np.sqrt(rows.white_squares / rows.white_freedom)), _FEWEST_PX)
+    known = float(np.exp(1 / np.sqrt(2 * rows.white_freedom)))  # spread of a sigma of so many
+    return [
+        Kind("pixels", "pixels", "px", px, known),
+        Kind("pictures", "pixels alike in a picture", "px", px, _WIDE),
+        Kind("arm places", "arm's position", "mm", _ARM_MM, _WIDE),
+        Kind("arm turns", "arm's turn", "rad", _ARM_RAD, _WIDE),
+    ]
+
+
+def likeliest(problem: RecordingProblem, state: HandEye, null_space: Array) -> Found:
+    """The best of the starts, with a normal distribution unless a t distribution is clearly better."""
+    basis = determined_steps(null_space, problem.blank.extra)
+    normal = _searched(problem, state, basis, np.inf, _starts(problem))
+    likelihood = normal.likelihood.with_freedom(HEAVY)
+    unsure = likelihood.prior_factors >= _WIDE
+    is_near = problem.start is not None and problem.start.refined
+    shifts = _NARROWER[:1] if is_near else _NARROWER
+    starts = [(normal.state, normal.levels.log_variances + x * unsure) for x in shifts]
+    starts = [(likelihood.descend(one, x, TRIAL_STEPS), x) for one, x in starts]
+    costs = [likelihood.objective(one, x) for one, x in starts]
+    best = int(np.argmin(costs))
+    if costs[best] > normal.objective + _HOPELESS:
+        return normal
+    heavy = _searched(problem, starts[best][0], basis, HEAVY, [starts[best][1]])
+    return heavy if heavy.objective < normal.objective - _CLEARLY else normal
+
+
+def _starts(problem: RecordingProblem) -> list[Array]:
+    """Log variances to start from: those of the earlier result, else some."""
+    if problem.start is not None and problem.start.levels:
+        ratios = [level.ratio for level in problem.start.levels]
+        return [2 * np.log(ratios)]
+    count = 4 if problem.blank.camera is not None else 3
+    return [np.array([0.0] + [x] * (count - 1)) for x in _STARTS]
+
+
+def _searched(
+    problem: RecordingProblem,
+    state: HandEye,
+    basis: Array,
+    freedom: float,
+    starts: Sequence[Array],
+) -> Found:
+    """The most likely of what the starts lead to."""
+    is_near = problem.start is not None and problem.start.refined
+    rounds = _CAMERA_ROUNDS if problem.blank.refines_camera and not is_near else 1
+    for _ in range(rounds):
+        likelihood = Likelihood(
+            problem.mount,
+            problem.wrists,
+            problem.evidence,
+            kinds_of(problem, state),
+            basis,
+            freedom,
+        )
+        found = []
+        for start in starts:
+            there, levels = likelihood.search(state, start)
+            objective = likelihood.objective(there, levels.log_variances)
+            found.append(Found(likelihood, there, levels, objective))
+        best = min(found, key=lambda one: one.objective)
+        state, starts = best.state, [best.levels.log_variances]
+    return best
