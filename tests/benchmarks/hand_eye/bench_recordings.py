@@ -19,7 +19,7 @@ SINGLE_BAR = 1.0  # geometric mean over the recordings, of the best single metho
 
 def rows() -> Iterator[Row]:
     """hand_eye_FIGURE_vs_single, and hand_eye_FIGURE_worst: misses of the bar of a set, in its allowance."""
-    all_judged = [judged(recorded) for recorded in recordings()]
+    all_judged = [judged(alike) for alike in recordings()]
     for figure in FIGURES:
         yield _single(figure, all_judged)
         yield _worst(figure, all_judged)

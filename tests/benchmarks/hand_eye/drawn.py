@@ -8,6 +8,9 @@ from scipy.spatial.transform import Rotation
 
 from tests.benchmarks.hand_eye.recordings import Array, Recorded, matrix
 
+JUDGED = 40  # samples of a kind, in as many recordings as it takes: of a dozen alone the luckiest of eight
+# methods is a tenth better than it is
+
 
 @dataclass(frozen=True)
 class Drawn:
@@ -49,6 +52,11 @@ DRAWN = (
     Drawn("pairs in the hand, 10", 10, (0.05, 0.3), pairs=(0.3, 0.1), in_hand=True),
     Drawn("pairs, one of 12 elsewhere", 12, (0.3, 0.05), pairs=(0.5, 0.1), outliers=1),
 )
+
+
+def draws(kind: Drawn, seed: int) -> list[Recorded]:
+    """As many recordings of a kind as are judged."""
+    return [draw(kind, seed + number) for number in range(-(-JUDGED // kind.count))]
 
 
 def draw(kind: Drawn, seed: int) -> Recorded:

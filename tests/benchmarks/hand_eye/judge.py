@@ -22,7 +22,7 @@ import cv2
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from tests.benchmarks.hand_eye.drawn import DRAWN, draw
+from tests.benchmarks.hand_eye.drawn import DRAWN, draws
 from tests.benchmarks.hand_eye.peers import METHODS, Poses, predicted
 from tests.benchmarks.hand_eye.published import DATA, of_dataset, of_others
 from tests.benchmarks.hand_eye.recordings import Array, Recorded
@@ -86,18 +86,24 @@ def single(figure: str, all_judged: Sequence[Judged], ours: str = OURS) -> tuple
     return means[best], best
 
 
-def recordings(folder: Path = DATA) -> Iterator[Recorded]:
-    """All recordings: of others where they are beside the checkout, and drawn ones."""
-    yield from of_others(folder)
+def recordings(folder: Path = DATA) -> Iterator[list[Recorded]]:
+    """All that is judged: recordings of others where they are beside the checkout, and drawn ones by kind."""
+    yield from ([recorded] for recorded in of_others(folder))
     for number, kind in enumerate(DRAWN):
-        yield draw(kind, SEED + number)
+        yield draws(kind, SEED * (1 + number))
 
 
-def judged(recorded: Recorded) -> Judged:
-    """All methods on one recording."""
-    misses = {name: _misses_of(recorded, solver) for name, solver in METHODS.items()}
-    ours, given = _our_misses(recorded)
-    return Judged(recorded.name, {**misses, OURS: ours, GIVEN: given})
+def judged(alike: Sequence[Recorded]) -> Judged:
+    """All methods on one recording, or on all of a kind: their samples count together."""
+    misses: dict[str, list[Array]] = {name: [] for name in (*METHODS, OURS, GIVEN)}
+    for recorded in alike:
+        for name, solver in METHODS.items():
+            misses[name].append(_misses_of(recorded, solver))
+        for name, ours in zip((OURS, GIVEN), _our_misses(recorded), strict=True):
+            misses[name].append(ours)
+    count = f", {len(alike)} recordings" if len(alike) > 1 else ""
+    pooled = {name: np.concatenate(found) for name, found in misses.items()}
+    return Judged(f"{alike[0].name}{count}", pooled)
 
 
 def _misses_of(recorded: Recorded, solver: Callable[[Recorded, Sequence[int]], Poses]) -> Array:
@@ -230,10 +236,10 @@ def main(arguments: Sequence[str]) -> None:
     words = [word for word in asked.chosen if not word.endswith(".toml")]
     files = [Path(word) for word in asked.chosen if word.endswith(".toml")]
     known = recordings(asked.data) if words or not files else iter(())
-    chosen = [r for r in known if not words or any(word in r.name for word in words)]
+    chosen = [r for r in known if not words or any(word in r[0].name for word in words)]
     all_judged = []
-    for recorded in [*chosen, *(of_dataset(path) for path in files)]:
-        all_judged.append(judged(recorded))
+    for alike in [*chosen, *([of_dataset(path)] for path in files)]:
+        all_judged.append(judged(alike))
         sys.stdout.write("\n".join([*report_of(all_judged[-1]), ""]))
         sys.stdout.flush()
     sys.stdout.write("\n".join([*table_of(all_judged), ""]))

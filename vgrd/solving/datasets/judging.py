@@ -181,7 +181,7 @@ def _camera(evidence: DatasetEvidence) -> list[Finding]:
     )
     message = (
         "camera: the intrinsics as given do not fit robot and pictures, beyond doubt, so they were "
-        f"refined: {moves}"
+        f"refined: {moves}. Use the transforms with these; for those given, as_given holds others"
     )
     return [finding("intrinsics_doubtful", message)]
 
