@@ -8,6 +8,7 @@ from scipy.spatial.transform import Rotation
 
 from tests.benchmarks.hand_eye.recordings import Array, Recorded, matrix
 
+ELSEWHERE = (40.0, 4.0)  # mm and degrees per axis by which a pose of another moment is off
 JUDGED = 40  # samples of a kind, in as many recordings as it takes: of a dozen alone the luckiest of eight
 # methods is a tenth better than it is
 
@@ -59,15 +60,29 @@ def draws(kind: Drawn, seed: int) -> list[Recorded]:
     return [draw(kind, seed + number) for number in range(-(-JUDGED // kind.count))]
 
 
+@dataclass(frozen=True)
+class Truth:
+    """flange, seen: (n, 4, 4) base_from_wrist and camera_from_target as they were; outliers: (k,) indices."""
+
+    flange: Array
+    seen: Array
+    outliers: Array
+
+
 def draw(kind: Drawn, seed: int) -> Recorded:
     """One recording of a kind."""
+    return draw_with_truth(kind, seed)[0]
+
+
+def draw_with_truth(kind: Drawn, seed: int) -> tuple[Recorded, Truth]:
+    """One recording of a kind, and what it was drawn from."""
     rng = np.random.default_rng(seed)
     columns, rows, pitch = kind.corners
     board = np.array([(pitch * x, pitch * y, 0.0) for y in range(rows) for x in range(columns)])
     held = matrix(Rotation.random(random_state=rng).as_matrix(), rng.normal(0, 120, 3))
     fixed = matrix(Rotation.random(random_state=rng).as_matrix(), rng.normal(0, 900, 3))
     K = np.array([[1180.0, 0, 655], [0, 1184.0, 470], [0, 0, 1]])
-    flange, views = [], []
+    flange, told, views = [], [], []
     for _ in range(kind.count):
         tilt = Rotation.from_rotvec(np.radians(kind.turns) * rng.normal(size=3)).as_matrix()
         middle = np.array([*rng.uniform(-70, 70, 2), rng.uniform(*kind.away_mm)])
@@ -78,18 +93,24 @@ def draw(kind: Drawn, seed: int) -> Recorded:
             if kind.in_hand
             else fixed @ seen @ np.linalg.inv(held)
         )
-        flange.append(_shaken(true, *kind.arm, rng))
+        flange.append(true)
+        told.append(_shaken(true, *kind.arm, rng))
         views.append(seen)
-    for index in rng.choice(kind.count, kind.outliers, replace=False):
-        flange[index] = _shaken(flange[index], 40.0, 4.0, rng)
+    outliers = rng.choice(kind.count, kind.outliers, replace=False)
+    for index in outliers:
+        told[index] = _shaken(told[index], *ELSEWHERE, rng)
+    truth = Truth(np.array(flange), np.array(views), outliers)
     if kind.pairs is not None:
-        told = np.array([_shaken(seen, *kind.pairs, rng) for seen in views])
-        return Recorded(kind.name, kind.in_hand, np.array(flange), seen=told)
+        poses = np.array([_shaken(seen, *kind.pairs, rng) for seen in views])
+        return Recorded(kind.name, kind.in_hand, np.array(told), seen=poses), truth
     pixels = tuple(_pictured(board * kind.size, seen, K, kind.px, rng) for seen in views)
     stated = K * np.array([[kind.focal], [kind.focal], [1.0]])
     stated[:2, 2] = K[:2, 2]
     points = (board,) * kind.count
-    return Recorded(kind.name, kind.in_hand, np.array(flange), stated, np.zeros(5), points, pixels)
+    recorded = Recorded(
+        kind.name, kind.in_hand, np.array(told), stated, np.zeros(5), points, pixels
+    )
+    return recorded, truth
 
 
 def _shaken(pose: Array, mm: float, deg: float, rng: np.random.Generator) -> Array:

@@ -112,15 +112,16 @@ def _misses_of(recorded: Recorded, solver: Callable[[Recorded, Sequence[int]], P
         others = [i for i in range(len(recorded)) if i != index]
         try:
             pose = predicted(recorded, solver(recorded, others), index)
-            misses.append(_off(recorded, index, pose, recorded.K, recorded.distortion))
+            misses.append(off(recorded, index, pose, recorded.K, recorded.distortion))
         except (cv2.error, np.linalg.LinAlgError, ValueError):
             misses.append(FAILED)
     return np.array(misses)
 
 
-def _off(
+def off(
     recorded: Recorded, index: int, pose: Array, K: Array | None, distortion: Array | None
 ) -> tuple[float, float, float]:
+    """deg, mm and px by which a predicted pose misses a sample's own one through a camera."""
     own = recorded.own(index, K, distortion)
     turn = Rotation.from_matrix(pose[:3, :3] @ own[:3, :3].T).magnitude()
     shift = float(np.linalg.norm(pose[:3, 3] - own[:3, 3]))
@@ -154,8 +155,8 @@ def _our_miss(
 ) -> tuple[float, float, float]:
     pose = result.predict(dataset.samples[index].base_from_wrist).matrix()
     if result.camera is None or not result.refined:
-        return _off(recorded, index, pose, recorded.K, recorded.distortion)
-    return _off(recorded, index, pose, result.camera.matrix, result.camera.distortion)
+        return off(recorded, index, pose, recorded.K, recorded.distortion)
+    return off(recorded, index, pose, result.camera.matrix, result.camera.distortion)
 
 
 def _without(dataset: Dataset, index: int) -> Dataset:

@@ -13,7 +13,7 @@ import numpy as np
 from vgrd.calibration.hand_eye.fit import Fit, PoseSample, fit_hand_eye
 from vgrd.calibration.hand_eye.state import HandEye, flange_motion_of
 from vgrd.calibration.levels import Level
-from vgrd.geometry import Array, Pose
+from vgrd.geometry import Array, Pose, hat
 from vgrd.geometry.camera import CameraModel
 from vgrd.geometry.rotation_relaxation import Certificate
 from vgrd.model import Mount
@@ -71,7 +71,8 @@ class HandEyeResult:
     `freedom` degrees of freedom only. misfit: minus twice the log-likelihood of the target's poses in the
     pictures, up to a constant. refined: whether the intrinsics were estimated. shares: mm^2
     that each cause adds to the miss of a target's place, by name. as_given: the result with the intrinsics
-    as given, where the samples demanded others.
+    as given, where the samples demanded others. looks: (n, 6, 6) noise of one look and one robot pose at each
+    sample, of the target's place and turn in the camera, mm and rad.
     """
 
     mount: Mount
@@ -93,6 +94,7 @@ class HandEyeResult:
     refined: bool = False
     shares: Mapping[str, float] = field(default_factory=dict)
     as_given: "HandEyeResult | None" = None
+    looks: Array = field(default_factory=lambda: np.zeros((0, 6, 6)))
 
     def predict(self, base_from_wrist: Pose) -> Pose:
         """camera_from_target that this calibration expects at a flange pose."""
@@ -101,6 +103,14 @@ class HandEyeResult:
             @ flange_motion_of(self.mount, base_from_wrist)
             @ self.mount_from_target
         )
+
+    def pose_covariance(self, base_from_wrist: Pose) -> Array:
+        """(6, 6): of the target's place and turn in the camera, as expected at a true flange pose; mm, rad."""
+        camera_from_mount = self.mount_from_camera.inverse()
+        turn = camera_from_mount @ flange_motion_of(self.mount, base_from_wrist)
+        J = np.hstack([-camera_from_mount.adjoint(), turn.adjoint()])
+        J[:3] -= hat((turn @ self.mount_from_target).translation) @ J[3:]
+        return np.asarray(J @ self.covariance @ J.T)
 
 
 def calibrate_hand_eye(problem: HandEyeProblem) -> HandEyeResult:

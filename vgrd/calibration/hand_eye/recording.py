@@ -124,6 +124,6 @@ def _start(problem: RecordingProblem, null_space: Array) -> HandEye:
 
 def _weights(problem: RecordingProblem, found: Found) -> Array:
     """Weight of every sample as in a t distribution at the found levels, the unused ones too."""
-    everything = replace(found.likelihood, wrists=problem.wrists, evidence=problem.evidence)
+    everything = found.likelihood.of_samples(problem.wrists, problem.evidence)
     d2 = everything.weighted(found.state, found.levels.log_variances).d2
     return np.asarray((HEAVY + 6) / (HEAVY + d2))

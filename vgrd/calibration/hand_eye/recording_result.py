@@ -54,6 +54,7 @@ def result_of(
         misfit=_misfit(likelihood, state, levels),
         refined=refines,
         shares=_shares(likelihood, state, levels, covariance),
+        looks=_looks(likelihood.of_samples(problem.wrists, problem.evidence), state, levels),
         features=dict(zip(problem.feature_names, state.points, strict=True)),
     )
 
@@ -92,6 +93,16 @@ def _covariance(likelihood: Likelihood, state: HandEye, levels: Levels) -> tuple
     heavy = (nu + 8) / (nu + 6) if np.isfinite(nu) else 1.0  # information of a t distribution
     covariance = likelihood.basis @ inner @ likelihood.basis.T
     return covariance * heavy * wider_by_freedom(freedom) ** 2, freedom
+
+
+def _looks(likelihood: Likelihood, state: HandEye, levels: Levels) -> Array:
+    """(n, 6, 6) noise of the difference between the predicted pose of a target and its own one."""
+    F = likelihood.factors(likelihood.linearize(state))
+    by_pose = np.linalg.pinv(likelihood.evidence.at(state).D[:, :6])
+    noise = [
+        by_pose @ f[:, :6] * np.exp(x / 2) for f, x in zip(F, levels.log_variances, strict=True)
+    ]
+    return np.asarray(sum(f @ np.swapaxes(f, 1, 2) for f in noise))
 
 
 def _shares(

@@ -99,7 +99,7 @@ def solve_dataset(
         unseen=sightings.unseen,
         few_points=_few_points(sightings),
         scale=fitter.scale(result),
-        quality=_quality(result, misses, target_poses),
+        quality=_quality(result, sightings, folds, misses, target_poses),
         tolerance_mm=tolerance_mm,
     )
     solution = _solution(evidence, _as_given(fitter, sightings, result, folds), method)
@@ -324,14 +324,27 @@ def _as_given(
 
 
 def _quality(
-    result: HandEyeResult, misses: Sequence[Miss | None], target_poses: Sequence[Pose]
+    result: HandEyeResult,
+    sightings: Sightings,
+    folds: Sequence[HandEyeResult | None],
+    misses: Sequence[Miss | None],
+    target_poses: Sequence[Pose],
 ) -> Quality:
     known = [miss for miss in misses if miss is not None]
+    expected = [
+        fold.pose_covariance(sample.base_from_wrist)
+        for sample, fold in zip(sightings.samples, folds, strict=True)
+        if fold is not None
+    ]
     if len(known) < len(misses):
-        known = []
+        known, expected = [], []
     distance = float(np.median([np.linalg.norm(pose.translation) for pose in target_poses]))
     return quality_of(
-        result, [miss.shift_mm for miss in known], [miss.turn_rad for miss in known], distance
+        result,
+        [miss.shift_mm for miss in known],
+        [miss.turn_rad for miss in known],
+        expected,
+        distance,
     )
 
 
