@@ -1,6 +1,7 @@
 """Drawn recordings of every kind, by numpy, scipy and cv2 alone: nothing of the solver that is judged."""
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
@@ -62,11 +63,10 @@ def draws(kind: Drawn, seed: int) -> list[Recorded]:
 
 @dataclass(frozen=True)
 class Truth:
-    """flange, seen: (n, 4, 4) base_from_wrist and camera_from_target as they were; outliers: (k,) indices."""
+    """flange, seen: (n, 4, 4) base_from_wrist and camera_from_target as they were."""
 
     flange: Array
     seen: Array
-    outliers: Array
 
 
 def draw(kind: Drawn, seed: int) -> Recorded:
@@ -96,10 +96,9 @@ def draw_with_truth(kind: Drawn, seed: int) -> tuple[Recorded, Truth]:
         flange.append(true)
         told.append(_shaken(true, *kind.arm, rng))
         views.append(seen)
-    outliers = rng.choice(kind.count, kind.outliers, replace=False)
-    for index in outliers:
+    for index in rng.choice(kind.count, kind.outliers, replace=False):
         told[index] = _shaken(told[index], *ELSEWHERE, rng)
-    truth = Truth(np.array(flange), np.array(views), outliers)
+    truth = Truth(np.array(flange), np.array(views))
     if kind.pairs is not None:
         poses = np.array([_shaken(seen, *kind.pairs, rng) for seen in views])
         return Recorded(kind.name, kind.in_hand, np.array(told), seen=poses), truth
@@ -111,6 +110,15 @@ def draw_with_truth(kind: Drawn, seed: int) -> tuple[Recorded, Truth]:
         kind.name, kind.in_hand, np.array(told), stated, np.zeros(5), points, pixels
     )
     return recorded, truth
+
+
+def elsewhere(recorded: Recorded, indices: Sequence[int], seed: int) -> Recorded:
+    """The recording with some flange poses of another moment."""
+    rng = np.random.default_rng(seed)
+    flange = recorded.flange.copy()
+    for index in indices:
+        flange[index] = _shaken(flange[index], *ELSEWHERE, rng)
+    return replace(recorded, flange=flange)
 
 
 def _shaken(pose: Array, mm: float, deg: float, rng: np.random.Generator) -> Array:

@@ -72,9 +72,22 @@ def demands_refinement(problem: RecordingProblem, given: HandEyeResult) -> HandE
         if _gain_at_once(replace(refined, start=given).chosen(used), given) < enough / 2:
             return None
         result = calibrate_recording(refined)
+        if given.misfit - result.misfit <= enough:
+            return None
+        return replace(result, as_given=_as_given(problem, given, result))
     except CalibrationError:
         return None
-    return replace(result, as_given=given) if given.misfit - result.misfit > enough else None
+
+
+def _as_given(
+    problem: RecordingProblem, given: HandEyeResult, refined: HandEyeResult
+) -> HandEyeResult:
+    """The result with the intrinsics as given, once others are known to fit.
+
+    The arm is as rough as the intrinsics that fit say; what the others cannot explain is left to the pictures.
+    """
+    arm = tuple(level for level in refined.levels if level.name.startswith("arm's"))
+    return calibrate_recording(replace(problem, start=given, known=arm))
 
 
 def _gain_at_once(refined: RecordingProblem, given: HandEyeResult) -> float:

@@ -9,6 +9,7 @@ from vgrd.calibration.hand_eye.features import FeaturePlace, first_places
 from vgrd.calibration.hand_eye.pose_pairs import HandEyeResult
 from vgrd.calibration.hand_eye.rows import Evidence, PointEvidence, PoseEvidence
 from vgrd.calibration.hand_eye.state import HandEye
+from vgrd.calibration.levels import Level
 from vgrd.errors import InputError
 from vgrd.geometry import Array, Pose
 from vgrd.geometry.camera import CameraModel
@@ -36,6 +37,7 @@ class RecordingProblem:
     """Flange poses with evidence of the target, one a sample; `blank` says what is refined beside the poses.
 
     allow_unobservable: how many translations may stay open. start: the result of nearly the same samples.
+    known: levels of noise that other evidence tells; each is a prior as wide as it is known.
     """
 
     mount: Mount
@@ -46,6 +48,7 @@ class RecordingProblem:
     blank: HandEye = field(default_factory=HandEye)
     allow_unobservable: int = 0
     start: HandEyeResult | None = None
+    known: tuple[Level, ...] = ()
 
     @property
     def feature_names(self) -> Sequence[str]:

@@ -1,7 +1,7 @@
 """The likeliest poses, levels of noise and distribution of the samples of a recording."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -9,7 +9,7 @@ from vgrd.calibration.hand_eye.likelihood import HEAVY, Kind, Likelihood
 from vgrd.calibration.hand_eye.null_space import determined_steps
 from vgrd.calibration.hand_eye.recording_problem import RecordingProblem
 from vgrd.calibration.hand_eye.state import HandEye
-from vgrd.calibration.levels import Levels
+from vgrd.calibration.levels import Level, Levels
 from vgrd.geometry import Array
 
 _WIDE = 10.0  # of a sigma that nobody stated: 0.05 to 5 mm and 0.006 to 0.6 degrees are all common
@@ -45,26 +45,34 @@ class Found:
 def kinds_of(problem: RecordingProblem, state: HandEye) -> list[Kind]:
     """Of noise, with what is assumed of each before the samples are looked at."""
     rows = problem.evidence.at(state)
-    if not rows.white_freedom:
-        return [
-            Kind("places", "positions", "mm", _ARM_MM, _WIDE),
-            Kind("turns", "target's turn", "rad", _ARM_RAD, _WIDE),
-            Kind("arm turns", "arm's turn", "rad", _ARM_RAD, _WIDE),
-        ]
-    px = max(float(np.sqrt(rows.white_squares / rows.white_freedom)), _FEWEST_PX)
-    known = float(np.exp(1 / np.sqrt(2 * rows.white_freedom)))  # spread of a sigma of so many
-    return [
-        Kind("pixels", "pixels", "px", px, known),
-        Kind("pictures", "pixels alike in a picture", "px", px, _WIDE),
-        Kind("arm places", "arm's position", "mm", _ARM_MM, _WIDE),
+    kinds = [
+        Kind("places", "positions", "mm", _ARM_MM, _WIDE),
+        Kind("turns", "target's turn", "rad", _ARM_RAD, _WIDE),
         Kind("arm turns", "arm's turn", "rad", _ARM_RAD, _WIDE),
     ]
+    if rows.white_freedom:
+        px = max(float(np.sqrt(rows.white_squares / rows.white_freedom)), _FEWEST_PX)
+        spread = float(np.exp(1 / np.sqrt(2 * rows.white_freedom)))  # of a sigma of so many
+        kinds = [
+            Kind("pixels", "pixels", "px", px, spread),
+            Kind("pictures", "pixels alike in a picture", "px", px, _WIDE),
+            Kind("arm places", "arm's position", "mm", _ARM_MM, _WIDE),
+            Kind("arm turns", "arm's turn", "rad", _ARM_RAD, _WIDE),
+        ]
+    known = {level.name: level for level in problem.known}
+    return [_as_known(kind, known.get(kind.name)) for kind in kinds]
+
+
+def _as_known(kind: Kind, level: Level | None) -> Kind:
+    if level is None:
+        return kind
+    return replace(kind, nominal=level.found, factor=float(np.exp(level.log_sigma)))
 
 
 def likeliest(problem: RecordingProblem, state: HandEye, null_space: Array) -> Found:
     """The best of the starts, with a normal distribution unless a t distribution is clearly better."""
     basis = determined_steps(null_space, problem.blank.extra)
-    normal = _searched(problem, state, basis, np.inf, _starts(problem))
+    normal = _searched(problem, state, basis, np.inf, _starts(problem, state))
     likelihood = normal.likelihood.with_freedom(HEAVY)
     unsure = likelihood.prior_factors >= _WIDE
     is_near = problem.start is not None and problem.start.refined
@@ -79,13 +87,13 @@ def likeliest(problem: RecordingProblem, state: HandEye, null_space: Array) -> F
     return heavy if heavy.objective < normal.objective - _CLEARLY else normal
 
 
-def _starts(problem: RecordingProblem) -> list[Array]:
+def _starts(problem: RecordingProblem, state: HandEye) -> list[Array]:
     """Log variances to start from: those of the earlier result, else some."""
+    kinds = kinds_of(problem, state)
     if problem.start is not None and problem.start.levels:
-        ratios = [level.ratio for level in problem.start.levels]
-        return [2 * np.log(ratios)]
-    count = 4 if problem.blank.camera is not None else 3
-    return [np.array([0.0] + [x] * (count - 1)) for x in _STARTS]
+        found = {level.name: level.found for level in problem.start.levels}
+        return [np.array([2 * np.log(found[kind.name] / kind.nominal) for kind in kinds])]
+    return [np.array([0.0] + [x] * (len(kinds) - 1)) for x in _STARTS]
 
 
 def _searched(
