@@ -44,3 +44,12 @@ def test_further_misses_lie_within_whatever_size_was_expected():
 def test_no_misses_tell_nothing_and_exact_ones_nothing_but_themselves():
     assert np.isnan(within_95([], []))
     assert within_95([np.zeros(3)] * 3, [np.zeros((3, 3))] * 3) == 0
+
+
+def test_where_some_are_strays_the_largest_miss_is_within():
+    rng = np.random.default_rng(7)
+    misses = list(drawn(rng, [1.0] * 13 + [40.0] * 2))
+    expected = [np.eye(3)] * 15
+    largest = np.linalg.norm(misses, axis=1).max()
+    assert within_95(misses, expected) < largest
+    assert within_95(misses, expected, strays=True) >= largest

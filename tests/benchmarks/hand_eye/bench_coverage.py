@@ -49,7 +49,9 @@ def rows() -> Iterator[Row]:
 
 
 def _judged(name: str, shares: Array) -> Iterator[Row]:
-    mean, error = shares.mean(axis=0), shares.std(axis=0) / np.sqrt(len(shares))
+    mean = shares.mean(axis=0)
+    fair = 100 * np.sqrt(0.95 * 0.05 / (FURTHER * len(shares)))  # of as many looks, each by itself
+    error = np.maximum(shares.std(axis=0) / np.sqrt(len(shares)), fair)
     told = ", ".join(
         f"{what} {m:.1f} +- {e:.1f}"
         for what, m, e in zip(("mm", "deg", "calibration"), mean, error, strict=True)

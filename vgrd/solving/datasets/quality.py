@@ -65,10 +65,11 @@ def quality_of(
     expected: (6, 6) of the place and turn that this fit expected there, by its covariance, mm and rad.
     """
     misses = [C + look for C, look in zip(expected, result.looks, strict=bool(expected))]
+    strays = not all(sample.used for sample in result.samples)
     largest = max(result.shares, key=lambda name: result.shares[name], default="")
     return Quality(
-        within_95(shifts_mm, [C[:3, :3] for C in misses]),
-        float(np.degrees(within_95(turns_rad, [C[3:, 3:] for C in misses]))),
+        within_95(shifts_mm, [C[:3, :3] for C in misses], strays=strays),
+        float(np.degrees(within_95(turns_rad, [C[3:, 3:] for C in misses], strays=strays))),
         len(result.samples),
         distance_mm,
         radius95_of_mixture([C[:3, :3] for C in expected]) if expected else np.nan,
@@ -77,11 +78,15 @@ def quality_of(
     )
 
 
-def within_95(misses: Sequence[Array], covariances: Sequence[Array]) -> float:
+def within_95(
+    misses: Sequence[Array], covariances: Sequence[Array], *, strays: bool = False
+) -> float:
     """Radius that holds a further miss (3,) at 95 %; where many are known, at least their own quantile.
 
     covariances: (3, 3) of each miss, as the fit has it. They say how misses differ from sample to sample, which
     makes the tails; how large they are is told by the misses themselves, with so many degrees of freedom.
+    strays: some belong to no common pose; of those that come no law is known, but that n of n + 1 are no larger
+    than the largest here.
     """
     if not len(misses):
         return float("nan")
@@ -93,5 +98,5 @@ def within_95(misses: Sequence[Array], covariances: Sequence[Array]) -> float:
     freedom = float(totals.sum()) ** 2 / float(sum(np.sum(C * C) for C in covariances))
     radius = scale * radius95_of_mixture(covariances) * wider_by_freedom(freedom)
     if len(misses) < _ORDER_FROM:
-        return radius
+        return max(radius, float(lengths.max())) if strays else radius
     return max(radius, float(np.sort(lengths)[int(np.ceil(0.95 * (len(misses) + 1))) - 1]))
