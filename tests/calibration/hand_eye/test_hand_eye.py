@@ -9,6 +9,7 @@ from vgrd.calibration.hand_eye.park_martin import park_martin_start
 from vgrd.calibration.hand_eye.pose_pairs import HandEyeProblem, calibrate_hand_eye
 from vgrd.calibration.hand_eye.recording import calibrate_recording
 from vgrd.calibration.hand_eye.recording_problem import PointSample, points_problem
+from vgrd.calibration.levels import Level
 from vgrd.errors import CalibrationError, InputError, NotObservable, TooFewObservations
 from vgrd.geometry import Pose
 from vgrd.geometry.camera import CameraModel
@@ -250,3 +251,53 @@ def test_intrinsics_from_too_few_pictures_are_refused():
     problem = points_problem(Mount.EYE_TO_HAND, CAMERA, samples, refine=True)
     with pytest.raises(CalibrationError, match="18 unknowns"):
         calibrate_recording(problem)
+
+
+@pytest.mark.parametrize("mount", MOUNTS)
+def test_the_covariance_of_a_predicted_pose_is_that_of_shaken_calibrations(mount):
+    samples = point_samples(mount, n=9, seed=2, noise_px=0.4)
+    result = calibrate_recording(points_problem(mount, CAMERA, samples))
+    wrist = wrists(mount, 1, 77)[0]
+    rng = np.random.default_rng(8)
+    expected = result.predict(wrist)
+    steps = rng.multivariate_normal(np.zeros(12), result.covariance, 4000)
+    off = []
+    for step in steps:
+        moved = replace(
+            result,
+            mount_from_camera=Pose.exp(step[:6]) @ result.mount_from_camera,
+            mount_from_target=Pose.exp(step[6:]) @ result.mount_from_target,
+        ).predict(wrist)
+        turn = (moved @ expected.inverse()).rotvec()
+        off.append([*(moved.translation - expected.translation), *turn])
+    ratio = np.linalg.eigvals(
+        np.linalg.solve(result.pose_covariance(wrist), np.cov(np.transpose(off)))
+    ).real
+    assert ratio.min() > 0.85
+    assert ratio.max() < 1.15
+
+
+@pytest.mark.parametrize("mount", MOUNTS)
+def test_the_noise_of_a_look_is_told_in_its_own_size(mount):
+    samples = point_samples(mount, n=40, seed=4, noise_px=0.5)
+    problem = points_problem(mount, CAMERA, samples)
+    result = calibrate_recording(problem)
+    own = [
+        np.r_[p.translation - q.translation, (p @ q.inverse()).rotvec()]
+        for p, q in (
+            (result.predict(s.base_from_wrist), c)
+            for s, c in zip(samples, problem.cameras, strict=True)
+        )
+    ]
+    d2 = [xi @ np.linalg.solve(C, xi) for xi, C in zip(own, result.looks, strict=True)]
+    assert 4.5 < np.mean(d2) < 7.5  # six numbers each, less what 12 unknowns of 240 take
+
+
+def test_a_level_that_is_known_stays():
+    samples = point_samples(Mount.EYE_TO_HAND, n=10, seed=1, noise_px=0.2)
+    problem = points_problem(Mount.EYE_TO_HAND, CAMERA, samples)
+    arm = Level("arm's position", "mm", 1.0, 3.0, 0.01)
+    found = {level.name: level.found for level in calibrate_recording(problem).levels}
+    with_it = calibrate_recording(replace(problem, known=(arm,)))
+    assert found["arm's position"] < 0.3
+    assert {v.name: v.found for v in with_it.levels}["arm's position"] == pytest.approx(3, rel=0.1)
