@@ -71,7 +71,7 @@ DOORS: Mapping[str, tuple[str, ...]] = {
     "vgrd.geometry.resection:pose_from_points": ("points_in_target", "pixels"),
 }
 _EXACT = ("covariances", "targets")  # sigmas and names go with their samples, as they are
-_BY_SAMPLE = ("residuals_mm", "whitened", "scores", "samples")  # of results
+_BY_SAMPLE = ("residuals_mm", "whitened", "scores", "samples", "looks")  # of results
 
 
 @dataclass(slots=True)
