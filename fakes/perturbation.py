@@ -21,10 +21,9 @@ from numpy.typing import NDArray
 
 from vgrd.calibration.hand_eye import (
     HandEyeProblem,
-    PointHandEyeProblem,
-    PointSample,
     PosePair,
     PoseSample,
+    RecordingProblem,
 )
 from vgrd.calibration.joint import HolePixel
 from vgrd.calibration.touches import TouchSet
@@ -50,7 +49,7 @@ DOORS: Mapping[str, tuple[str, ...]] = {
     "vgrd.calibration.planning.next_sample:rank_samples": ("taught",),
     "vgrd.calibration.hand_eye.pose_pairs:calibrate_hand_eye": ("problem",),
     "vgrd.calibration.hand_eye.published.registry:PublishedMethod.solve": ("pairs",),
-    "vgrd.calibration.hand_eye.points:calibrate_hand_eye_from_points": ("problem",),
+    "vgrd.calibration.hand_eye.recording:calibrate_recording": ("problem",),
     "vgrd.calibration.hand_eye.certificate:certified_start": ("flange_motions", "cameras"),
     "vgrd.calibration.hand_eye.certificate:rotation_cost": ("flange_motions", "cameras"),
     "vgrd.calibration.hand_eye.park_martin:park_martin_start": ("flange_motions", "cameras"),
@@ -72,7 +71,7 @@ DOORS: Mapping[str, tuple[str, ...]] = {
     "vgrd.geometry.resection:pose_from_points": ("points_in_target", "pixels"),
 }
 _EXACT = ("covariances", "targets")  # sigmas and names go with their samples, as they are
-_BY_SAMPLE = ("residuals_mm", "whitened", "scores", "samples")  # of results
+_BY_SAMPLE = ("residuals_mm", "whitened", "scores", "samples", "looks")  # of results
 
 
 @dataclass(slots=True)
@@ -172,8 +171,12 @@ class Jitter:
         return UniversalProblem(points, self.shaken(value.touches))
 
     @shaken.register
-    def _(self, value: HandEyeProblem | PointHandEyeProblem) -> Any:
-        return _with_samples(value, [self.shaken(sample) for sample in value.samples])
+    def _(self, value: HandEyeProblem) -> HandEyeProblem:
+        return replace(value, samples=[self.shaken(sample) for sample in value.samples])
+
+    @shaken.register
+    def _(self, value: RecordingProblem) -> RecordingProblem:
+        return replace(value, wrists=[self.shaken(wrist) for wrist in value.wrists])
 
     @shaken.register
     def _(self, value: PoseSample | PosePair) -> Any:
@@ -181,14 +184,6 @@ class Jitter:
             value,
             base_from_wrist=self.shaken(value.base_from_wrist),
             camera_from_target=self.shaken(value.camera_from_target),
-        )
-
-    @shaken.register
-    def _(self, value: PointSample) -> PointSample:
-        return replace(
-            value,
-            base_from_wrist=self.shaken(value.base_from_wrist),
-            pixels=self.shaken(value.pixels),
         )
 
     @shaken.register
@@ -246,13 +241,11 @@ def _with_spin(hole: HolePixel, place: Order) -> HolePixel:
     return replace(hole, spin=int(place[hole.spin])) if is_known else hole
 
 
-def _with_samples(problem: Any, samples: list[Any]) -> Any:
-    return replace(problem, samples=samples)
-
-
 def _count(value: Any) -> int:
     if isinstance(value, UniversalProblem):
         return len(value.touches)
+    if isinstance(value, RecordingProblem):
+        return len(value.names)
     return len(value.samples if hasattr(value, "samples") else value)
 
 
@@ -264,8 +257,10 @@ def _taken(value: Any, order: Order) -> Any:
         return value.subset(order)
     if isinstance(value, UniversalProblem):
         return UniversalProblem(value.points_in_object[order], value.touches.subset(order))
-    if isinstance(value, HandEyeProblem | PointHandEyeProblem):
-        return _with_samples(value, [value.samples[i] for i in order])
+    if isinstance(value, HandEyeProblem):
+        return replace(value, samples=[value.samples[i] for i in order])
+    if isinstance(value, RecordingProblem):
+        return value.chosen([int(i) for i in order])
     return [value[i] for i in order]
 
 

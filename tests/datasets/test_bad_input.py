@@ -119,6 +119,15 @@ def test_fewer_than_three_samples_are_a_fault(tmp_path, make_recording):
     assert "sample: 2 given, at least 3 are needed" in fault
 
 
+def test_more_samples_than_are_solved_are_a_fault_at_once(tmp_path, make_recording):
+    recording = make_recording(count=3)
+    path = recording.write_points(tmp_path, pixels=recording.pixels())
+    head, _, samples = path.read_text().partition("[[sample]]")
+    path.write_text(head + ("[[sample]]" + samples + "\n") * 700)
+    with pytest.raises(ConfigError, match=r"sample: 2100 given, at most 1000.*keep one of 3"):
+        load_dataset(path)
+
+
 def test_millimetres_declared_as_metres_are_a_fault(tmp_path, recording):
     path = with_text(recording.write_points(tmp_path, unit="mm"), 'unit = "mm"', 'unit = "m"')
     assert any("is it mm?" in fault for fault in faults(path))

@@ -51,6 +51,11 @@ def test_intrinsics_that_do_not_fit_beyond_doubt_are_refined_and_that_is_said(tm
     assert result["intrinsics"]["refined"]
     check_named(result, samples)
     assert "intrinsics_doubtful" in {f["code"] for f in result["verdict"]["findings"]}
+    given = result["as_given"]
+    assert given["base_from_camera"] != result["base_from_camera"]
+    assert result["leave_one_out"]["px"] < given["leave_one_out"]["px"]
+    assert given["leave_one_out"]["mm"] < 9.3  # Park-Martin's, README of the data: 9.49
+    assert given["leave_one_out"]["deg"] < 1.3
 
 
 def test_with_refined_intrinsics_it_is_better_than_the_baseline(tmp_path):

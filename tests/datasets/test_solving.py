@@ -1,6 +1,7 @@
 """Datasets with known truth, solved."""
 
 import sys
+from dataclasses import replace
 
 import cv2
 import numpy as np
@@ -14,7 +15,7 @@ from vgrd.geometry import Pose
 from vgrd.geometry.camera import CameraModel
 from vgrd.geometry.rotation_formats import RotationFormat
 from vgrd.model import Mount
-from vgrd.solving.datasets import solve_dataset
+from vgrd.solving.datasets import fit_dataset, load_dataset, solve_dataset
 from vgrd.solving.datasets.half_turns import turn_alike
 from vgrd.vision.print.boards import BoardObservation
 
@@ -123,6 +124,16 @@ def test_wrong_intrinsics_are_refined_where_there_is_no_doubt_and_that_is_said(
     assert solution.refined
     assert solution.camera is not None
     assert solution.camera.intrinsics()[:4] == pytest.approx([1420, 1425, 640, 478], abs=3)
+    assert solution.as_given is not None
+    assert solution.as_given.leave_one_out.mm > 2 * solution.leave_one_out.mm
+    assert fit_dataset(replace(load_dataset(path), refine=True)).as_given is None
+    poses = solution.to_json()["as_given"]
+    for name, pose in (
+        ("base_from_camera", solution.as_given.mount_from_camera),
+        ("wrist_from_target", solution.as_given.mount_from_target),
+    ):
+        np.testing.assert_array_equal(poses[name], pose.matrix())
+    assert any("intrinsics as given" in row for row in solution.summary_rows())
 
 
 def test_right_intrinsics_stay_as_given(tmp_path, recording):
@@ -130,6 +141,8 @@ def test_right_intrinsics_stay_as_given(tmp_path, recording):
         recording.write_points(tmp_path, pixels=recording.pixels(sigma_px=0.5))
     )
     assert not solution.refined
+    assert solution.as_given is None
+    assert "as_given" not in solution.to_json()
     assert "intrinsics_doubtful" not in codes(solution)
 
 

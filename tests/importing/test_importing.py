@@ -324,6 +324,7 @@ def test_what_is_said_wrongly_is_told(tmp_path, said, message_):
         ("a.pkl", b"\x80\x04", "is a Python pickle"),
         ("robot.urdf", b"<robot/>", "is a robot description"),
         ("a.csv", b"time,temperature\n1,2\n2,3\n3,4\n", "no poses of the robot are there"),
+        ("a.csv", b"1,2,3,0,0\n2,2,3,0,0\n", "its 5 columns have no names: begin with a line"),
         ("a.csv", b"cam_x,cam_y,cam_z\n1,2,3\n1,2,4\n2,2,3\n", "only the camera's side is there"),
         ("a.csv", b"x,y,z,rx,ry,rz\n1,2,3,0,0,0\n", "1 samples are there, at least 3"),
         ("a.csv", b"x,y,z,rx,ry,rz\n1,2,nan,0,0,0\n", "line 2, column 'z': nan is not finite"),

@@ -98,6 +98,21 @@ def radius_of(covariance: Array, share: float) -> float:
     return float(np.sqrt(g * chi2_quantile(share, degrees_of_freedom)))
 
 
+def radius95_of_mixture(covariances: Sequence[Array]) -> float:
+    """Radius that holds 95 % of centred normal vectors, each drawn with one of the covariances, all as likely.
+
+    The squared length has the mean m = mean tr C and the variance mean(tr^2 C + 2 tr C^2) - m^2; taken as in
+    `radius_of`.
+    """
+    totals = np.array([np.trace(C) for C in covariances])
+    squares = np.array([np.sum(C * C) for C in covariances])
+    mean = float(totals.mean())
+    if mean <= 0:
+        return 0.0
+    variance = float(np.mean(totals**2 + 2 * squares)) - mean**2
+    return float(np.sqrt(variance / (2 * mean) * chi2_quantile(0.95, 2 * mean**2 / variance)))
+
+
 def dimensions_of(covariance: Array) -> float:
     """In how many directions a vector of this covariance is uncertain, as `radius_of` counts them."""
     return float(np.trace(covariance)) ** 2 / float(np.einsum("ij,ji->", covariance, covariance))

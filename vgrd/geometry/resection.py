@@ -73,7 +73,7 @@ def checked_points(points_in_target: ArrayLike, pixels: ArrayLike) -> tuple[Arra
     return p, uv
 
 
-def linearize_points(
+def _linearize_points(
     camera: CameraModel, camera_from_target: Pose, points_in_target: Array
 ) -> tuple[Array, Array]:
     """Pixels (n, 2) and their derivative (n, 2, 6) by a left perturbation of the pose."""
@@ -84,7 +84,7 @@ def linearize_points(
 
 def _refine(p: Array, uv: Array, camera: CameraModel, start: Pose) -> Minimum[Pose] | None:
     def linearize(pose: Pose) -> tuple[Array, Array]:
-        pixels, J = linearize_points(camera, pose, p)
+        pixels, J = _linearize_points(camera, pose, p)
         return (pixels - uv).ravel(), J.reshape(-1, 6)
 
     def retract(pose: Pose, step: Array) -> Pose:

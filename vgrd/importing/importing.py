@@ -104,6 +104,8 @@ def _sides(sources: Sources) -> tuple[PoseColumns, PoseColumns | None, list[str]
     if not groups:
         columns = [name for _, sheet in sources.sheets for name in sheet.columns]
         has = f"; columns: {', '.join(columns[:12])}" if columns else ""
+        if columns and all(name.isdecimal() for name in columns):
+            has = f"; its {len(columns)} columns have no names: begin with a line such as x,y,z,qx,qy,qz,qw"
         raise InputError(
             "no poses of the robot are there: a table with x, y, z and a rotation, or matrices, is "
             f"needed{has}"

@@ -16,7 +16,8 @@ from fakes.world.arm_errors import EXACT_ARM, ArmErrors
 from fakes.world.noise import COARSE
 from fakes.world.simulation import BORED_CENTER_MM, WORK_ROTATION, SimulatedRequest, Simulation
 from tests.benchmarks.harness import Row
-from vgrd.calibration.hand_eye.pose_pairs import HandEyeProblem, PoseSample, calibrate_hand_eye
+from vgrd.calibration.hand_eye.fit import PoseSample
+from vgrd.calibration.hand_eye.pose_pairs import HandEyeProblem, calibrate_hand_eye
 from vgrd.calibration.joint.estimate import calibrate_joint, fit_as_if
 from vgrd.calibration.joint.expected import expected_by_joint
 from vgrd.calibration.joint.fit import JointFit

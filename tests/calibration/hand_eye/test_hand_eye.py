@@ -4,13 +4,12 @@ import cv2
 import numpy as np
 import pytest
 
+from vgrd.calibration.hand_eye.fit import PoseSample
 from vgrd.calibration.hand_eye.park_martin import park_martin_start
-from vgrd.calibration.hand_eye.points import (
-    PointHandEyeProblem,
-    PointSample,
-    calibrate_hand_eye_from_points,
-)
-from vgrd.calibration.hand_eye.pose_pairs import HandEyeProblem, PoseSample, calibrate_hand_eye
+from vgrd.calibration.hand_eye.pose_pairs import HandEyeProblem, calibrate_hand_eye
+from vgrd.calibration.hand_eye.recording import calibrate_recording
+from vgrd.calibration.hand_eye.recording_problem import PointSample, points_problem
+from vgrd.calibration.levels import Level
 from vgrd.errors import CalibrationError, InputError, NotObservable, TooFewObservations
 from vgrd.geometry import Pose
 from vgrd.geometry.camera import CameraModel
@@ -61,14 +60,14 @@ def pose_problem(mount, n=10, seed=0, covariance=TIGHT, robot=(0.0, 0.0), poses=
     return HandEyeProblem(mount, samples, *(max(r, 1e-9) for r in robot), **options)
 
 
-def point_problem(mount, n=10, seed=0, noise_px=0.0, scale=1.0, poses=None, **options):
+def point_samples(mount, n=10, seed=0, noise_px=0.0, scale=1.0, poses=None):
     rng = np.random.default_rng(seed + 2000)
     samples = []
     for i, wrist in enumerate(poses or wrists(mount, n, seed)):
         uv = CAMERA.project(seen(mount, wrist) @ (BOARD * scale))
         uv = uv + rng.normal(size=uv.shape) * noise_px
         samples.append(PointSample(str(i), wrist, BOARD, uv))
-    return PointHandEyeProblem(mount, CAMERA, samples, robot_sigma_mm=1e-6, **options)
+    return samples
 
 
 def assert_truth(result, mount, mm=1e-4, rad=1e-7):
@@ -91,7 +90,7 @@ def test_perfect_looks_give_the_truth_from_any_arrangement(mount, seed):
 @pytest.mark.parametrize("mount", MOUNTS)
 @pytest.mark.parametrize("seed", range(3))
 def test_perfect_pixels_give_the_truth(mount, seed):
-    result = calibrate_hand_eye_from_points(point_problem(mount, seed=seed))
+    result = calibrate_recording(points_problem(mount, CAMERA, point_samples(mount, seed=seed)))
     assert_truth(result, mount, 1e-3, 1e-6)
     assert max(s.px for s in result.samples) < 1e-4
     assert all(s.used and not s.reason for s in result.samples)
@@ -161,12 +160,9 @@ def test_the_covariance_is_as_large_as_the_scatter_robot_noise_included(mount):
 
 @pytest.mark.parametrize("mount", MOUNTS)
 def test_intrinsics_are_found_again_from_wrong_ones(mount):
-    problem = point_problem(mount, n=14, refine_intrinsics=True)
     wrong = CAMERA.with_intrinsics(np.add(CAMERA.intrinsics(), (8, -6, 10, -7, 0.02, -0.02)))
-    problem = PointHandEyeProblem(
-        mount, wrong, problem.samples, refine_intrinsics=True, robot_sigma_mm=1e-3
-    )
-    result = calibrate_hand_eye_from_points(problem)
+    samples = point_samples(mount, n=14)
+    result = calibrate_recording(points_problem(mount, wrong, samples, refine=True))
     np.testing.assert_allclose(result.camera.intrinsics()[:4], CAMERA.intrinsics()[:4], atol=1e-2)
     assert_truth(result, mount, 1e-2, 1e-4)
     assert (result.intrinsics_sigma > 0).all()
@@ -174,23 +170,20 @@ def test_intrinsics_are_found_again_from_wrong_ones(mount):
 
 @pytest.mark.parametrize("mount", MOUNTS)
 def test_the_size_of_the_board_is_measured_by_the_robots_motion(mount):
-    problem = point_problem(mount, n=12, noise_px=0.05, scale=1.004, sigma_px=0.05)
-    result = calibrate_hand_eye_from_points(replace(problem, estimate_scale=True))
+    problem = points_problem(mount, CAMERA, point_samples(mount, n=12, noise_px=0.05, scale=1.004))
+    result = calibrate_recording(
+        replace(problem, blank=replace(problem.blank, refines_scale=True))
+    )
     assert result.target_scale == pytest.approx(1.004, abs=4 * result.target_scale_sigma)
     assert 0 < result.target_scale_sigma < 1e-3
 
 
 @pytest.mark.parametrize("mount", MOUNTS)
 def test_a_picture_with_the_wrong_pose_is_left_out_and_named(mount):
-    poses = wrists(mount, 12, 3)
-    problem = point_problem(mount, noise_px=0.05, poses=poses)
-    stale = problem.samples[7]
-    moved = stale.base_from_wrist @ Pose.from_rotvec((0, 0.02, 0), (30, 10, 5))
-    samples = list(problem.samples)
-    samples[7] = PointSample("7", moved, stale.points_in_target, stale.pixels)
-    result = calibrate_hand_eye_from_points(
-        PointHandEyeProblem(mount, CAMERA, samples, robot_sigma_mm=0.02, robot_sigma_rad=1e-4)
-    )
+    samples = point_samples(mount, noise_px=0.05, poses=wrists(mount, 12, 3))
+    moved = samples[7].base_from_wrist @ Pose.from_rotvec((0, 0.02, 0), (30, 10, 5))
+    samples[7] = replace(samples[7], base_from_wrist=moved)
+    result = calibrate_recording(points_problem(mount, CAMERA, samples))
     assert [s.name for s in result.samples if not s.used] == ["7"]
     assert "mm" in result.samples[7].reason
     assert 25 < result.samples[7].mm < 45
@@ -199,18 +192,13 @@ def test_a_picture_with_the_wrong_pose_is_left_out_and_named(mount):
 
 @pytest.mark.parametrize("mount", MOUNTS)
 def test_a_warm_start_ends_where_the_closed_form_does(mount):
-    problem = point_problem(mount, noise_px=0.1)
-    cold = calibrate_hand_eye_from_points(problem)
-    warm = calibrate_hand_eye_from_points(
-        PointHandEyeProblem(mount, CAMERA, problem.samples, robot_sigma_mm=1e-6, start=cold)
-    )
-    assert warm.mount_from_camera.distance(cold.mount_from_camera)[0] < 1e-3
-    assert (
-        cold.predict(problem.samples[0].base_from_wrist).distance(
-            seen(mount, problem.samples[0].base_from_wrist)
-        )[0]
-        < 1
-    )
+    samples = point_samples(mount, noise_px=0.1)
+    problem = points_problem(mount, CAMERA, samples)
+    cold = calibrate_recording(problem)
+    warm = calibrate_recording(replace(problem, start=cold))
+    assert warm.mount_from_camera.distance(cold.mount_from_camera)[0] < 1e-2
+    wrist = samples[0].base_from_wrist
+    assert cold.predict(wrist).distance(seen(mount, wrist))[0] < 1
 
 
 def turning(n, axis, mount=Mount.EYE_TO_HAND):
@@ -246,20 +234,70 @@ def test_one_pose_twice_is_refused_by_name(mount):
     poses[4] = poses[2]
     with pytest.raises(InputError, match="'2' and '4'"):
         calibrate_hand_eye(pose_problem(mount, poses=poses))
+    problem = points_problem(mount, CAMERA, point_samples(mount, poses=poses))
     with pytest.raises(InputError, match="'2' and '4'"):
-        calibrate_hand_eye_from_points(point_problem(mount, poses=poses))
+        calibrate_recording(problem)
 
 
 def test_a_sample_with_bad_points_is_named():
-    problem = point_problem(Mount.EYE_TO_HAND, n=5)
-    bad = PointSample("x9", problem.samples[0].base_from_wrist, BOARD[:3], np.zeros((3, 2)))
+    samples = point_samples(Mount.EYE_TO_HAND, n=5)
+    bad = PointSample("x9", samples[0].base_from_wrist, BOARD[:3], np.zeros((3, 2)))
     with pytest.raises(InputError, match=r"'x9'.*at least 4"):
-        calibrate_hand_eye_from_points(
-            PointHandEyeProblem(Mount.EYE_TO_HAND, CAMERA, [*problem.samples[1:], bad])
-        )
+        points_problem(Mount.EYE_TO_HAND, CAMERA, [*samples[1:], bad])
 
 
 def test_intrinsics_from_too_few_pictures_are_refused():
-    problem = point_problem(Mount.EYE_TO_HAND, n=3, refine_intrinsics=True)
+    samples = point_samples(Mount.EYE_TO_HAND, n=3)
+    problem = points_problem(Mount.EYE_TO_HAND, CAMERA, samples, refine=True)
     with pytest.raises(CalibrationError, match="18 unknowns"):
-        calibrate_hand_eye_from_points(problem)
+        calibrate_recording(problem)
+
+
+@pytest.mark.parametrize("mount", MOUNTS)
+def test_the_covariance_of_a_predicted_pose_is_that_of_shaken_calibrations(mount):
+    samples = point_samples(mount, n=9, seed=2, noise_px=0.4)
+    result = calibrate_recording(points_problem(mount, CAMERA, samples))
+    wrist = wrists(mount, 1, 77)[0]
+    rng = np.random.default_rng(8)
+    expected = result.predict(wrist)
+    steps = rng.multivariate_normal(np.zeros(12), result.covariance, 4000)
+    off = []
+    for step in steps:
+        moved = replace(
+            result,
+            mount_from_camera=Pose.exp(step[:6]) @ result.mount_from_camera,
+            mount_from_target=Pose.exp(step[6:]) @ result.mount_from_target,
+        ).predict(wrist)
+        turn = (moved @ expected.inverse()).rotvec()
+        off.append([*(moved.translation - expected.translation), *turn])
+    ratio = np.linalg.eigvals(
+        np.linalg.solve(result.pose_covariance(wrist), np.cov(np.transpose(off)))
+    ).real
+    assert ratio.min() > 0.85
+    assert ratio.max() < 1.15
+
+
+@pytest.mark.parametrize("mount", MOUNTS)
+def test_the_noise_of_a_look_is_told_in_its_own_size(mount):
+    samples = point_samples(mount, n=40, seed=4, noise_px=0.5)
+    problem = points_problem(mount, CAMERA, samples)
+    result = calibrate_recording(problem)
+    own = [
+        np.r_[p.translation - q.translation, (p @ q.inverse()).rotvec()]
+        for p, q in (
+            (result.predict(s.base_from_wrist), c)
+            for s, c in zip(samples, problem.cameras, strict=True)
+        )
+    ]
+    d2 = [xi @ np.linalg.solve(C, xi) for xi, C in zip(own, result.looks, strict=True)]
+    assert 4.5 < np.mean(d2) < 7.5  # six numbers each, less what 12 unknowns of 240 take
+
+
+def test_a_level_that_is_known_stays():
+    samples = point_samples(Mount.EYE_TO_HAND, n=10, seed=1, noise_px=0.2)
+    problem = points_problem(Mount.EYE_TO_HAND, CAMERA, samples)
+    arm = Level("arm's position", "mm", 1.0, 3.0, 0.01)
+    found = {level.name: level.found for level in calibrate_recording(problem).levels}
+    with_it = calibrate_recording(replace(problem, known=(arm,)))
+    assert found["arm's position"] < 0.3
+    assert {v.name: v.found for v in with_it.levels}["arm's position"] == pytest.approx(3, rel=0.1)

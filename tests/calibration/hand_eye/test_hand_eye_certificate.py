@@ -4,8 +4,9 @@ import numpy as np
 import pytest
 
 from vgrd.calibration.hand_eye.certificate import certified_start, rotation_cost
+from vgrd.calibration.hand_eye.fit import PoseSample
 from vgrd.calibration.hand_eye.null_space import null_space_findings
-from vgrd.calibration.hand_eye.pose_pairs import HandEyeProblem, PoseSample, calibrate_hand_eye
+from vgrd.calibration.hand_eye.pose_pairs import HandEyeProblem, calibrate_hand_eye
 from vgrd.calibration.hand_eye.state import flange_motion_of
 from vgrd.errors import InputError, NotObservable, TooFewObservations
 from vgrd.geometry import Pose, exp_rotation, hat, log_rotation

@@ -4,26 +4,20 @@ May import observability; `published` holds the methods of others, unrefined.
 """
 
 from vgrd.calibration.hand_eye.features import FeaturePlace
+from vgrd.calibration.hand_eye.fit import PoseSample
 from vgrd.calibration.hand_eye.null_space import null_space_findings, undetermined_in_words
 from vgrd.calibration.hand_eye.park_martin import park_martin_start
-from vgrd.calibration.hand_eye.points import (
-    PointHandEyeProblem,
-    PointSample,
-    TargetScale,
-    calibrate_hand_eye_from_points,
-)
 from vgrd.calibration.hand_eye.pose_pairs import (
     HandEyeProblem,
     HandEyeResult,
-    PoseSample,
     SampleResidual,
     calibrate_hand_eye,
 )
 from vgrd.calibration.hand_eye.published import METHODS, PosePair
-from vgrd.calibration.hand_eye.recording import (
+from vgrd.calibration.hand_eye.recording import calibrate_recording, demands_refinement
+from vgrd.calibration.hand_eye.recording_problem import (
+    PointSample,
     RecordingProblem,
-    calibrate_recording,
-    demands_refinement,
     points_problem,
     poses_problem,
 )
@@ -35,15 +29,12 @@ __all__ = [
     "FeaturePlace",
     "HandEyeProblem",
     "HandEyeResult",
-    "PointHandEyeProblem",
     "PointSample",
     "PosePair",
     "PoseSample",
     "RecordingProblem",
     "SampleResidual",
-    "TargetScale",
     "calibrate_hand_eye",
-    "calibrate_hand_eye_from_points",
     "calibrate_recording",
     "demands_refinement",
     "first_of_same",

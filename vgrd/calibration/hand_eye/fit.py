@@ -1,9 +1,8 @@
-"""Engine of both hand-eye problems: whitening with robot noise, robust weights, least squares."""
+"""Engine of hand-eye from poses: whitening with robot noise, robust weights, least squares."""
 
-from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import partial
+from functools import cached_property, partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,7 +18,7 @@ from vgrd.calibration.observability import check_distinct
 from vgrd.errors import DidNotConverge, NotObservable, TooFewObservations
 from vgrd.geometry import Array, Pose
 from vgrd.geometry.chi2 import chi2_quantile
-from vgrd.geometry.covariance import covariance_from
+from vgrd.geometry.covariance import covariance_from, sqrt_information
 from vgrd.geometry.least_squares import Minimum, check_convergence, minimize
 from vgrd.model import Mount
 
@@ -27,6 +26,7 @@ Mask = NDArray[np.bool_]
 
 _START_SIGMA_MM = 1.0  # of the start only, where their ratio says how to weigh: alike at 500 mm
 _START_SIGMA_RAD = 2e-3  # see above
+_UNKNOWNS = 12  # of two poses
 _ROUNDS = 20  # of reweighing, a bound only: contradictions cycle
 _SETTLED = 1e-3  # sigmas: further rounds change no figure that is printed
 _NEARLY_SETTLED = 1e-2  # the robust rounds only choose samples
@@ -36,31 +36,27 @@ _CHI2_6_95 = 12.592  # 95 % quantile of the same: Cauchy's scale for a misfit of
 _CHI2_6_REJECT = chi2_quantile(1 - 1e-5, 6)  # a good picture in 100,000
 
 
-class SampleRows(ABC):
-    """What one sample contributes: residuals in units of its own measurement noise."""
+@dataclass(frozen=True, eq=False)
+class PoseSample:
+    """One look: a flange pose and the pose of the target in the picture.
 
-    @abstractmethod
-    def linearize(self, state: HandEye, predicted: Pose) -> tuple[Array, Array, Array]:
-        """Residuals (m,), derivative (m, 6) by a left perturbation of `predicted`, (m, extra)."""
-
-    @abstractmethod
-    def own(self, state: HandEye) -> Pose:
-        """camera_from_target that fits this sample best by itself."""
-
-    def rms_px(self, state: HandEye, predicted: Pose) -> float:
-        """Reprojection error at a predicted pose; NaN where the sample holds no pixels."""
-        del state, predicted
-        return float("nan")
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class HandEyeSample:
-    """A flange pose, a first guess of the target's pose, and its rows."""
+    covariance: (6, 6), left tangent of camera_from_target, mm and rad.
+    """
 
     name: str
     base_from_wrist: Pose
     camera_from_target: Pose
-    rows: SampleRows
+    covariance: Array
+
+    @cached_property
+    def _measured(self) -> tuple[Pose, Array]:
+        return self.camera_from_target.inverse(), sqrt_information(self.covariance)
+
+    def linearize(self, predicted: Pose) -> tuple[Array, Array]:
+        """log(predicted measured^-1), whitened (6,); its derivative (6, 6) by a left perturbation."""
+        inverse, W = self._measured
+        e = (predicted @ inverse).log()
+        return W @ e, W @ np.linalg.inv(Pose.left_jacobian(e))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -80,7 +76,7 @@ class Fit:
 
 def fit_hand_eye(
     mount: Mount,
-    samples: Sequence[HandEyeSample],
+    samples: Sequence[PoseSample],
     *,
     robot_sigma_mm: float,
     robot_sigma_rad: float,
@@ -90,16 +86,13 @@ def fit_hand_eye(
 ) -> Fit:
     """Maximum likelihood; robust: samples that fit no common pose are left out with the reason.
 
-    `start` says what is refined beside the two poses; where it holds none, they start from the
-    certified optimum of a simpler cost. allow_unobservable: how many translations may stay open.
+    start: of the two poses; None: the certified optimum of a simpler cost. allow_unobservable: how many
+    translations may stay open.
     """
     check_distinct([s.name for s in samples], [s.base_from_wrist for s in samples])
     engine = _Engine(mount, samples, robot_sigma_mm, robot_sigma_rad)
-    start = start or HandEye()
-    null_space = engine.block(
-        np.ones(len(samples), dtype=np.bool_), start.extra, allow_unobservable
-    )
-    if start.is_blank:
+    null_space = engine.block(np.ones(len(samples), dtype=np.bool_), allow_unobservable)
+    if start is None:
         best = certified_start(
             engine.flange_motions,
             [s.camera_from_target for s in samples],
@@ -107,12 +100,10 @@ def fit_hand_eye(
             sigma_rad=_START_SIGMA_RAD,
             null_space=null_space,
         )
-        start = replace(start, X=best.X, Y=best.Y, is_blank=False, certificate=best.certificate)
-    unknowns = 12 + start.extra - start.points.size
-    if 6 * len(samples) < unknowns + 1:
+        start = HandEye(X=best.X, Y=best.Y, certificate=best.certificate)
+    if 6 * len(samples) < _UNKNOWNS + 1:
         raise TooFewObservations(
-            f"{len(samples)} samples cannot determine {unknowns} unknowns: "
-            "add samples or refine less"
+            f"{len(samples)} samples cannot determine {_UNKNOWNS} unknowns: add samples"
         )
     everything = np.ones(len(samples), dtype=np.bool_)
     if not robust:
@@ -121,27 +112,27 @@ def fit_hand_eye(
     misfits = engine.misfits(weighted.state)
     limit = _CHI2_6_REJECT * engine.variance_of(misfits)
     inliers = misfits <= limit
-    engine.block(inliers, start.extra, allow_unobservable)
+    engine.block(inliers, allow_unobservable)
     return engine.finish(engine.fit_weighted(weighted.state, inliers, robust=False), inliers)
 
 
 class _Engine:
     def __init__(
-        self, mount: Mount, samples: Sequence[HandEyeSample], sigma_mm: float, sigma_rad: float
+        self, mount: Mount, samples: Sequence[PoseSample], sigma_mm: float, sigma_rad: float
     ) -> None:
         self.mount = mount
         self.samples = samples
         self.flange_motions = [flange_motion_of(mount, s.base_from_wrist) for s in samples]
         self.robot_sigmas = np.array([sigma_mm] * 3 + [sigma_rad] * 3)
 
-    def block(self, inliers: Mask, extra: int, allow_unobservable: int) -> Array:
+    def block(self, inliers: Mask, allow_unobservable: int) -> Array:
         """Take no steps along what the samples kept leave open, which is returned."""
         chosen = [i for i, is_inlier in enumerate(inliers) if is_inlier]
         wrists = [self.samples[i].base_from_wrist for i in chosen]
         self.null_space = open_translations(
             wrists, [self.flange_motions[i] for i in chosen], allow_unobservable
         )
-        self.basis = determined_steps(self.null_space, extra)
+        self.basis = determined_steps(self.null_space, 0)
         return self.null_space
 
     def fit_weighted(self, state: HandEye, inliers: Mask, *, robust: bool) -> Minimum[HandEye]:
@@ -187,7 +178,7 @@ class _Engine:
     def finish(self, minimum: Minimum[HandEye], inliers: Mask) -> Fit:
         state = self._on_zero(minimum.state)
         misfits = self.misfits(state)
-        degrees_of_freedom = 6 * int(inliers.sum()) - self.basis.shape[1] + state.points.size
+        degrees_of_freedom = 6 * int(inliers.sum()) - self.basis.shape[1]
         variance = (
             float(misfits[inliers].sum()) / degrees_of_freedom if degrees_of_freedom > 0 else 1.0
         )
@@ -195,7 +186,7 @@ class _Engine:
             covariance = covariance_from(minimum.jacobian)
         except NotObservable as fault:
             raise NotObservable(
-                f"hand-eye: {fault}; look from more distances and tilts, or refine less",
+                f"hand-eye: {fault}; look from more distances and tilts",
                 rank=fault.rank,
                 unknowns=fault.unknowns,
             ) from fault
@@ -214,7 +205,7 @@ class _Engine:
 
     def _reason(self, i: int, state: HandEye) -> str:
         predicted = state.X.inverse() @ self.flange_motions[i] @ state.Y
-        mm, rad = predicted.distance(self.samples[i].rows.own(state))
+        mm, rad = predicted.distance(self.samples[i].camera_from_target)
         return f"{mm:.1f} mm and {np.degrees(rad):.2f} deg off what the others say"
 
     def _linearize(
@@ -229,13 +220,10 @@ class _Engine:
             if weight == 0:
                 continue
             turn = camera_from_mount @ move
-            r, D, E = sample.rows.linearize(state, turn @ state.Y)
-            J = np.hstack([D @ J_X, D @ turn.adjoint(), E])
+            r, D = sample.linearize(turn @ state.Y)
+            J = np.hstack([D @ J_X, D @ turn.adjoint()])
             residuals.append(np.sqrt(weight) * _apply(W, r))
             jacobians.append(np.sqrt(weight) * _apply(W, J))
-        r, J = state.anchors()
-        residuals.append(r)
-        jacobians.append(J)
         return np.concatenate(residuals), np.vstack(jacobians) @ self.basis
 
     def _weigh(self, state: HandEye) -> tuple[list[tuple[Array, Array]], Array]:
@@ -247,7 +235,7 @@ class _Engine:
         sqrt_informations, misfits = [], np.empty(len(self.samples))
         for i, (sample, move) in enumerate(zip(self.samples, self.flange_motions, strict=True)):
             turn = camera_from_mount @ move
-            r, D, _ = sample.rows.linearize(state, turn @ state.Y)
+            r, D = sample.linearize(turn @ state.Y)
             lever = turn if self.mount is Mount.EYE_TO_HAND else camera_from_mount
             G = D @ lever.adjoint() * self.robot_sigmas
             U, s, _ = np.linalg.svd(G, full_matrices=False)

@@ -72,6 +72,10 @@ class Likelihood:
         """The same with another distribution."""
         return replace(self, freedom=freedom)
 
+    def of_samples(self, wrists: Sequence[Pose], evidence: Evidence) -> "Likelihood":
+        """The same of other samples."""
+        return replace(self, wrists=wrists, evidence=evidence)
+
     @cached_property
     def _moves(self) -> tuple[Array, Array]:
         moves = [flange_motion_of(self.mount, wrist) for wrist in self.wrists]

@@ -6,16 +6,15 @@ eye-in-hand: X = wrist_from_camera, M = wrist_from_base, Y = base_from_target.
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 
 import numpy as np
 
-from vgrd.calibration.hand_eye.fit import Fit, HandEyeSample, SampleRows, fit_hand_eye
+from vgrd.calibration.hand_eye.fit import Fit, PoseSample, fit_hand_eye
 from vgrd.calibration.hand_eye.state import HandEye, flange_motion_of
 from vgrd.calibration.levels import Level
-from vgrd.geometry import Array, Pose
+from vgrd.geometry import Array, Pose, hat
 from vgrd.geometry.camera import CameraModel
-from vgrd.geometry.covariance import sqrt_information
 from vgrd.geometry.rotation_relaxation import Certificate
 from vgrd.model import Mount
 
@@ -24,23 +23,9 @@ _ODD_AT_LEAST = (0.1, 2e-3)  # mm and rad: smaller is nothing to tell an operato
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class PoseSample:
-    """One look: a flange pose and the pose of the target in the picture.
-
-    covariance: (6, 6), left tangent of camera_from_target, mm and rad.
-    """
-
-    name: str
-    base_from_wrist: Pose
-    camera_from_target: Pose
-    covariance: Array
-
-
-@dataclass(frozen=True, slots=True, eq=False)
 class HandEyeProblem:
     """Looks with pose covariances; robot_sigma_*: noise of one flange pose, per axis.
 
-    estimate_scale: the size of the target, which scales all its distances, is estimated too.
     start: an earlier result to start from, instead of the certified one. allow_unobservable: how many
     translations may stay open: 1 for a 4-axis robot, 3 for one that turns nothing.
     """
@@ -50,7 +35,6 @@ class HandEyeProblem:
     robot_sigma_mm: float = 0.1  # as `robot.sigma_mm` of the cell file
     robot_sigma_rad: float = 2e-4  # the same over REACH_MM (500 mm)
     robust: bool = True
-    estimate_scale: bool = False
     start: "HandEyeResult | None" = None
     allow_unobservable: int = 0
 
@@ -86,7 +70,9 @@ class HandEyeResult:
     recording; the covariance is then wide enough for 1.96 sigma to be 95 % although they are known by
     `freedom` degrees of freedom only. misfit: minus twice the log-likelihood of the target's poses in the
     pictures, up to a constant. refined: whether the intrinsics were estimated. shares: mm^2
-    that each cause adds to the miss of a target's place, by name.
+    that each cause adds to the miss of a target's place, by name. as_given: the result with the intrinsics
+    as given, where the samples demanded others. looks: (n, 6, 6) noise of one look and one robot pose at each
+    sample, of the target's place and turn in the camera, mm and rad.
     """
 
     mount: Mount
@@ -107,6 +93,8 @@ class HandEyeResult:
     misfit: float = np.nan
     refined: bool = False
     shares: Mapping[str, float] = field(default_factory=dict)
+    as_given: "HandEyeResult | None" = None
+    looks: Array = field(default_factory=lambda: np.zeros((0, 6, 6)))
 
     def predict(self, base_from_wrist: Pose) -> Pose:
         """camera_from_target that this calibration expects at a flange pose."""
@@ -116,6 +104,14 @@ class HandEyeResult:
             @ self.mount_from_target
         )
 
+    def pose_covariance(self, base_from_wrist: Pose) -> Array:
+        """(6, 6): of the target's place and turn in the camera, as expected at a true flange pose; mm, rad."""
+        camera_from_mount = self.mount_from_camera.inverse()
+        turn = camera_from_mount @ flange_motion_of(self.mount, base_from_wrist)
+        J = np.hstack([-camera_from_mount.adjoint(), turn.adjoint()])
+        J[:3] -= hat((turn @ self.mount_from_target).translation) @ J[3:]
+        return np.asarray(J @ self.covariance @ J.T)
+
 
 def calibrate_hand_eye(problem: HandEyeProblem) -> HandEyeResult:
     """Maximum likelihood from looks with pose covariances and robot noise.
@@ -123,62 +119,26 @@ def calibrate_hand_eye(problem: HandEyeProblem) -> HandEyeResult:
     Raises TooFewObservations, NotObservable (names the missing motion), InputError (one pose
     twice) or DidNotConverge.
     """
-    samples = [
-        HandEyeSample(s.name, s.base_from_wrist, s.camera_from_target, _PoseRows(s))
-        for s in problem.samples
-    ]
+    start = problem.start
     fit = fit_hand_eye(
         problem.mount,
-        samples,
+        problem.samples,
         robot_sigma_mm=problem.robot_sigma_mm,
         robot_sigma_rad=problem.robot_sigma_rad,
         robust=problem.robust,
-        start=_start(problem),
+        start=None
+        if start is None
+        else HandEye(X=start.mount_from_camera, Y=start.mount_from_target),
         allow_unobservable=problem.allow_unobservable,
     )
-    sigma = float(np.sqrt(fit.covariance[-1, -1])) if problem.estimate_scale else 0.0
-    return replace(
-        result_of(problem.mount, samples, fit),
-        target_scale=fit.state.scale,
-        target_scale_sigma=fit.state.scale * sigma,
-    )
+    return _result(problem.mount, problem.samples, fit)
 
 
-def _start(problem: HandEyeProblem) -> HandEye:
-    blank = HandEye(refines_scale=problem.estimate_scale)
-    if problem.start is None:
-        return blank
-    X, Y = problem.start.mount_from_camera, problem.start.mount_from_target
-    return replace(blank, X=X, Y=Y, is_blank=False)
-
-
-class _PoseRows(SampleRows):
-    """Residual log(predicted measured^-1), whitened by the measurement's covariance.
-
-    A target that is larger than assumed by the scale is measured nearer by the same factor.
-    """
-
-    def __init__(self, sample: PoseSample) -> None:
-        self._measured = sample.camera_from_target
-        self._inverse = self._measured.inverse()
-        self._W = sqrt_information(sample.covariance)
-
-    def linearize(self, state: HandEye, predicted: Pose) -> tuple[Array, Array, Array]:
-        nearer = predicted.translation / state.scale
-        e = (Pose(predicted.rotation, nearer) @ self._inverse).log()
-        D = self._W @ np.linalg.inv(Pose.left_jacobian(e))
-        E = D[:, :3] @ -nearer[:, None] if state.refines_scale else np.zeros((6, 0))
-        return self._W @ e, D * ([1 / state.scale] * 3 + [1.0] * 3), E
-
-    def own(self, state: HandEye) -> Pose:
-        return Pose(self._measured.rotation, self._measured.translation * state.scale)
-
-
-def result_of(mount: Mount, samples: Sequence[HandEyeSample], fit: Fit) -> HandEyeResult:
+def _result(mount: Mount, samples: Sequence[PoseSample], fit: Fit) -> HandEyeResult:
     """Dress a fit as a result, residuals of every sample included."""
     predicted = [fit.state.predict(mount, sample.base_from_wrist) for sample in samples]
     misfits = np.array(
-        [p.distance(s.rows.own(fit.state)) for p, s in zip(predicted, samples, strict=True)]
+        [p.distance(s.camera_from_target) for p, s in zip(predicted, samples, strict=True)]
     )
     typical = np.median(misfits[list(fit.used)], axis=0)
     residuals = []
@@ -187,8 +147,7 @@ def result_of(mount: Mount, samples: Sequence[HandEyeSample], fit: Fit) -> HandE
         reason = fit.reasons[i]
         if fit.used[i] and (misfits[i] > _ODD * typical + _ODD_AT_LEAST).any():
             reason = f"its own pose is {mm:.1f} mm and {deg:.2f} deg off: few or bunched points"
-        px = sample.rows.rms_px(fit.state, predicted[i])
-        residuals.append(SampleResidual(sample.name, fit.used[i], reason, deg, mm, px))
+        residuals.append(SampleResidual(sample.name, fit.used[i], reason, deg, mm))
     return HandEyeResult(
         mount=mount,
         mount_from_camera=fit.state.X,

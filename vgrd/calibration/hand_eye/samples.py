@@ -7,7 +7,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from vgrd.calibration.hand_eye.pose_pairs import PoseSample
+from vgrd.calibration.hand_eye.fit import PoseSample
 from vgrd.geometry import Pose
 from vgrd.geometry.coincidence import equal_poses
 from vgrd.judging.thresholds import SAME_POSE_MM, SAME_POSE_RAD

@@ -17,7 +17,7 @@ def flange_motion_of(mount: Mount, base_from_wrist: Pose) -> Pose:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class HandEye:
-    """State of the estimate: X, Y, and what the points problem refines beside them.
+    """State of the estimate: X, Y, and what a recording refines beside them.
 
     certificate: of the start, None where it was given. points: (k, 3) of the target, mm, that are
     not known exactly; prior_points (k, 3), prior_sigma_mm (k,): what is known of them.
@@ -29,7 +29,6 @@ class HandEye:
     scale: float = 1.0
     refines_camera: bool = False
     refines_scale: bool = False
-    is_blank: bool = True
     certificate: Certificate | None = None
     points: Array = field(default_factory=lambda: np.zeros((0, 3)))
     prior_points: Array = field(default_factory=lambda: np.zeros((0, 3)))

@@ -11,7 +11,6 @@ from vgrd.calibration.hand_eye import (
     HandEyeResult,
     PointSample,
     RecordingProblem,
-    TargetScale,
     calibrate_recording,
     demands_refinement,
     points_problem,
@@ -24,6 +23,16 @@ from vgrd.geometry.resection import pose_from_points
 from vgrd.model import Mount
 
 _MOVED_MM = 1.0  # a head that only turns about a point tells no length
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class TargetScale:
+    """Size of the target as the robot's motion sees it, over the size given; 1 sigma."""
+
+    value: float
+    sigma: float
+
+
 UNKNOWN_SCALE = TargetScale(np.nan, np.nan)
 
 
@@ -105,7 +114,9 @@ class LikelihoodFitter(Fitter):
 
 def _as_given(problem: RecordingProblem) -> HandEyeResult | None:
     """The start of a fit with the intrinsics as given: poses and levels under refined ones are none."""
-    return None if problem.start is None or problem.start.refined else problem.start
+    if problem.start is None or not problem.start.refined:
+        return problem.start
+    return problem.start.as_given
 
 
 def fitter_of_points(

@@ -7,7 +7,6 @@ import numpy as np
 
 from vgrd.calibration.hand_eye import (
     HandEyeResult,
-    TargetScale,
     null_space_findings,
 )
 from vgrd.geometry import Array, Pose
@@ -15,6 +14,7 @@ from vgrd.geometry.camera import INTRINSICS
 from vgrd.judging.findings import finding
 from vgrd.judging.thresholds import CONTRADICTORY_DEG, CONTRADICTORY_MM, WEAK_DEG, WEAK_MM
 from vgrd.model import Finding, Verdict
+from vgrd.solving.datasets.fitting import TargetScale
 from vgrd.solving.datasets.loading import Dataset
 from vgrd.solving.datasets.quality import Quality
 from vgrd.solving.datasets.suspects import suspects, unit_mismatch
@@ -181,7 +181,7 @@ def _camera(evidence: DatasetEvidence) -> list[Finding]:
     )
     message = (
         "camera: the intrinsics as given do not fit robot and pictures, beyond doubt, so they were "
-        f"refined: {moves}"
+        f"refined: {moves}. Use the transforms with these; for those given, as_given holds others"
     )
     return [finding("intrinsics_doubtful", message)]
 

@@ -5,11 +5,11 @@ from dataclasses import replace
 
 import numpy as np
 
-from vgrd.calibration.hand_eye import METHODS, HandEyeResult, PosePair, SampleResidual, TargetScale
+from vgrd.calibration.hand_eye import METHODS, HandEyeResult, PosePair, SampleResidual
 from vgrd.errors import InputError
 from vgrd.geometry import Array, Pose
 from vgrd.geometry.camera import CameraModel
-from vgrd.solving.datasets.fitting import Fitter
+from vgrd.solving.datasets.fitting import Fitter, TargetScale
 
 
 def check_method(name: str) -> None:

@@ -8,7 +8,7 @@ import numpy as np
 from vgrd.calibration.hand_eye import HandEyeResult
 from vgrd.calibration.levels import wider_by_freedom
 from vgrd.geometry import Array
-from vgrd.geometry.covariance import radius95
+from vgrd.geometry.covariance import radius95_of_mixture
 
 _ORDER_FROM = 19  # samples of which the largest miss of n is beyond 95 % of the next: n / (n + 1)
 _ADVICE: Mapping[str, str] = {
@@ -27,7 +27,8 @@ class Quality:
     """mm, deg: what 95 of 100 further looks are predicted to within, NaN where unknown.
 
     Out of sample; it holds the error of the calibration, of one robot pose and of one look. distance_mm:
-    between camera and target, median. calibration_mm: the calibration's part, 95 %. limits: the largest
+    between camera and target, median. calibration_mm: the calibration's part at a true flange pose, 95 % of
+    looks like the samples. limits: the largest
     cause; advice: what lowers it.
     """
 
@@ -56,33 +57,46 @@ def quality_of(
     result: HandEyeResult,
     shifts_mm: Sequence[Array],
     turns_rad: Sequence[Array],
+    expected: Sequence[Array],
     distance_mm: float,
 ) -> Quality:
-    """shifts_mm, turns_rad: (3,) by which the fit without each sample missed it; empty where unknown."""
+    """shifts_mm, turns_rad: (3,) by which the fit without each sample missed it; empty where unknown.
+
+    expected: (6, 6) of the place and turn that this fit expected there, by its covariance, mm and rad.
+    """
+    misses = [C + look for C, look in zip(expected, result.looks, strict=bool(expected))]
+    strays = not all(sample.used for sample in result.samples)
     largest = max(result.shares, key=lambda name: result.shares[name], default="")
-    own = result.shares.get("number and spread of the poses", np.nan)
     return Quality(
-        within_95(shifts_mm),
-        float(np.degrees(within_95(turns_rad))),
+        within_95(shifts_mm, [C[:3, :3] for C in misses], strays=strays),
+        float(np.degrees(within_95(turns_rad, [C[3:, 3:] for C in misses], strays=strays))),
         len(result.samples),
         distance_mm,
-        radius95(np.eye(3) * own / 3) if np.isfinite(own) else np.nan,
+        radius95_of_mixture([C[:3, :3] for C in expected]) if expected else np.nan,
         largest,
         _ADVICE.get(largest, ""),
     )
 
 
-def within_95(misses: Sequence[Array]) -> float:
-    """Radius that holds a further miss (3,) at 95 %: a t distribution's, or where many are known, theirs."""
+def within_95(
+    misses: Sequence[Array], covariances: Sequence[Array], *, strays: bool = False
+) -> float:
+    """Radius that holds a further miss (3,) at 95 %; where many are known, at least their own quantile.
+
+    covariances: (3, 3) of each miss, as the fit has it. They say how misses differ from sample to sample, which
+    makes the tails; how large they are is told by the misses themselves, with so many degrees of freedom.
+    strays: some belong to no common pose; of those that come no law is known, but that n of n + 1 are no larger
+    than the largest here.
+    """
     if not len(misses):
         return float("nan")
-    moments = np.einsum("ni,nj->ij", misses, misses) / len(misses)
-    squares = float(np.sum(moments * moments))
-    if squares == 0:
-        return 0.0
-    freedom = len(misses) * float(np.trace(moments)) ** 2 / squares
-    radius = radius95(moments) * wider_by_freedom(freedom)
+    lengths = np.linalg.norm(misses, axis=1)
+    totals = np.array([np.trace(C) for C in covariances])
+    if totals.sum() == 0:
+        return float(lengths.max())
+    scale = float(np.sqrt(np.sum(lengths**2) / totals.sum()))
+    freedom = float(totals.sum()) ** 2 / float(sum(np.sum(C * C) for C in covariances))
+    radius = scale * radius95_of_mixture(covariances) * wider_by_freedom(freedom)
     if len(misses) < _ORDER_FROM:
-        return radius
-    ordered = np.sort(np.linalg.norm(misses, axis=1))
-    return max(radius, float(ordered[int(np.ceil(0.95 * (len(misses) + 1))) - 1]))
+        return max(radius, float(lengths.max())) if strays else radius
+    return max(radius, float(np.sort(lengths)[int(np.ceil(0.95 * (len(misses) + 1))) - 1]))

@@ -7,11 +7,11 @@ from typing import Any
 
 import numpy as np
 
-from vgrd.calibration.hand_eye import TargetScale
 from vgrd.calibration.levels import Level
 from vgrd.geometry import Array, Pose
 from vgrd.geometry.camera import CameraModel
 from vgrd.model import Mount, Verdict
+from vgrd.solving.datasets.fitting import TargetScale
 from vgrd.solving.datasets.quality import Quality
 
 
@@ -37,6 +37,15 @@ class LeaveOneOut:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+class AsGiven:
+    """Poses for the intrinsics as given, where others are handed back; leave_one_out is through them."""
+
+    mount_from_camera: Pose
+    mount_from_target: Pose
+    leave_one_out: LeaveOneOut
+
+
+@dataclass(frozen=True, slots=True, eq=False)
 class DatasetSolution:
     """The calibration that a dataset gives.
 
@@ -46,7 +55,8 @@ class DatasetSolution:
     words (both transforms are then given with the target at 0 mm along it); features: places (3,) on
     the target, mm, as estimated; covariance: (12, 12) of the left tangents of both transforms, mm and
     rad, the spread of the levels included; levels: of noise, as found; quality: what a further look is
-    predicted to within; tolerance_mm: what it may be.
+    predicted to within; tolerance_mm: what it may be; as_given: what belongs to the intrinsics as given,
+    where the samples demanded others.
     """
 
     mount: Mount
@@ -65,6 +75,7 @@ class DatasetSolution:
     levels: tuple[Level, ...] = ()
     quality: Quality | None = None
     tolerance_mm: float | None = None
+    as_given: AsGiven | None = None
 
     @property
     def sentence(self) -> str:
@@ -80,11 +91,14 @@ class DatasetSolution:
 
     def transforms(self) -> Mapping[str, Pose]:
         """The two poses by their full names."""
+        return self._named(self.mount_from_camera, self.mount_from_target)
+
+    def _named(self, mount_from_camera: Pose, mount_from_target: Pose) -> Mapping[str, Pose]:
         if self.mount is Mount.EYE_TO_HAND:
             names = ("base_from_camera", "wrist_from_target")
         else:
             names = ("wrist_from_camera", "base_from_target")
-        return dict(zip(names, (self.mount_from_camera, self.mount_from_target), strict=True))
+        return dict(zip(names, (mount_from_camera, mount_from_target), strict=True))
 
     def to_json(self) -> dict[str, Any]:
         """Plain values for `--json`; unknown numbers are null; lengths mm."""
@@ -94,11 +108,7 @@ class DatasetSolution:
             **{name: pose.matrix().tolist() for name, pose in self.transforms().items()},
             **self._where_any(),
             **self._goodness(),
-            "leave_one_out": {
-                "deg": _known(self.leave_one_out.deg),
-                "mm": _known(self.leave_one_out.mm),
-                "px": _known(self.leave_one_out.px),
-            },
+            "leave_one_out": _errors(self.leave_one_out),
             "samples": [
                 {
                     "name": sample.name,
@@ -115,6 +125,7 @@ class DatasetSolution:
                 "sigma": _known(self.target_scale.sigma),
             },
             "intrinsics": self._intrinsics(),
+            **self._for_intrinsics_as_given(),
             "verdict": {
                 "ok": self.ok,
                 "tolerance_mm": self.tolerance_mm,
@@ -124,6 +135,14 @@ class DatasetSolution:
                 ],
             },
         }
+
+    def _for_intrinsics_as_given(self) -> dict[str, Any]:
+        given = self.as_given
+        if given is None:
+            return {}
+        poses = self._named(given.mount_from_camera, given.mount_from_target)
+        told = {name: pose.matrix().tolist() for name, pose in poses.items()}
+        return {"as_given": {**told, "leave_one_out": _errors(given.leave_one_out)}}
 
     def _goodness(self) -> dict[str, Any]:
         quality = self.quality
@@ -205,8 +224,7 @@ class DatasetSolution:
             (f"feature {name}", f"{x:.2f} {y:.2f} {z:.2f} mm")
             for name, (x, y, z) in self.features.items()
         ]
-        errors = f"{_text(loo.deg, 3)} deg, {_text(loo.mm, 2)} mm, {_text(loo.px, 2)} px"
-        rows.append(("leave-one-out", f"{errors} over {count} samples"))
+        rows.append(("leave-one-out", f"{_in_words(loo)} over {count} samples"))
         scale = self.target_scale
         told = (
             f"{scale.value:.5f} +- {scale.sigma:.5f}" if math.isfinite(scale.sigma) else "unknown"
@@ -218,6 +236,9 @@ class DatasetSolution:
             rest = " ".join(f"{n:.4f}" for n in intrinsics["distortion"]) or "none"
             state = "refined" if self.refined else "as given"
             rows.append(("intrinsics", f"{numbers} px, distortion {rest} ({state})"))
+        if self.as_given is not None:
+            errors = _in_words(self.as_given.leave_one_out)
+            rows.append(("intrinsics as given", f"leave-one-out {errors}; poses in --json"))
         rows += self._goodness_rows()
         rows.append(("verdict", self._verdict()))
         rows += [(finding.code, finding.message) for finding in self.verdict.findings]
@@ -230,8 +251,16 @@ class DatasetSolution:
         return f"ok, within {self.tolerance_mm:g} mm" if self.ok else "not to be used"
 
 
+def _errors(errors: LeaveOneOut) -> dict[str, float | None]:
+    return {"deg": _known(errors.deg), "mm": _known(errors.mm), "px": _known(errors.px)}
+
+
 def _known(value: float) -> float | None:
     return value if math.isfinite(value) else None
+
+
+def _in_words(errors: LeaveOneOut) -> str:
+    return f"{_text(errors.deg, 3)} deg, {_text(errors.mm, 2)} mm, {_text(errors.px, 2)} px"
 
 
 def _text(value: float, digits: int) -> str:

@@ -20,7 +20,7 @@ from vgrd.solving.datasets.named_method import NamedMethodFitter, check_method
 from vgrd.solving.datasets.point_pairs import PointPairSolution, solve_point_pairs
 from vgrd.solving.datasets.quality import Quality, quality_of
 from vgrd.solving.datasets.reading.sample_reading import DatasetSample, PointInCamera
-from vgrd.solving.datasets.solution import DatasetSolution, LeaveOneOut, SampleReport
+from vgrd.solving.datasets.solution import AsGiven, DatasetSolution, LeaveOneOut, SampleReport
 from vgrd.solving.datasets.suspects import suspects
 from vgrd.solving.flange_poses import MIN_SAMPLES
 from vgrd.vision.print.boards import BoardObservation, TargetSpec, has_direction
@@ -86,14 +86,10 @@ def solve_dataset(
     sightings = _look(dataset, steps)
     fitter = _fitter(dataset, sightings, method)
     target_poses = [fitter.own_pose(i, dataset.camera) for i in range(len(sightings.samples))]
-    try:
-        result = fitter.fit_all()
-    except CalibrationError as error:
-        hints = suspects(dataset, sightings.names, target_poses)
-        left_out = [told_once(sightings.unseen)] if sightings.unseen else []
-        raise _led_by(hints, error).with_hints(left_out) from error
+    result = _fit_all(fitter, dataset, sightings, target_poses)
     steps.advance()
-    misses = _leave_one_out(fitter, sightings, result, steps)
+    folds = _folds(fitter, sightings, result, steps)
+    misses = _misses(fitter, sightings, folds)
     evidence = DatasetEvidence(
         dataset=dataset,
         names=sightings.names,
@@ -103,14 +99,35 @@ def solve_dataset(
         unseen=sightings.unseen,
         few_points=_few_points(sightings),
         scale=fitter.scale(result),
-        quality=_quality(result, misses, target_poses),
+        quality=_quality(result, sightings, folds, misses, target_poses),
         tolerance_mm=tolerance_mm,
     )
-    solution = DatasetSolution(
+    solution = _solution(evidence, _as_given(fitter, sightings, result, folds), method)
+    steps.finish()
+    return solution
+
+
+def _fit_all(
+    fitter: Fitter, dataset: Dataset, sightings: Sightings, target_poses: Sequence[Pose]
+) -> HandEyeResult:
+    """The fit of all samples; what fails says first what was probably meant."""
+    try:
+        return fitter.fit_all()
+    except CalibrationError as error:
+        hints = suspects(dataset, sightings.names, target_poses)
+        left_out = [told_once(sightings.unseen)] if sightings.unseen else []
+        raise _led_by(hints, error).with_hints(left_out) from error
+
+
+def _solution(
+    evidence: DatasetEvidence, as_given: AsGiven | None, method: str | None
+) -> DatasetSolution:
+    dataset, result = evidence.dataset, evidence.result
+    return DatasetSolution(
         mount=dataset.mount,
         mount_from_camera=result.mount_from_camera,
         mount_from_target=result.mount_from_target,
-        leave_one_out=_summary(misses),
+        leave_one_out=_summary(evidence.misses),
         samples=_reports(evidence),
         target_scale=evidence.scale,
         camera=result.camera,
@@ -122,10 +139,9 @@ def solve_dataset(
         covariance=result.covariance,
         levels=result.levels,
         quality=evidence.quality,
-        tolerance_mm=tolerance_mm,
+        tolerance_mm=evidence.tolerance_mm,
+        as_given=as_given,
     )
-    steps.finish()
-    return solution
 
 
 def fit_dataset(dataset: Dataset) -> HandEyeResult:
@@ -139,7 +155,7 @@ def _look(dataset: Dataset, steps: _Steps) -> Sightings:
     samples, observations, unseen, faults = [], [], {}, []
     for sample in dataset.samples:
         try:
-            observations.append(_observe(sample, dataset.target))
+            observations.append(observe(sample, dataset.target))
             samples.append(sample)
         except TagNotSeen as reason:
             unseen[sample.name] = str(reason)
@@ -179,9 +195,8 @@ def _led_by(hints: Sequence[str], error: CalibrationError) -> CalibrationError:
     return led
 
 
-def _observe(
-    sample: DatasetSample, target: TargetSpec | TagGrid | None
-) -> BoardObservation | Pose:
+def observe(sample: DatasetSample, target: TargetSpec | TagGrid | None) -> BoardObservation | Pose:
+    """What one sample shows; raises TagNotSeen, or InputError for what is no picture."""
     match sample.source:
         case Pose():
             return sample.source
@@ -249,42 +264,87 @@ def _likelihood_fitter(dataset: Dataset, sightings: Sightings, *, may_refine: bo
     )
 
 
-def _leave_one_out(
+def _folds(
     fitter: Fitter, sightings: Sightings, result: HandEyeResult, steps: _Steps
-) -> list[Miss | None]:
-    """How far a fit without each sample misses it; its own pose is seen through that fit's camera.
+) -> list[HandEyeResult | None]:
+    """The fit without each sample; None where the others do not determine one.
 
     Which of the others belong together, their levels of noise and whether they demand other intrinsics is
-    found without it too. Samples that do not fit are predicted and counted as all are.
+    found without it too.
+    """
+    folds: list[HandEyeResult | None] = []
+    everything = range(len(sightings.samples))
+    for index in everything:
+        try:
+            folds.append(fitter.fit([i for i in everything if i != index], result))
+        except CalibrationError:
+            folds.append(None)
+        steps.advance()
+    return folds
+
+
+def _misses(
+    fitter: Fitter, sightings: Sightings, folds: Sequence[HandEyeResult | None]
+) -> list[Miss | None]:
+    """How far each fold misses the sample left out; its own pose is seen through the fold's camera.
+
+    Samples that do not fit are predicted and counted as all are.
     """
     misses: list[Miss | None] = []
-    everything = range(len(sightings.samples))
-    for index, sample in enumerate(sightings.samples):
-        try:
-            fit = fitter.fit([i for i in everything if i != index], result)
-        except CalibrationError:
+    for index, (sample, fit) in enumerate(zip(sightings.samples, folds, strict=True)):
+        if fit is None:
             misses.append(None)
-        else:
-            predicted = fit.predict(sample.base_from_wrist)
-            own = fitter.own_pose(index, fit.camera)
-            residuals_px = fitter.off_px(index, fit.camera, predicted)
-            squares_px = float((residuals_px * residuals_px).sum())
-            turn = log_rotation(predicted.rotation @ own.rotation.T)
-            shift = predicted.translation - own.translation
-            misses.append(Miss(shift, turn, squares_px, len(residuals_px)))
-        steps.advance()
+            continue
+        predicted = fit.predict(sample.base_from_wrist)
+        own = fitter.own_pose(index, fit.camera)
+        residuals_px = fitter.off_px(index, fit.camera, predicted)
+        squares_px = float((residuals_px * residuals_px).sum())
+        turn = log_rotation(predicted.rotation @ own.rotation.T)
+        shift = predicted.translation - own.translation
+        misses.append(Miss(shift, turn, squares_px, len(residuals_px)))
     return misses
 
 
+def _as_given(
+    fitter: Fitter,
+    sightings: Sightings,
+    result: HandEyeResult,
+    folds: Sequence[HandEyeResult | None],
+) -> AsGiven | None:
+    """What belongs to the intrinsics as given, where the samples demanded others."""
+    given = result.as_given
+    if given is None:
+        return None
+    own = [None if fold is None else fold.as_given or fold for fold in folds]
+    return AsGiven(
+        given.mount_from_camera,
+        given.mount_from_target,
+        _summary(_misses(fitter, sightings, own)),
+    )
+
+
 def _quality(
-    result: HandEyeResult, misses: Sequence[Miss | None], target_poses: Sequence[Pose]
+    result: HandEyeResult,
+    sightings: Sightings,
+    folds: Sequence[HandEyeResult | None],
+    misses: Sequence[Miss | None],
+    target_poses: Sequence[Pose],
 ) -> Quality:
     known = [miss for miss in misses if miss is not None]
+    expected = [
+        fold.pose_covariance(sample.base_from_wrist)
+        for sample, fold in zip(sightings.samples, folds, strict=True)
+        if fold is not None
+    ]
     if len(known) < len(misses):
-        known = []
+        known, expected = [], []
     distance = float(np.median([np.linalg.norm(pose.translation) for pose in target_poses]))
     return quality_of(
-        result, [miss.shift_mm for miss in known], [miss.turn_rad for miss in known], distance
+        result,
+        [miss.shift_mm for miss in known],
+        [miss.turn_rad for miss in known],
+        expected,
+        distance,
     )
 
 
