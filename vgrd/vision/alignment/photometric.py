@@ -16,7 +16,7 @@ from vgrd.vision.alignment.gathering import Cells, gather
 from vgrd.vision.alignment.normal_equations import BLOOM, LIGHT, SHAPE, accumulate, side_scores
 from vgrd.vision.alignment.scatter import FreeLines, scattered
 from vgrd.vision.images.homography import apply, inverse, moved, normalised, to_pixels
-from vgrd.vision.images.noise import CameraNoise, noise_in
+from vgrd.vision.images.noise import UNKNOWN_NOISE, CameraNoise, noise_in, noise_left
 from vgrd.vision.images.warp import LocalFrame
 from vgrd.vision.print.raster import Raster
 from vgrd.vision.print.tolerance import PrintTolerance
@@ -178,7 +178,8 @@ class _Iteration:
         self.residual = np.zeros(len(self.level))
         self.seen = np.zeros((self.edges if self._has_few_cells else 0, 13))
         self.outside = lost / max(len(self.level) + lost, 1)
-        self.noise = self.given_noise or noise_in(flat)
+        told = self.given_noise or noise_in(flat)
+        self.noise, self.is_noise_known = told or UNKNOWN_NOISE, told is not None
 
     def run(self) -> PhotometricFit | None:
         """Iterate to the minimum: first on a part of the pixels, in the end on all."""
@@ -198,6 +199,8 @@ class _Iteration:
                     self._gather()
                     if not self._fit_light():
                         return None
+                elif every == 1 and shift < _STILL_PX and not self.is_noise_known:
+                    self._learn_noise()
                 elif every == 1 and shift < _STILL_PX:
                     return self._result(equations, change, step)
                 else:
@@ -264,6 +267,14 @@ class _Iteration:
             return False
         self.gain, self.offset = light[: self.terms], light[self.terms :]
         return bool(self.gain[0] > _LEAST_CONTRAST)
+
+    def _learn_noise(self) -> None:
+        """Take the noise from what the last step saw: small cells have no flat pixels."""
+        rest = self.residual * np.sqrt(self.noise.read)  # UNKNOWN_NOISE has no other part
+        pixels = np.rint(self.frame.pixels_of(self.q)).astype(int)
+        middle = float(self.offset[0] + self.gain[0] / 2)
+        told = noise_left(pixels, self.level - rest, rest, middle)
+        self.noise, self.is_noise_known = told or self.noise, True
 
     def _take(self, change: Array) -> float:
         """Apply a step; returns the largest change, px, of a corner, of the blur's sigma, of the bloom."""

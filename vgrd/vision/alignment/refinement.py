@@ -69,7 +69,7 @@ def refine(
     coarse = coarse_homography(picture, raster, frame, H)
     start, edge_share = (H, 0.0) if coarse is None else coarse
     if has_strayed(start, raster, apply(H, raster.corners)):
-        return None
+        start, edge_share = H, 0.0  # of small cells too few sides are seen to correct it
     fit = align(picture, raster, frame, start, noise, ink_mm=ink_mm)
     if fit is not None and fit.chi2 > WORST_CHI2 and not lines_are_sure:
         fit = _as_printed(picture, raster, fit, noise, ink_mm)
