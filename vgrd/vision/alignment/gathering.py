@@ -34,10 +34,10 @@ def gather(
     Hi: Array,
     raster: tuple[Array, Array, Array],
     reach: float,
-) -> tuple[Array, Array, Cells, int, int, Array]:
+) -> tuple[Array, Array, Cells, Cells, int, int, Array]:
     """Choose the pixels of a target: all within `reach` px of an edge, then one flat one per part.
 
-    raster: x lines, y lines, cells. Returns q (n, 2), level (n,), cell (n, 2) as (column, row), the
+    raster: x lines, y lines, cells. Returns q (n, 2), level (n,), cell (n, 2) and pixel (n, 2) as (column, row), the
     number of edge pixels, the number of pixels that would lie outside the picture, and for the noise
     (m, 3) of flat pixels: colour, level, second difference along the row.
     """
@@ -52,7 +52,7 @@ def gather(
     for block_y in range(top, bottom, _BLOCK):
         for block_x in range(left, right, _BLOCK):
             middle_x, middle_y = block_x + 0.5 * (_BLOCK - 1), block_y + 0.5 * (_BLOCK - 1)
-            local = _local_map(lens, r0, F, middle_x, middle_y)
+            local = local_map(lens, r0, F, middle_x, middle_y)
             kind = _kind(U, V, cells, local[0], local[1], _TO_CORNER * (_BLOCK - 1) + reach)
             if kind == _AWAY:
                 continue
@@ -111,7 +111,7 @@ def _bounds(
 
 
 @compiled
-def _local_map(
+def local_map(
     lens: Array, r0: Array, F: Array, px: float, py: float
 ) -> tuple[float, float, float, float, float, float]:
     """Q at a pixel, and its derivative by the pixel, row by row."""
@@ -244,11 +244,12 @@ def _read(
     flat: NDArray[np.intp],
     count: int,
     cells: Array,
-) -> tuple[Array, Array, Cells, int, int, Array]:
+) -> tuple[Array, Array, Cells, Cells, int, int, Array]:
     """Levels and exact q of the chosen pixels, those near edges first; returns what `gather` does."""
     height, width = picture.shape
     Fi = np.asarray(np.linalg.inv(F), dtype=np.float64)
-    q, level, cell = np.empty((count, 2)), np.empty(count), np.empty((count, 2), np.intp)
+    q, level = np.empty((count, 2)), np.empty(count)
+    cell, pixel = np.empty((count, 2), np.intp), np.empty((count, 2), np.intp)
     bends = np.empty((2 * _PART * count, 3))
     edges, total, lost, bend_count = 0, 0, 0, 0
     for is_flat_turn in (False, True):
@@ -264,6 +265,7 @@ def _read(
             q[total, 0], q[total, 1] = x + (px - u), y + (py - v)  # 2: q moves as pixels do
             level[total] = picture[py, px]
             cell[total, 0], cell[total, 1] = spot[i, 2], spot[i, 3]
+            pixel[total, 0], pixel[total, 1] = px, py
             total += 1
             if is_flat_turn:
                 colour = cells[spot[i, 3], spot[i, 2]]
@@ -271,7 +273,8 @@ def _read(
                 bend_count = _bend(picture, px, py, side, colour, bends, bend_count)
         if not is_flat_turn:
             edges = total
-    return q[:total], level[:total], cell[:total], edges, lost, bends[:bend_count]
+    chosen = (q[:total], level[:total], cell[:total], pixel[:total])
+    return chosen[0], chosen[1], chosen[2], chosen[3], edges, lost, bends[:bend_count]
 
 
 @compiled

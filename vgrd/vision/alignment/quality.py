@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from vgrd.vision.alignment.photometric import PhotometricFit
+from vgrd.vision.alignment.photometric_fit import PhotometricFit
 from vgrd.vision.alignment.refinement import WORST_CHI2, Refined, trusted
 
 MOTION_STRETCH = 1.25  # of the blur, along over across: a motion of 2 px at the usual 0.75 px
@@ -32,9 +32,12 @@ def disturbance(refined: Refined) -> tuple[str, str] | None:
 def haze(refined: Refined) -> tuple[str, str] | None:
     """Remark about light that a lens scatters from white into black, which moves edges; None when clean."""
     fit = refined.fit
-    if fit is None or fit.chi2 < WORST_CHI2 or fit.flat_misfit < _HAZE:
+    if fit is None:
         return None
-    share = 100 * fit.flat_misfit
+    beyond = max(fit.flat_misfit, fit.veiled)
+    if beyond < _HAZE or (fit.chi2 < WORST_CHI2 and not fit.veiled):
+        return None
+    share = 100 * beyond
     return (
         "haze",
         f"light spreads from white into black ({share:.0f} %): clean lens and window, or save without loss",
@@ -44,9 +47,7 @@ def haze(refined: Refined) -> tuple[str, str] | None:
 def _uneven(fit: PhotometricFit) -> tuple[str, str]:
     """Tell a cover, which spoils few cells, from glare (bright residuals) and from a shadow."""
     striking = fit.residuals[np.abs(fit.residuals) > _STRIKING_SIGMAS]
-    index = np.ravel_multi_index(fit.cells.T[::-1], fit.cells.max(0)[::-1] + 1)
-    squares = np.bincount(index, fit.residuals**2) / np.maximum(np.bincount(index), 1)
-    bad = np.mean(squares[np.bincount(index) > 0] > _BAD_CELL)
+    bad = np.mean(fit.cell_squares > _BAD_CELL)
     if bad < _COVERED:
         return "covered", "a part of it is covered or dirty: clean it; its edges were measured"
     if striking.size and striking.mean() > _GLARE_SIGMAS:

@@ -3,6 +3,7 @@
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from vgrd.geometry import Array
 from vgrd.vision.images.compiling import compiled
@@ -45,7 +46,9 @@ def noise_in(flat: Array, worst: float = np.inf) -> CameraNoise | None:
     return CameraNoise(shot, max(variance - shot * dark, _LEAST_VARIANCE))
 
 
-def noise_left(pixels: Array, model: Array, rest: Array, middle: float) -> CameraNoise | None:
+def noise_left(
+    pixels: NDArray[np.intp], model: Array, rest: Array, middle: float
+) -> CameraNoise | None:
     """Noise from what a fit leaves of pixels (n, 2), column and row, where none of them is flat.
 
     model (n,): their levels as fitted; rest (n,): what is above them; middle: level between black and white.
