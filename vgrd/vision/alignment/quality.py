@@ -29,19 +29,23 @@ def disturbance(refined: Refined) -> tuple[str, str] | None:
     return _uneven(fit)
 
 
-def haze(refined: Refined) -> tuple[str, str] | None:
-    """Remark about light that a lens scatters from white into black, which moves edges; None when clean."""
-    fit = refined.fit
-    if fit is None:
-        return None
+def disturbance_of_tag(refined: Refined) -> tuple[str, str] | None:
+    """As `disturbance`, and what makes a single tag less sure than its covariance says; None when clean.
+
+    That is light which a lens scatters from white into black, and edges that are not as drawn: of a board
+    another remark tells why, and many edges are sure all the same.
+    """
+    trouble, fit = disturbance(refined), refined.fit
+    if trouble is not None or fit is None:
+        return trouble
     beyond = max(fit.flat_misfit, fit.veiled)
-    if beyond < _HAZE or (fit.chi2 < WORST_CHI2 and not fit.veiled):
-        return None
-    share = 100 * beyond
-    return (
-        "haze",
-        f"light spreads from white into black ({share:.0f} %): clean lens and window, or save without loss",
-    )
+    if beyond >= _HAZE and (fit.chi2 >= WORST_CHI2 or fit.veiled):
+        remedy = "clean lens and window, or save without loss"
+        return "haze", f"light spreads from white into black ({100 * beyond:.0f} %): {remedy}"
+    if not trusted(fit):
+        share = 100 * fit.misfit
+        return "uneven", f"it is not as drawn ({share:.0f} %): its edges alone were measured"
+    return None
 
 
 def _uneven(fit: PhotometricFit) -> tuple[str, str]:

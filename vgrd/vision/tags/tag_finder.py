@@ -19,7 +19,7 @@ from vgrd.errors import InputError
 from vgrd.geometry import Array
 from vgrd.geometry.camera import CameraModel
 from vgrd.model import Finding, TagObservation, TagSpec, frozen_array
-from vgrd.vision.alignment.quality import disturbance, haze
+from vgrd.vision.alignment.quality import disturbance_of_tag
 from vgrd.vision.alignment.refinement import Refined, RefinementMethod, refine
 from vgrd.vision.images.pictures import as_8_bit
 from vgrd.vision.images.warp import lens_vector
@@ -231,7 +231,7 @@ class TagDetector:
 
     def _judged(self, tag: TagSpec, refined: Refined, poses: Sequence[PlanarPose]) -> TagSighting:
         """The observation, unless no pose fits or two do."""
-        trouble = disturbance(refined) or haze(refined)
+        trouble = disturbance_of_tag(refined)
         findings = () if trouble is None else (Finding(*trouble),)
         if not poses:
             return TagSighting(None, refined, (*findings, *_unfit().findings))
