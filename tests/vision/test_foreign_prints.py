@@ -142,6 +142,16 @@ def test_a_stretched_print_is_no_misfit_within_its_tolerance():
     assert tolerant.inflation == 1.0
 
 
+def test_a_print_of_another_size_is_judged_by_how_well_its_size_is_known():
+    conditions = Conditions(printer=Printer(stretch=(0.005, 0.0)))
+    picture = shot(conditions, pose_at(40, np.random.default_rng(1)), 1)
+    traces = []
+    for sigma_mm in (0.0, 0.05):
+        with TagDetector(MATRIX, np.zeros(0), [TAG], SIZE, {TAG.id: sigma_mm}) as detector:
+            traces.append(np.trace(detector.detect(picture)[TAG.id].covariance))
+    assert traces[0] > 5 * traces[1]
+
+
 @pytest.mark.parametrize("side_px", [14, 16, 20])
 def test_small_tags_are_found_in_a_small_photograph(side_px):
     rng = np.random.default_rng(side_px)
