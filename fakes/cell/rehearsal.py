@@ -55,8 +55,9 @@ class Rehearsal:
         self._detector = TagDetector(
             facts.camera_matrix,
             facts.distortion,
-            [tag for tag in (facts.tag_a, facts.tag_b) if tag is not None],
+            facts.tags,
             facts.image_size_px,
+            facts.tag_sigmas_mm,
         )
 
     def picture(self) -> Picture:

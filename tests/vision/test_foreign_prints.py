@@ -68,7 +68,11 @@ def test_ink_widens_the_black_by_its_length_on_either_side():
         ("ink +0.01 mm", 60),
         ("ragged 0.01 mm, fine", 40),
         ("dots of 0.042 mm", 40),
+        ("defocus, disc of 3 px", 20),
         ("defocus, disc of 3 px", 60),
+        ("lens with wings", 40),
+        ("lens with wings", 60),
+        ("JPEG 60", 60),
         ("gamma 1/2.2", 20),
         ("Bayer", 40),
     ],
@@ -86,6 +90,16 @@ def test_the_covariance_of_a_tag_holds_for_real_prints_and_lenses(fault, tilt):
 def test_what_no_covariance_tells_is_named(fault):
     for sighting, _ in sightings(FAULTS[fault], 40, 4):
         assert sighting.findings
+
+
+def test_light_that_a_lens_throws_far_does_not_move_the_corners():
+    for fault in ("lens with wings", "defocus, disc of 3 px"):
+        errors = [
+            CameraModel(MATRIX, np.zeros(0), SIZE).project(pose @ square_corners(TAG.size_mm))
+            - sighting.observation.corners_px
+            for sighting, pose in sightings(FAULTS[fault], 60, 6)
+        ]
+        assert np.sqrt(np.mean(np.square(errors))) < 0.008  # a Gaussian alone: 0.015 and more
 
 
 def test_ink_is_told_from_blur_and_gamma_in_each_direction():
@@ -126,6 +140,16 @@ def test_a_stretched_print_is_no_misfit_within_its_tolerance():
     )
     assert stated.inflation > 5
     assert tolerant.inflation == 1.0
+
+
+def test_a_print_of_another_size_is_judged_by_how_well_its_size_is_known():
+    conditions = Conditions(printer=Printer(stretch=(0.005, 0.0)))
+    picture = shot(conditions, pose_at(40, np.random.default_rng(1)), 1)
+    traces = []
+    for sigma_mm in (0.0, 0.05):
+        with TagDetector(MATRIX, np.zeros(0), [TAG], SIZE, {TAG.id: sigma_mm}) as detector:
+            traces.append(np.trace(detector.detect(picture)[TAG.id].covariance))
+    assert traces[0] > 5 * traces[1]
 
 
 @pytest.mark.parametrize("side_px", [14, 16, 20])

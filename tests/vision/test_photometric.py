@@ -49,11 +49,11 @@ def shot(pose, look=None, seed=0, figure=None):
     return picture.pixels, CameraModel(region.matrix, region.distortion, region.size_px)
 
 
-def measured(pose, look=None, seed=0):
+def measured(pose, look=None, seed=0, rough_px=1.0):
     """Refined tag from a rough start, and the errors (8,) of its corners."""
     pixels, camera = shot(pose, look, seed)
     true = camera.project(pose.apply(square_corners(TAG.size_mm)))
-    rough = true + np.random.default_rng(seed).normal(0, 1.0, (4, 2))
+    rough = true + np.random.default_rng(seed).normal(0, rough_px, (4, 2))
     raster = tag_raster(TAG.family, TAG.id, TAG.size_mm)
     refined = refine(pixels, raster, rough, lens_vector(camera))
     return refined, (refined.corners_px - true).ravel(), camera
@@ -80,6 +80,20 @@ def test_noise_blur_and_bloom_are_those_of_the_picture():
     assert refined.fit.bloom_px == pytest.approx(0.01 / 600 * 12766, abs=0.02)
     level = refined.fit.noise.shot * 200 + refined.fit.noise.read
     assert level == pytest.approx(0.0209 * 200 + 0.33, rel=0.2)
+
+
+@pytest.mark.parametrize("side_px", [17.0, 24.0, 36.0])
+def test_the_noise_of_a_tag_without_flat_pixels_is_what_the_fit_leaves(side_px):
+    farther, noisy = 212.8 / side_px, Look(shot=0.1, read=2.0)
+    squares, levels = [], []
+    for seed in range(12):
+        near = tilted_pose(20, seed)
+        pose = Pose(near.rotation, farther * near.translation)
+        refined, error, _ = measured(pose, noisy, seed, rough_px=0.2)
+        levels.append(refined.fit.noise.shot * 150 + refined.fit.noise.read)
+        squares.append(error @ np.linalg.solve(refined.covariance, error))
+    assert np.mean(levels) == pytest.approx(0.1 * 150 + 4, rel=0.15)
+    assert 4 < np.mean(squares) < 12
 
 
 @pytest.mark.parametrize(

@@ -1,6 +1,7 @@
 """Both poses of a tag: each is a minimum, and almost frontal ones are told apart or are one."""
 
 import numpy as np
+from scipy.optimize import least_squares
 
 from vgrd.geometry import Pose
 from vgrd.geometry.camera import CameraModel
@@ -49,3 +50,34 @@ def test_every_pose_is_a_minimum_and_the_best_one_is_near_the_truth():
         if not is_ambiguous(found):
             turns = [one.pose.distance(true)[1] for one in found]
             assert turns == sorted(turns)
+
+
+def cost_of_normal(R: np.ndarray, near: Pose, seen: np.ndarray, sigma_px: float) -> float:
+    """Least chi-square of a pose whose normal is that of R."""
+
+    def residuals(free: np.ndarray) -> np.ndarray:
+        spun = R @ Pose.from_rotvec((0, 0, free[3])).rotation
+        at = Pose(spun, near.translation + free[:3])
+        return (CAMERA.project(at.apply(CORNERS)) - seen).ravel() / sigma_px
+
+    return 2 * float(least_squares(residuals, np.zeros(4), x_scale=(1, 1, 1, 1e-2)).cost)
+
+
+def test_a_lone_pose_excludes_its_mirror_or_its_covariance_holds_it():
+    rng, sigma_px, lone = np.random.default_rng(7), 0.007, 0
+    for _ in range(200):
+        lean, spin = np.radians(rng.uniform(0.2, 3)), rng.uniform(-np.pi, np.pi)
+        R = (Pose.from_rotvec((lean, 0, 0)) @ Pose.from_rotvec((0, 0, spin))).rotation
+        true = Pose(R, np.array([20.0, 10, 1500]))
+        seen = CAMERA.project(true.apply(CORNERS)) + rng.normal(0, sigma_px, (4, 2))
+        best, *others = planar_poses(CAMERA, CORNERS, seen, sigma_px**2 * np.eye(8))
+        if others:
+            continue
+        lone += 1
+        sight = best.pose.translation / np.linalg.norm(best.pose.translation)
+        half_turn = 2 * np.outer(sight, sight) - np.eye(3)
+        R = half_turn @ best.pose.rotation @ np.diag([-1.0, -1, 1])
+        turn = Pose(R @ best.pose.rotation.T, np.zeros(3)).log()[3:]
+        if turn @ np.linalg.solve(best.covariance[3:, 3:], turn) > 25:
+            assert cost_of_normal(R, best.pose, seen, sigma_px) - best.cost > 25
+    assert lone > 0

@@ -173,8 +173,13 @@ class Cell:
 
 
 def _tag_detector(facts: CellFacts) -> TagDetector:
-    tags = [tag for tag in (facts.tag_a, facts.tag_b) if tag is not None]
-    return TagDetector(facts.camera_matrix, facts.distortion, tags, facts.image_size_px)
+    return TagDetector(
+        facts.camera_matrix,
+        facts.distortion,
+        facts.tags,
+        facts.image_size_px,
+        facts.tag_sigmas_mm,
+    )
 
 
 def main() -> int:

@@ -141,6 +141,19 @@ class CellFacts:
     tag_b_sigma_mm: float = 0.05  # as `tags.b.size_sigma_mm` of the cell file
 
     @property
+    def tags(self) -> tuple[TagSpec, ...]:
+        """The tags that are looked for."""
+        return (self.tag_b,) if self.tag_a is None else (self.tag_a, self.tag_b)
+
+    @property
+    def tag_sigmas_mm(self) -> dict[int, float]:
+        """How well the sizes of the tags are known, by id."""
+        sigmas_mm = {self.tag_b.id: self.tag_b_sigma_mm}
+        if self.tag_a is not None:
+            sigmas_mm[self.tag_a.id] = self.tag_a_sigma_mm
+        return sigmas_mm
+
+    @property
     def arm(self) -> ArmModel:
         """How the arm differs from what it tells, rounding included."""
         return ArmModel.of(self.robot_sigma_mm, self.robot_step_mm, self.robot_step_rad)

@@ -13,7 +13,7 @@ from vgrd.errors import InputError
 from vgrd.geometry import Array, Pose
 from vgrd.geometry.camera import CameraModel
 from vgrd.model import Finding
-from vgrd.vision.alignment.quality import disturbance, haze
+from vgrd.vision.alignment.quality import disturbance_of_tag
 from vgrd.vision.alignment.refinement import Refined, refine
 from vgrd.vision.boards.fit import MeasurableBoard
 from vgrd.vision.boards.inspection import BoardReport, findings_json, inspect_board
@@ -243,7 +243,7 @@ def _light_remarks(grey: Grey, tag: FoundTag, refined: Refined | None) -> list[t
     if fit is not None and _blur_px(fit.blur) > _MOST_BLUR_PX:
         blur = f"blurred by {_blur_px(fit.blur):.1f} px"
         remarks.append(("blurred", f"{blur}: focus, or stand still"))
-    trouble = disturbance(refined) or haze(refined)
+    trouble = disturbance_of_tag(refined)
     if trouble is not None and not _is_small(tag):
         remarks.append(trouble)
     return remarks

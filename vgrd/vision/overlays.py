@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from vgrd.vision.alignment.photometric import PhotometricFit
+from vgrd.vision.alignment.photometric_fit import PhotometricFit
 from vgrd.vision.images.drawing import draw_residuals, draw_tags, write_picture
 from vgrd.vision.images.pictures import Picture
 from vgrd.vision.inspection import PictureReport

@@ -136,6 +136,12 @@ def edge_offsets(
     return _profiles(picture, frame.lens, frame.r0, Fi, H, segments, width, margin, step)
 
 
+def shows_edges(raster: Raster, H: Array) -> bool:
+    """Whether the raster's cells are large enough for `edge_offsets` to see their sides."""
+    cell = _cell_px(raster, H)
+    return cell - 2 * min(_CORNER_PX, _CORNER_OF_CELL * cell) >= _STEP_PX
+
+
 def _cell_px(raster: Raster, H: Array) -> float:
     """Shortest side of the smallest cell, px."""
     corners = apply(H, raster.corners)

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from vgrd.devices import Grey
 from vgrd.geometry import Array
-from vgrd.vision.alignment.raster_lines import line_table, strip_around
+from vgrd.vision.alignment.raster_lines import distance, line_table, strip_around
 from vgrd.vision.images.compiling import compiled, inlined
 from vgrd.vision.images.warp import pixel_at, q_at, ray, slopes
 
@@ -34,10 +34,10 @@ def gather(
     Hi: Array,
     raster: tuple[Array, Array, Array],
     reach: float,
-) -> tuple[Array, Array, Cells, int, int, Array]:
+) -> tuple[Array, Array, Cells, Cells, int, int, Array]:
     """Choose the pixels of a target: all within `reach` px of an edge, then one flat one per part.
 
-    raster: x lines, y lines, cells. Returns q (n, 2), level (n,), cell (n, 2) as (column, row), the
+    raster: x lines, y lines, cells. Returns q (n, 2), level (n,), cell (n, 2) and pixel (n, 2) as (column, row), the
     number of edge pixels, the number of pixels that would lie outside the picture, and for the noise
     (m, 3) of flat pixels: colour, level, second difference along the row.
     """
@@ -52,7 +52,7 @@ def gather(
     for block_y in range(top, bottom, _BLOCK):
         for block_x in range(left, right, _BLOCK):
             middle_x, middle_y = block_x + 0.5 * (_BLOCK - 1), block_y + 0.5 * (_BLOCK - 1)
-            local = _local_map(lens, r0, F, middle_x, middle_y)
+            local = local_map(lens, r0, F, middle_x, middle_y)
             kind = _kind(U, V, cells, local[0], local[1], _TO_CORNER * (_BLOCK - 1) + reach)
             if kind == _AWAY:
                 continue
@@ -111,7 +111,7 @@ def _bounds(
 
 
 @compiled
-def _local_map(
+def local_map(
     lens: Array, r0: Array, F: Array, px: float, py: float
 ) -> tuple[float, float, float, float, float, float]:
     """Q at a pixel, and its derivative by the pixel, row by row."""
@@ -132,8 +132,8 @@ def _local_map(
 def _kind(U: Array, V: Array, cells: Array, qx: float, qy: float, radius: float) -> int:
     """Whether what lies within `radius` px of q is off the raster, of one colour, or mixed."""
     rows, columns = cells.shape
-    ku, left, right = strip_around(U, qx, qy, columns // 2)
-    kv, above, below = strip_around(V, qx, qy, rows // 2)
+    ku, _, _ = strip_around(U, qx, qy, columns // 2)
+    kv, _, _ = strip_around(V, qx, qy, rows // 2)
     if not (0 <= ku < columns and 0 <= kv < rows):
         for table in (U, V):
             first = table[0, 0] * qx + table[0, 1] * qy + table[0, 2]
@@ -141,12 +141,11 @@ def _kind(U: Array, V: Array, cells: Array, qx: float, qy: float, radius: float)
             if first < -radius or last > radius:
                 return _AWAY
         return _MIXED
-    is_near = (left < radius, right < radius, above < radius, below < radius)
-    if (is_near[0] and ku == 0) or (is_near[1] and ku == columns - 1):
+    if distance(U, 0, qx, qy) < radius or -distance(U, columns, qx, qy) < radius:
         return _MIXED
-    if (is_near[2] and kv == 0) or (is_near[3] and kv == rows - 1):
+    if distance(V, 0, qx, qy) < radius or -distance(V, rows, qx, qy) < radius:
         return _MIXED
-    return _MIXED if _varies(cells, ku, kv, is_near) else _FLAT
+    return _MIXED if _varies(U, V, cells, ku, kv, qx, qy, radius) else _FLAT
 
 
 @inlined
@@ -182,8 +181,7 @@ def _scan(
             kv, above, below = strip_around(V, qx, qy, kv)
             if not (0 <= ku < columns and 0 <= kv < rows):
                 continue
-            is_near = (left < reach, right < reach, above < reach, below < reach)  # 15
-            edge = not is_flat and _varies(cells, ku, kv, is_near)
+            edge = not is_flat and _varies(U, V, cells, ku, kv, qx, qy, reach)  # 15
             if not edge and (i > 0 or j > 0):
                 continue
             if _usable(ku, columns, left, right, reach) and _usable(kv, rows, above, below, reach):
@@ -207,18 +205,32 @@ def _usable(k: int, strips: int, low: float, high: float, reach: float) -> bool:
 
 
 @inlined
-def _varies(cells: Array, ku: int, kv: int, is_near: tuple[bool, bool, bool, bool]) -> bool:
-    """Whether cells of different colour lie within reach (left, right, above, below)."""
-    rows, columns = cells.shape
+def _varies(
+    U: Array, V: Array, cells: Array, ku: int, kv: int, qx: float, qy: float, radius: float
+) -> bool:
+    """Whether cells of different colour lie within `radius` px of q, which is in the cell (ku, kv).
+
+    Where cells are small, more than the next ones do.
+    """
+    u0, u1 = _strips_within(U, ku, qx, qy, radius)
+    v0, v1 = _strips_within(V, kv, qx, qy, radius)
     colour = cells[kv, ku]
-    v0 = kv - 1 if is_near[2] and kv > 0 else kv
-    v1 = kv + 1 if is_near[3] and kv < rows - 1 else kv
-    u0 = ku - 1 if is_near[0] and ku > 0 else ku
-    u1 = ku + 1 if is_near[1] and ku < columns - 1 else ku
-    across = cells[kv, u0] != colour or cells[kv, u1] != colour
-    along = cells[v0, ku] != colour or cells[v1, ku] != colour
-    corners = (cells[v0, u0], cells[v0, u1], cells[v1, u0], cells[v1, u1])
-    return across or along or corners != (colour, colour, colour, colour)
+    for v in range(v0, v1 + 1):
+        for u in range(u0, u1 + 1):
+            if cells[v, u] != colour:
+                return True
+    return False
+
+
+@inlined
+def _strips_within(table: Array, k: int, qx: float, qy: float, radius: float) -> tuple[int, int]:
+    """First and last strip between lines that are within `radius` px of q, which is in strip k."""
+    first, last = k, k
+    while first > 0 and distance(table, first, qx, qy) < radius:
+        first -= 1
+    while last < len(table) - 2 and -distance(table, last + 1, qx, qy) < radius:
+        last += 1
+    return first, last
 
 
 @compiled
@@ -232,11 +244,12 @@ def _read(
     flat: NDArray[np.intp],
     count: int,
     cells: Array,
-) -> tuple[Array, Array, Cells, int, int, Array]:
+) -> tuple[Array, Array, Cells, Cells, int, int, Array]:
     """Levels and exact q of the chosen pixels, those near edges first; returns what `gather` does."""
     height, width = picture.shape
     Fi = np.asarray(np.linalg.inv(F), dtype=np.float64)
-    q, level, cell = np.empty((count, 2)), np.empty(count), np.empty((count, 2), np.intp)
+    q, level = np.empty((count, 2)), np.empty(count)
+    cell, pixel = np.empty((count, 2), np.intp), np.empty((count, 2), np.intp)
     bends = np.empty((2 * _PART * count, 3))
     edges, total, lost, bend_count = 0, 0, 0, 0
     for is_flat_turn in (False, True):
@@ -252,6 +265,7 @@ def _read(
             q[total, 0], q[total, 1] = x + (px - u), y + (py - v)  # 2: q moves as pixels do
             level[total] = picture[py, px]
             cell[total, 0], cell[total, 1] = spot[i, 2], spot[i, 3]
+            pixel[total, 0], pixel[total, 1] = px, py
             total += 1
             if is_flat_turn:
                 colour = cells[spot[i, 3], spot[i, 2]]
@@ -259,7 +273,8 @@ def _read(
                 bend_count = _bend(picture, px, py, side, colour, bends, bend_count)
         if not is_flat_turn:
             edges = total
-    return q[:total], level[:total], cell[:total], edges, lost, bends[:bend_count]
+    chosen = (q[:total], level[:total], cell[:total], pixel[:total])
+    return chosen[0], chosen[1], chosen[2], chosen[3], edges, lost, bends[:bend_count]
 
 
 @compiled

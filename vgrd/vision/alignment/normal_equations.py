@@ -6,7 +6,8 @@ clipping do that), and by as many mm of the plane in x and in y (ink spread). Nu
 equations of docs/photometric.md.
 
 Parameters, in this order: 8 of the homography (motion of q / scale: (a b c, d e f, g h 0)), 3 of S
-(xx, xy, yy), 3 of the bloom, then gain and offset as polynomials of q / scale (3 or 6 terms each).
+(xx, xy, yy), 3 of the bloom, then gain and offset as polynomials of q / scale (3 or 6 terms each), then
+the shares of the veils (`vgrd.vision.alignment.veil`), 0 or 3.
 """
 
 import math
@@ -20,7 +21,7 @@ from vgrd.vision.alignment.raster_lines import line_table, node_table, scale_at
 from vgrd.vision.images.compiling import compiled, inlined
 
 SHAPE, BLOOM, LIGHT = 8, 11, 14  # first index of each group of parameters
-_BATCH = 128  # pixels whose derivatives, 26 rows at most, take 26 KiB: they stay in a cache of 32
+_BATCH = 128  # pixels whose derivatives, 29 rows at most, take 29 KiB: they stay in a cache of 32
 
 
 @compiled
@@ -39,18 +40,21 @@ def accumulate(
     bloom: Array,
     gain: Array,
     offset: Array,
+    veils: Array,
+    veil: Array,
     noise: Array,
     residual: Array,
     seen: Array,
 ) -> tuple[Array, Array, float, int]:
     """Normal equations of one Gauss-Newton step over every `every`-th sample.
 
-    noise: variance of a level is noise[0] level + noise[1]. residual (n,): filled with the residuals in
+    veils (n, k): of `veils_at`; veil (k,): their shares. noise: variance of a level is noise[0] level +
+    noise[1]. residual (n,): filled with the residuals in
     standard deviations; seen (edges, 13) or (0, 13): with what `share` tells of the samples near
     edges, for `side_scores`. Returns A (p, p), g (p,), chi-square, number of samples.
     """
     terms = len(gain)
-    parameters = LIGHT + 2 * terms
+    parameters = LIGHT + 2 * terms + len(veil)
     U, V = line_table(Hi, x, 0, S), line_table(Hi, y, 1, S)
     nodes = node_table(U, V, S)
     A, g = np.zeros((parameters, parameters)), np.zeros(parameters)
@@ -76,7 +80,9 @@ def accumulate(
         else:
             T = cells[cell[i, 1], cell[i, 0]]
             slope[:] = 0.0
-        _fill(J, filled, slope, mono, terms, T, bright, scale)
+        for m in range(len(veil)):
+            T += veil[m] * veils[i, m]  # 8a
+        _fill(J, filled, slope, mono, terms, T, bright, scale, veils[i])
         model = bright * T + dark  # 8
         weight = 1.0 / (noise[0] * max(model, 0.0) + noise[1])  # 16
         r[filled], w[filled] = level[i] - model, weight
@@ -105,6 +111,8 @@ def side_scores(
     scale: float,
     gain: Array,
     offset: Array,
+    veils: Array,
+    veil: Array,
     noise: Array,
     residual: Array,
     seen: Array,
@@ -123,8 +131,8 @@ def side_scores(
     round_blur = np.array([1.0, 0.0, 1.0])  # only the directions of the lines count here
     U, V = line_table(Hi, x, 0, round_blur), line_table(Hi, y, 1, round_blur)
     g, M = np.zeros(sides), np.zeros((sides, sides))
-    B = np.zeros((sides, LIGHT + 2 * terms))
-    J, mono = np.zeros((LIGHT + 2 * terms, 1)), np.ones(6)
+    B = np.zeros((sides, LIGHT + 2 * terms + len(veil)))
+    J, mono = np.zeros((B.shape[1], 1)), np.ones(6)
     own, felt = np.zeros(4, np.intp), np.zeros(4)
     for i in range(edges):
         X, Y = q[i, 0] / scale, q[i, 1] / scale
@@ -137,7 +145,9 @@ def side_scores(
         ku, kv = cell[i, 0], cell[i, 1]
         per_mm = scale_at(Hi, q[i, 0], q[i, 1])
         slope, T = seen[i], seen[i, 12]
-        _fill(J, 0, slope, mono, terms, T, bright, scale)
+        for m in range(len(veil)):
+            T += veil[m] * veils[i, m]
+        _fill(J, 0, slope, mono, terms, T, bright, scale, veils[i])
         weight = 1.0 / (noise[0] * max(bright * T + dark, 0.0) + noise[1])
         own[0], own[1] = ku * rows + kv, (ku + 1) * rows + kv
         own[2], own[3] = first_y + kv * columns + ku, first_y + (kv + 1) * columns + ku
@@ -158,7 +168,15 @@ def side_scores(
 
 @inlined
 def _fill(
-    J: Array, k: int, slope: Array, mono: Array, terms: int, T: float, bright: float, scale: float
+    J: Array,
+    k: int,
+    slope: Array,
+    mono: Array,
+    terms: int,
+    T: float,
+    bright: float,
+    scale: float,
+    veils: Array,
 ) -> None:
     """Derivatives of one level by all parameters, into column k."""
     X, Y = mono[1], mono[2]
@@ -172,6 +190,8 @@ def _fill(
     for m in range(terms):
         J[LIGHT + m, k] = T * mono[m]
         J[LIGHT + terms + m, k] = mono[m]
+    for m in range(len(veils)):
+        J[LIGHT + 2 * terms + m, k] = bright * veils[m]
 
 
 @compiled

@@ -6,17 +6,19 @@ the picture tells: a pose is fitted to them, not to the pixels (`vgrd.vision.tag
 Numbers in comments are the equations of docs/photometric.md.
 """
 
-from dataclasses import dataclass
+from dataclasses import replace
 
 import numpy as np
 
 from vgrd.devices import Grey
 from vgrd.geometry import Array
-from vgrd.vision.alignment.gathering import Cells, gather
+from vgrd.vision.alignment.gathering import gather
 from vgrd.vision.alignment.normal_equations import BLOOM, LIGHT, SHAPE, accumulate, side_scores
+from vgrd.vision.alignment.photometric_fit import PhotometricFit
 from vgrd.vision.alignment.scatter import FreeLines, scattered
+from vgrd.vision.alignment.veil import no_veils, veils_at
 from vgrd.vision.images.homography import apply, inverse, moved, normalised, to_pixels
-from vgrd.vision.images.noise import CameraNoise, noise_in
+from vgrd.vision.images.noise import UNKNOWN_NOISE, CameraNoise, noise_in, noise_left
 from vgrd.vision.images.warp import LocalFrame
 from vgrd.vision.print.raster import Raster
 from vgrd.vision.print.tolerance import PrintTolerance
@@ -28,6 +30,9 @@ _QUADRATIC_LIGHT_PX = 400.0  # planes of light: 1.3 times the bound at 404 px, 2
 _MAX_STEPS = 14  # drawn clean tags need 2 or 3, so a fit that needs more runs away
 _SPARSE = 4  # every fourth pixel, while there are many: twice the error, far below a first step's
 _MANY = 4000  # edge pixels: a tag of 70 px; fewer take less than 0.3 ms a step, all of them
+_UNEXPLAINED = 1.2  # chi-square from which veils are sought; ten sigma of it, clean tags have 1.1
+_VEIL = 1.0  # of a share of light, sigma; as good as none, but it holds what no pixel tells
+_HELD = 1e-4  # of the blur, sigma: veils are linear in it as it was when they were made
 _FEWEST = 60  # edge pixels: 18 or 24 unknowns
 _ENOUGH_FOR_LIGHT = 1500  # pixels for 6 or 12 numbers, which the next step corrects anyway
 _SETTLED_PX = 0.2  # a step leaves about its square, in px: 0.04
@@ -45,70 +50,6 @@ _MOST_BLUR_PX = 6.0  # felt over 20 px, a cell of a tag of 160 px; farther cells
 _MOST_SHRINKING = 0.7  # of a variance of the blur in one step, so that it stays positive
 _MOST_BLOOM_STEP_PX = 0.5  # less than the usual blur, over which the model is about linear
 _MOST_CORRELATION = 0.95  # of the blur's x and y: 6 times as long as wide, a motion of 16 px
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class PhotometricFit:
-    """A raster aligned with a picture.
-
-    corners_px (4, 2) and their covariance (8, 8) px^2, which holds for a tag whose sides lie elsewhere too;
-    that of a board is multiplied by chi2 (per degree of freedom) where that is above one. blur: (2, 2)
-    covariance of the point spread and the pixel, px^2. bloom_px: shift of the edges towards white, the mean of
-    both directions; ink_mm (2,): the part of it in x and y that is ink. gain, offset: coefficients of (8).
-    outside: share of the pixels outside the picture.
-    residuals (n,): in standard deviations, of pixels at q (n, 2) in the cells (n, 2), (column, row); the
-    first `edge_pixels` of them are near edges.
-    """
-
-    corners_px: Array
-    covariance: Array
-    chi2: float
-    steps: int
-    blur: Array
-    bloom_px: float
-    ink_mm: Array
-    gain: Array
-    offset: Array
-    noise: CameraNoise
-    outside: float
-    residuals: Array
-    q: Array
-    cells: Cells
-    edge_pixels: int
-    q_from_target: Array
-    frame: LocalFrame
-
-    @property
-    def contrast(self) -> float:
-        """Grey levels between black and white in the middle of the target."""
-        return float(self.gain[0])
-
-    @property
-    def misfit(self) -> float:
-        """Root mean square of what the model leaves beyond the noise, as a share of the contrast."""
-        return self._beyond_noise(self.chi2)
-
-    @property
-    def flat_misfit(self) -> float:
-        """The misfit of flat pixels: there only the light counts, not how sharp the print or the lens is."""
-        flat = self.residuals[self.edge_pixels :]
-        return self._beyond_noise(float(np.mean(flat**2)) if flat.size else 0.0)
-
-    def residual_map(self, shape: tuple[int, int]) -> tuple[tuple[slice, slice], Array]:
-        """Region (rows, columns) of a picture (h, w), and its residuals; NaN where no pixel was used."""
-        x, y = np.rint(self.frame.pixels_of(self.q)).astype(int).T
-        region = (
-            slice(max(y.min(), 0), min(y.max() + 1, shape[0])),
-            slice(max(x.min(), 0), min(x.max() + 1, shape[1])),
-        )
-        residuals = np.full(shape, np.nan)
-        residuals[y, x] = self.residuals
-        return region, residuals[region]
-
-    def _beyond_noise(self, chi2: float) -> float:
-        level = self.offset[0] + self.gain[0] / 2
-        variance = self.noise.shot * level + self.noise.read
-        return float(np.sqrt(max(chi2 - 1, 0) * variance) / max(self.contrast, 1e-9))
 
 
 def align(
@@ -165,7 +106,7 @@ class _Iteration:
         self.reach = _reach(self.S) + _MARGIN_PX  # 15
         self.gathered_corners = apply(self.H, self.raster.corners)
         frame, raster = self.frame, self.raster
-        self.q, self.level, self.cell, self.edges, lost, flat = gather(
+        self.q, self.level, self.cell, self.pixel, self.edges, lost, flat = gather(
             self.picture,
             frame.lens,
             frame.r0,
@@ -175,16 +116,23 @@ class _Iteration:
             (raster.x, raster.y, raster.cells),
             self.reach,
         )
+        self.veils, self.veil = no_veils(len(self.level)), np.zeros(0)
         self.residual = np.zeros(len(self.level))
         self.seen = np.zeros((self.edges if self._has_few_cells else 0, 13))
         self.outside = lost / max(len(self.level) + lost, 1)
-        self.noise = self.given_noise or noise_in(flat)
+        told = self.given_noise or noise_in(flat)
+        self.noise, self.is_noise_known = told or UNKNOWN_NOISE, told is not None
 
     def run(self) -> PhotometricFit | None:
-        """Iterate to the minimum: first on a part of the pixels, in the end on all."""
-        if not self._fit_light():
-            return None
-        every = self._sparse
+        """Iterate to the minimum: first on a part of the pixels, in the end on all; with veils if they are needed."""
+        fit = self._descend(self._sparse) if self._fit_light() else None
+        if fit is None or fit.chi2 < _UNEXPLAINED or not self._has_few_cells:
+            return fit
+        self._add_veils()
+        veiled = self._descend(1)
+        return fit if veiled is None else replace(veiled, veiled=fit.flat_misfit)
+
+    def _descend(self, every: int) -> PhotometricFit | None:
         for step in range(1, _MAX_STEPS + 1):
             equations = self._normal_equations(every)
             change = _solved(*equations[:2])
@@ -198,6 +146,8 @@ class _Iteration:
                     self._gather()
                     if not self._fit_light():
                         return None
+                elif every == 1 and shift < _STILL_PX and not self.is_noise_known:
+                    self._learn_noise()
                 elif every == 1 and shift < _STILL_PX:
                     return self._result(equations, change, step)
                 else:
@@ -210,7 +160,9 @@ class _Iteration:
         return self.raster.cells.size <= _MOST_CELLS
 
     def _strayed(self) -> bool:
-        """Whether the pixels were chosen for corners or a blur that no longer hold."""
+        """Whether the pixels were chosen for corners or a blur that no longer hold; with veils they stay."""
+        if len(self.veil):
+            return False
         shift = np.abs(apply(self.H, self.raster.corners) - self.gathered_corners).max()
         return bool(shift > _MARGIN_PX / 2 or _reach(self.S) > self.reach)
 
@@ -236,6 +188,8 @@ class _Iteration:
             self.bloom,
             self.gain,
             self.offset,
+            self.veils,
+            self.veil,
             np.array([self.noise.shot, self.noise.read]),
             self.residual,
             self.seen,
@@ -248,6 +202,8 @@ class _Iteration:
         belief = scale / self.ink_mm**2
         A[BLOOM + 1 : LIGHT, BLOOM + 1 : LIGHT] += belief * np.eye(2)
         g[BLOOM + 1 : LIGHT] -= belief * self.bloom[1:]
+        if len(self.veil):
+            self._believe_veils(A, g, scale)
         if self.lines is not None:
             A[BLOOM, BLOOM] += scale / _BLOOM_PX**2
             g[BLOOM] -= scale * self.bloom[0] / _BLOOM_PX**2
@@ -265,6 +221,33 @@ class _Iteration:
         self.gain, self.offset = light[: self.terms], light[self.terms :]
         return bool(self.gain[0] > _LEAST_CONTRAST)
 
+    def _learn_noise(self) -> None:
+        """Take the noise from what the last step saw: small cells have no flat pixels."""
+        rest = self.residual * np.sqrt(self.noise.read)  # UNKNOWN_NOISE has no other part
+        middle = float(self.offset[0] + self.gain[0] / 2)
+        told = noise_left(self.pixel, self.level - rest, rest, middle)
+        self.noise, self.is_noise_known = told or self.noise, True
+
+    def _believe_veils(self, A: Array, g: Array, scale: float) -> None:
+        """Hold the blur that the veils are made of, and the veils that no pixel tells of."""
+        weight = np.zeros(len(g))
+        weight[SHAPE:BLOOM] = scale / (_HELD * float(self.S_held[[0, 2]].mean())) ** 2
+        weight[-len(self.veil) :] = scale / _VEIL**2
+        A += np.diag(weight)
+        g[SHAPE:BLOOM] -= weight[SHAPE:BLOOM] * (self.S - self.S_held)
+        g[-len(self.veil) :] -= weight[-len(self.veil) :] * self.veil
+
+    def _add_veils(self) -> None:
+        share = self.raster.cells[self.cell[:, 1], self.cell[:, 0]]
+        share[: self.edges] = self.seen[:, 12]
+        sigma = float(np.sqrt((self.S[0] + self.S[2]) / 2))
+        self.veils = veils_at(self.frame, self.raster, self.H, self.pixel, share, sigma)
+        self.veil, self.S_held = np.zeros(self.veils.shape[1]), self.S
+        self.residual, self.seen = (
+            self.residual.copy(),
+            self.seen.copy(),
+        )  # the plain fit keeps its own
+
     def _take(self, change: Array) -> float:
         """Apply a step; returns the largest change, px, of a corner, of the blur's sigma, of the bloom."""
         corners = apply(self.H, self.raster.corners)
@@ -276,7 +259,8 @@ class _Iteration:
         limit = _MOST_BLOOM_STEP_PX / np.array([1.0, self.px_per_mm, self.px_per_mm])
         self.bloom = self.bloom + np.clip(change[BLOOM:LIGHT], -limit, limit)
         self.gain = self.gain + change[LIGHT : LIGHT + self.terms]
-        self.offset = self.offset + change[LIGHT + self.terms :]
+        self.offset = self.offset + change[LIGHT + self.terms : LIGHT + 2 * self.terms]
+        self.veil = self.veil + change[LIGHT + 2 * self.terms :]
         blurred = np.abs(np.sqrt(self.S[[0, 2]]) - sigma).max()
         bloomed = np.abs(change[BLOOM] + self.px_per_mm * change[BLOOM + 1 : LIGHT]).max()
         return float(max(shift, blurred, bloomed))
@@ -333,6 +317,8 @@ class _Iteration:
             self.scale,
             self.gain,
             self.offset,
+            self.veils,
+            self.veil,
             np.array([self.noise.shot, self.noise.read]),
             self.residual,
             self.seen,

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from vgrd.vision.alignment.photometric import PhotometricFit
+from vgrd.vision.alignment.photometric_fit import PhotometricFit
 from vgrd.vision.alignment.refinement import WORST_CHI2, Refined, trusted
 
 MOTION_STRETCH = 1.25  # of the blur, along over across: a motion of 2 px at the usual 0.75 px
@@ -29,24 +29,29 @@ def disturbance(refined: Refined) -> tuple[str, str] | None:
     return _uneven(fit)
 
 
-def haze(refined: Refined) -> tuple[str, str] | None:
-    """Remark about light that a lens scatters from white into black, which moves edges; None when clean."""
-    fit = refined.fit
-    if fit is None or fit.chi2 < WORST_CHI2 or fit.flat_misfit < _HAZE:
-        return None
-    share = 100 * fit.flat_misfit
-    return (
-        "haze",
-        f"light spreads from white into black ({share:.0f} %): clean lens and window, or save without loss",
-    )
+def disturbance_of_tag(refined: Refined) -> tuple[str, str] | None:
+    """As `disturbance`, and what makes a single tag less sure than its covariance says; None when clean.
+
+    That is light which a lens scatters from white into black, and edges that are not as drawn: of a board
+    another remark tells why, and many edges are sure all the same.
+    """
+    trouble, fit = disturbance(refined), refined.fit
+    if trouble is not None or fit is None:
+        return trouble
+    beyond = max(fit.flat_misfit, fit.veiled)
+    if beyond >= _HAZE and (fit.chi2 >= WORST_CHI2 or fit.veiled):
+        remedy = "clean lens and window, or save without loss"
+        return "haze", f"light spreads from white into black ({100 * beyond:.0f} %): {remedy}"
+    if not trusted(fit):
+        share = 100 * fit.misfit
+        return "uneven", f"it is not as drawn ({share:.0f} %): its edges alone were measured"
+    return None
 
 
 def _uneven(fit: PhotometricFit) -> tuple[str, str]:
     """Tell a cover, which spoils few cells, from glare (bright residuals) and from a shadow."""
     striking = fit.residuals[np.abs(fit.residuals) > _STRIKING_SIGMAS]
-    index = np.ravel_multi_index(fit.cells.T[::-1], fit.cells.max(0)[::-1] + 1)
-    squares = np.bincount(index, fit.residuals**2) / np.maximum(np.bincount(index), 1)
-    bad = np.mean(squares[np.bincount(index) > 0] > _BAD_CELL)
+    bad = np.mean(fit.cell_squares > _BAD_CELL)
     if bad < _COVERED:
         return "covered", "a part of it is covered or dirty: clean it; its edges were measured"
     if striking.size and striking.mean() > _GLARE_SIGMAS:

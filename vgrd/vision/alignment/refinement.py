@@ -8,7 +8,8 @@ import numpy as np
 from vgrd.devices import Grey
 from vgrd.geometry import Array
 from vgrd.vision.alignment.edges import EdgeFit, coarse_homography, fit_edges, has_strayed
-from vgrd.vision.alignment.photometric import PhotometricFit, align
+from vgrd.vision.alignment.photometric import align
+from vgrd.vision.alignment.photometric_fit import PhotometricFit
 from vgrd.vision.alignment.printed_lines import free_lines, with_printed_lines
 from vgrd.vision.images.homography import apply, from_points
 from vgrd.vision.images.noise import CameraNoise
@@ -20,6 +21,13 @@ WORST_CHI2 = 1.5  # drawn: clean 1.0, ink and gamma up to 1.4; motion 2.7, shado
 _BETTER = 0.7  # of the chi-square, for lines printed elsewhere; its noise is 0.03 at 3000 pixels
 _USEFUL_CELL = 0.1  # of a cell: the sigma of a corner that is better than a start, good to a third
 WORST_MISFIT = 0.02  # of the contrast: what real prints and lenses leave beyond the noise
+_WORST_SPREAD = (
+    0.03  # idem, if all cells leave it and flat pixels little: JPEG 60 leaves up to 0.028
+)
+_WORST_FLAT = 0.02  # idem: JPEG 60 0.008 to 0.023, gloss and glare from 0.025 on
+_EVEN = (
+    0.5  # median of the cells' mean squares over their mean; a cover or a scratch spoils few cells
+)
 
 
 class RefinementMethod(StrEnum):
@@ -69,7 +77,7 @@ def refine(
     coarse = coarse_homography(picture, raster, frame, H)
     start, edge_share = (H, 0.0) if coarse is None else coarse
     if has_strayed(start, raster, apply(H, raster.corners)):
-        return None
+        start, edge_share = H, 0.0  # of small cells too few sides are seen to correct it
     fit = align(picture, raster, frame, start, noise, ink_mm=ink_mm)
     if fit is not None and fit.chi2 > WORST_CHI2 and not lines_are_sure:
         fit = _as_printed(picture, raster, fit, noise, ink_mm)
@@ -115,5 +123,9 @@ def _is_useful(edges: EdgeFit, raster: Raster) -> bool:
 
 
 def trusted(fit: PhotometricFit) -> bool:
-    """Whether the picture is as the model says, up to noise or to what real prints leave."""
-    return fit.chi2 < WORST_CHI2 or fit.misfit < WORST_MISFIT
+    """Whether the picture is as the model says, up to noise or to what real prints and JPEG leave."""
+    if fit.chi2 < WORST_CHI2 or fit.misfit < WORST_MISFIT:
+        return True
+    squares = fit.cell_squares
+    is_even = float(np.median(squares)) > _EVEN * float(np.mean(squares))
+    return is_even and fit.misfit < _WORST_SPREAD and fit.flat_misfit < _WORST_FLAT

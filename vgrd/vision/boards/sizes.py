@@ -8,7 +8,7 @@ import numpy as np
 
 from vgrd.devices import Grey
 from vgrd.geometry import Array
-from vgrd.vision.alignment.edges import edge_offsets, edge_segments, edge_slopes
+from vgrd.vision.alignment.edges import edge_offsets, edge_segments, edge_slopes, shows_edges
 from vgrd.vision.alignment.printed_lines import robust_step
 from vgrd.vision.images.homography import apply, from_points
 from vgrd.vision.images.warp import LocalFrame
@@ -54,10 +54,13 @@ def marker_excess(
 def seen_share(picture: Grey, raster: Raster, corners_px: Array, lens: Array) -> float:
     """Share of the raster's edges that the picture shows within a tenth of a cell of their place.
 
-    Programs that draw boards round each marker to whole pixels: such edges are seen, only elsewhere.
+    Programs that draw boards round each marker to whole pixels: such edges are seen, only elsewhere. 1
+    where cells are too small to see an edge alone: what covers them is left to the photometric fit.
     """
     frame = LocalFrame.around(lens, corners_px.mean(0))
     H = from_points(raster.corners, frame.q_of(corners_px))
+    if not shows_edges(raster, H):
+        return 1.0
     _, _, offset, edge = edge_offsets(picture, raster, frame, H, wide=False)
     extent = np.linalg.norm(raster.corners[1] - raster.corners[0])
     side = np.linalg.norm(corners_px[1] - corners_px[0])

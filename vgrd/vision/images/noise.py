@@ -3,13 +3,16 @@
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from vgrd.geometry import Array
 from vgrd.vision.images.compiling import compiled
 
 _LEAST_VARIANCE = 1 / 12  # rounding to whole grey levels
 _LEAST_PIXELS = 30  # of one colour: their variance is known to 26 %, sqrt(2 / 30)
-_UNKNOWN = 1.0  # variance where no colour has as many: a good camera in the dark
+_WORST_VARIANCE = (
+    25.0  # of what a fit leaves: white's noise at 34 dB, a camera with a gain of 12 dB
+)
 _DIRTY = 25.0  # squared sigmas: no noise does that among 10,000 pixels
 _ROUNDS = 3  # of leaving out dirt: the second has its sigma without the worst of it
 _OF_SECOND_DIFFERENCE = 6  # 1 + 4 + 1: its variance over that of a pixel
@@ -23,14 +26,42 @@ class CameraNoise:
     read: float
 
 
-def noise_in(flat: Array) -> CameraNoise:
-    """Noise from flat pixels (n, 3): colour, level, second difference (16 in docs/photometric.md)."""
-    levels = [(level, variance) for level, variance, n in _noise_of(flat) if n >= _LEAST_PIXELS]
+UNKNOWN_NOISE = CameraNoise(0.0, 1.0)  # a good camera in the dark
+
+
+def noise_in(flat: Array, worst: float = np.inf) -> CameraNoise | None:
+    """Noise from flat pixels (n, 3): colour, level, second difference (16 in docs/photometric.md).
+
+    worst: the largest variance to believe. None where neither colour has enough pixels.
+    """
+    levels = [
+        (level, min(variance, worst))
+        for level, variance, n in _noise_of(flat)
+        if n >= _LEAST_PIXELS
+    ]
     if not levels:
-        return CameraNoise(0.0, _UNKNOWN)
+        return None
     (dark, variance), (bright, most) = levels[0], levels[-1]
     shot = max((most - variance) / max(bright - dark, 1.0), 0.0) if len(levels) > 1 else 0.0
     return CameraNoise(shot, max(variance - shot * dark, _LEAST_VARIANCE))
+
+
+def noise_left(
+    pixels: NDArray[np.intp], model: Array, rest: Array, middle: float
+) -> CameraNoise | None:
+    """Noise from what a fit leaves of pixels (n, 2), column and row, where none of them is flat.
+
+    model (n,): their levels as fitted; rest (n,): what is above them; middle: level between black and white.
+    Second differences of the rest do not feel what varies slowly: light, a bend, a veil.
+    """
+    low = pixels.min(0)
+    column, row = (pixels - low).T
+    spread = np.full((row.max() + 1, column.max() + 1), np.nan)
+    spread[row, column] = rest
+    bend = np.full_like(spread, np.nan)
+    bend[:, 1:-1] = spread[:, :-2] - 2 * spread[:, 1:-1] + spread[:, 2:]
+    bends = np.column_stack([model > middle, model, bend[row, column]])
+    return noise_in(bends[np.isfinite(bends[:, 2])], _WORST_VARIANCE)
 
 
 @compiled

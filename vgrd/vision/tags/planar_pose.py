@@ -15,6 +15,7 @@ import numpy as np
 from vgrd.geometry import Array, Pose, nearest_rotation
 from vgrd.geometry.camera import CameraModel
 from vgrd.geometry.covariance import sqrt_information
+from vgrd.geometry.pose import exp_rotation
 from vgrd.geometry.print_size import corners_by_size
 from vgrd.vision.images.compiling import compiled
 from vgrd.vision.images.warp import lens_vector, project, slopes
@@ -28,6 +29,7 @@ MOST_MISFIT_PX = 0.5  # rms beyond which no pose fits; a guess: a bent tag leave
 _SURPRISING = 9.21  # chi-square of two degrees of freedom: one true print in a hundred
 LEAST_TILT_DEG = 10.0  # a guess: foreshortening, 1 - cos, is 1.5 % there and hardly tells a tilt
 _BRANCH_MARGIN = 25.0  # chi-square by which the second solution must be worse: 5 sigma
+_SHELF_STEPS = 3  # for four numbers, nearly linear: the third moves the cost by less than 0.01
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -80,7 +82,10 @@ def planar_poses(
     covariance: Array,
     size: float = 0.0,
 ) -> list[PlanarPose]:
-    """Both poses, best first; one where both descents end in the same minimum, none where none is in front.
+    """Both poses, best first; one where the picture shows one, none where none is in front.
+
+    Of a small, nearly frontal target the mirrored tilt may be no minimum, and fit nearly as well; it is
+    listed where the covariance of the best pose excludes it.
 
     corners_in_target: (4, 3) with z = 0, mm; corners_px (4, 2); covariance (8, 8) px^2. size:
     standard deviation of the target's size in x and in y, as a share of it: no such error is in the
@@ -98,7 +103,33 @@ def planar_poses(
         candidate = _refined(camera, corners_in_target, corners_px, W, start, size)
         if candidate is not None and not any(_same(candidate, other) for other in poses):
             poses.append(candidate)
+    if len(poses) == 1:
+        poses += _shelf(camera, corners_in_target, corners_px, W, poses[0])
     return sorted(poses, key=lambda pose: pose.cost)
+
+
+def _shelf(
+    camera: CameraModel, corners: Array, corners_px: Array, W: Array, best: PlanarPose
+) -> list[PlanarPose]:
+    """The pose of mirrored tilt, where the picture leaves it open and the best pose's covariance does not."""
+    sight = best.pose.translation / np.linalg.norm(best.pose.translation)
+    normal = best.pose.rotation[:, 2]
+    cosine = float(normal @ sight)
+    axis = np.cross(normal, sight) * np.sign(cosine)
+    turn = 2 * np.arctan2(np.linalg.norm(axis), abs(cosine)) * axis
+    turn /= max(float(np.linalg.norm(axis)), 1e-12)  # a frontal one is its own mirror
+    if turn @ np.linalg.solve(best.covariance[3:, 3:], turn) < _BRANCH_MARGIN:
+        return []
+    R, t, cost = _level_fit(
+        lens_vector(camera),
+        corners,
+        corners_px,
+        W,
+        exp_rotation(turn) @ best.pose.rotation,
+        best.pose.translation.copy(),
+    )
+    other = PlanarPose(Pose(nearest_rotation(R), t), cost, best.covariance, best.misfit)
+    return [other] if is_ambiguous([best, other]) else []
 
 
 def _same(pose: PlanarPose, other: PlanarPose) -> bool:
@@ -157,6 +188,25 @@ def _rotation_by(w: Array) -> Array:
     if angle > 1e-8:  # below, the series differs by 1e-17
         sine, versine = math.sin(angle) / angle, 2 * (math.sin(angle / 2) / angle) ** 2
     return np.asarray(np.eye(3) + K * sine + K @ K * versine)
+
+
+@compiled
+def _level_fit(
+    lens: Array, corners: Array, corners_px: Array, W: Array, R: Array, t: Array
+) -> tuple[Array, Array, float]:
+    """Rotation, translation and cost of the best pose whose normal is that of R."""
+    for _ in range(_SHELF_STEPS):
+        r, J = _linearized(lens, corners, corners_px, W, R, t)
+        level = np.empty((8, 4))
+        level[:, :3] = J[:, :3]
+        level[:, 3] = J[:, 3] * R[0, 2] + J[:, 4] * R[1, 2] + J[:, 5] * R[2, 2]
+        scale = 1 / np.sqrt(np.sum(level * level, axis=0))
+        scaled = level * scale
+        step = scale * np.linalg.solve(scaled.T @ scaled + _RIDGE * np.eye(4), scaled.T @ r)
+        turn = _rotation_by(step[3] * R[:, 2])
+        R, t = turn @ R, turn @ t + step[:3]
+    r, _ = _linearized(lens, corners, corners_px, W, R, t)
+    return R, t, float(r @ r)
 
 
 @compiled

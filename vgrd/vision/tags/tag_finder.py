@@ -19,7 +19,7 @@ from vgrd.errors import InputError
 from vgrd.geometry import Array
 from vgrd.geometry.camera import CameraModel
 from vgrd.model import Finding, TagObservation, TagSpec, frozen_array
-from vgrd.vision.alignment.quality import disturbance, haze
+from vgrd.vision.alignment.quality import disturbance_of_tag
 from vgrd.vision.alignment.refinement import Refined, RefinementMethod, refine
 from vgrd.vision.images.pictures import as_8_bit
 from vgrd.vision.images.warp import lens_vector
@@ -58,9 +58,9 @@ class TagSighting:
 class TagDetector:
     """Finds the given tags in pictures of one camera; the result depends on no earlier picture.
 
-    camera_matrix (3, 3) px, distortion in OpenCV order (may be empty), size (width, height) px. tolerance: how
-    exact the prints are. Errors of a print's size are not in the covariances, since all its pictures share
-    them: `vgrd.geometry.print_size` tells what they do.
+    camera_matrix (3, 3) px, distortion in OpenCV order (may be empty), size (width, height) px. sigmas_mm: how
+    well the sizes of tags are known, by id; others as `PrintTolerance` says. Errors of a print's size are
+    not in the covariances, since all its pictures share them: `vgrd.geometry.print_size` tells what they do.
     Compiles (or loads) its loops when it is made. Not thread-safe: one detector per thread. Close
     it, or use it as a context manager. Raises InputError for an unknown family or id.
     """
@@ -71,14 +71,18 @@ class TagDetector:
         distortion: Array,
         tags: Sequence[TagSpec],
         size: tuple[int, int],
-        tolerance: PrintTolerance | None = None,
+        sigmas_mm: Mapping[int, float] | None = None,
     ) -> None:
         self._camera = CameraModel(camera_matrix, distortion, size)
         self._lens = lens_vector(self._camera)
-        self._tolerance = tolerance or PrintTolerance()
         if len({tag.id for tag in tags}) != len(tags):
             raise InputError("tags: every tag needs an id of its own; print one with another id")
         self._tags = {tag.id: tag for tag in tags}
+        self._sizes = {tag.id: PrintTolerance().size for tag in tags}
+        self._sizes |= {
+            tag_id: sigma_mm / self._tags[tag_id].size_mm
+            for tag_id, sigma_mm in (sigmas_mm or {}).items()
+        }
         self._wanted = {(tag.family, tag.id) for tag in tags}
         self._rasters = {tag.id: _raster(tag) for tag in tags}
         self._threads: ThreadPoolExecutor | None = ThreadPoolExecutor(
@@ -212,9 +216,7 @@ class TagDetector:
 
     def _measured(self, grey: Grey, tag: TagSpec, corners_px: Array) -> TagSighting | None:
         """Measure a tag from rough corners; None when there is no such tag at that place."""
-        refined = refine(
-            grey, self._rasters[tag.id], corners_px, self._lens, ink_mm=self._tolerance.ink_mm
-        )
+        refined = refine(grey, self._rasters[tag.id], corners_px, self._lens)
         if refined is None:
             return None
         read = read_tag(grey, tag.family, tag.id, refined.corners_px)
@@ -225,13 +227,13 @@ class TagDetector:
             square_corners(tag.size_mm),
             refined.corners_px,
             refined.covariance,
-            self._tolerance.size,
+            self._sizes[tag.id],
         )
         return self._judged(tag, refined, poses)
 
     def _judged(self, tag: TagSpec, refined: Refined, poses: Sequence[PlanarPose]) -> TagSighting:
         """The observation, unless no pose fits or two do."""
-        trouble = disturbance(refined) or haze(refined)
+        trouble = disturbance_of_tag(refined)
         findings = () if trouble is None else (Finding(*trouble),)
         if not poses:
             return TagSighting(None, refined, (*findings, *_unfit().findings))
