@@ -5,6 +5,7 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from vgrd.calibration.calibration import Calibration, expected_coordinate
+from vgrd.calibration.joint import JointSolution
 from vgrd.errors import CalibrationError, CalibrationMismatch, InputError
 from vgrd.geometry import Pose
 from vgrd.judging.findings import finding
@@ -78,9 +79,12 @@ def _pictures(calibration: Calibration) -> Iterator[TagObservation]:
     reference, axis = solution.camera_from_tag_b, solution.camera_from_axis
     for angle_rad in TURNS_RAD:
         turn = axis @ Pose.from_rotvec((0.0, 0.0, angle_rad)) @ axis.inverse()
+        seen = turn @ reference
+        if isinstance(solution, JointSolution):
+            seen = solution.measured_tag_b(calibration.facts, seen)
         yield TagObservation(
             calibration.facts.tag_b,
-            turn @ reference,
+            seen,
             solution.reference_covariance,
             frozen_array(np.zeros((4, 2)), 4, 2),
             rms_px=0.0,

@@ -16,7 +16,7 @@ from vgrd.geometry import Array, hat, log_rotation
 from vgrd.geometry.covariance import covariance_from, sqrt_information
 from vgrd.judging.findings import finding
 from vgrd.judging.thresholds import REACH_MM
-from vgrd.model import Finding, Mount, Observation, Plan, Recording, Stability
+from vgrd.model import Finding, Mount, Observation, Recording, Stability
 
 _SIGMAS = 4.0  # 1 in 16,000 good files is doubted
 _SIZE_MATTERS = 4e-3  # 0.1 mm of a tag of 25 mm: what a caliper shows
@@ -98,8 +98,7 @@ def time_offset(recording: Recording) -> Finding | None:
         f"pictures show the robot {1e3 * abs(late.value):.0f} +- {1e3 * late.sigma:.0f} ms "
         f"{'after' if late.value > 0 else 'before'} the pose recorded with them, at "
         f"{speed:.0f} mm/s that is {abs(late.value) * speed:.1f} mm",
-        fatal=recording.plan
-        is not Plan.JOINT,  # which finds how much the looks scatter, and says so
+        fatal=True,
     )
 
 

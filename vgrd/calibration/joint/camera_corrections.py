@@ -168,6 +168,15 @@ class CameraCorrections:
         back = translations - np.einsum("nij,nj->ni", turn, t)
         return RefinedTags(R, t, adjoints(turn, back))
 
+    def measured(self, pose: Pose, tag: str, values: Array) -> Pose:
+        """The other way round: a refined camera_from_tag as a detector that trusts the cell file measures it."""
+        nominal_mm, size_mm = self.sizes_mm[tag], self.size_mm(tag, values)
+        R, t = pose.rotation[None], pose.translation[None] * (nominal_mm / size_mm)
+        if self._of_camera():
+            pixels = self.camera_at(values).project(_corners(R, t, nominal_mm))
+            R, t = _resected(R, t, pixels, self.camera, nominal_mm)
+        return Pose(R[0], t[0])
+
     def tangents_as_seen(
         self, rotations: Array, translations: Array, tag: str, values: Array
     ) -> Array:
@@ -235,6 +244,10 @@ class RefinedCorrections:
     def stretches(self) -> Array:
         """(e,): the values that `corrected` does not apply."""
         return np.asarray(self.values - self.corrections.applied(self.values))
+
+    def measured(self, camera_from_tag: Pose, name: str) -> Pose:
+        """The other way round: how a corrected pose is measured by who trusts the cell file."""
+        return self.corrections.measured(camera_from_tag, name, self.values)
 
     def tangent(self, camera_from_tag: Pose, name: str) -> Array:
         """(6, e): left tangent by which a corrected pose moves, per sigma of every number."""

@@ -315,6 +315,10 @@ class JointSolution:
         values = np.array([number.value for number in self.refined.values()])
         return RefinedCorrections(CameraCorrections.with_sigmas(facts, sigmas), values)
 
+    def measured_tag_b(self, facts: CellFacts, camera_from_tag_b: Pose) -> Pose:
+        """Tag B there, as a detector that trusts the cell file measures it."""
+        return self.corrections(facts).measured(camera_from_tag_b, TAG_B)
+
     def _known(
         self, facts: CellFacts, tag_b: TagObservation, camera: CameraPlace
     ) -> tuple[TagObservation, CameraPlace]:
