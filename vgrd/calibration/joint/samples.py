@@ -1,6 +1,7 @@
 """A recording as evidence for the joint estimate, whatever order its samples came in."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -60,81 +61,139 @@ def gather(
         raise InputError("the joint estimate needs a camera that stands still (eye-to-hand)")
     if not recording.touches:
         raise TooFewObservations("nothing was touched: touch at least 3 targets of the object")
-    motion = facts.object.motion
-    holes_seen = [s for s in sightings if s.spin is None or motion is not Motion.FREE]
-    touches, points = (
-        _touched("touch", recording.touches),
-        _touched("point", recording.fixed_points),
-    )
-    looks, spins = _pictures("look", recording.looks), _pictures("spin", recording.spins)
-    pictures = [
-        *((name, touch.observation) for name, touch in (*touches, *points)),
-        *looks,
-        *spins,
-    ]
-    of_a = [i for i, (_, s) in enumerate(pictures) if s is not None and s.tag_a is not None]
-    of_turned = {_touch_name("touch", i, recording.touches[i]) for i in turned_touches(recording)}
-    shown = [
-        (name, t.observation) for name, t in touches if t.observation and _tag_b(t.observation)
-    ]
-    reference = [one for one in shown if one[0] not in of_turned]
-    turned = [] if motion is Motion.FREE else [one for one in spins if one[1].tag_b is not None]
-    turned += [one for one in shown if one[0] in of_turned]
-    turns = {name: k for k, (name, _) in enumerate(turned)}
-    holes = sorted(
-        zip(_hole_names(holes_seen), holes_seen, strict=True), key=lambda one: _hole_key(one[1])
-    )
-    m, k = len(touches), len(points)
-    targets = [target_of(facts, touch.target) for _, touch in touches]
+    samples = _Samples.of(recording, sightings)
+    pictures, of_a, turned = samples.pictures, samples.of_a, samples.turned
+    targets = [target_of(facts, touch.target) for _, touch in samples.touches]
     bare = tuple(sorted({t.name for t in targets if t.point_in_object is None}))
     cad, bare_of = points_of(targets, bare)
     inexact = _inexact(facts)
-    poses = [touch.base_from_wrist for _, touch in (*touches, *points)]
-    poses += [picture.base_from_wrist for _, picture in (*looks, *spins)]
-    stations = _stations([picture for _, picture in pictures])
+    stations, m = _stations([picture for _, picture in pictures]), len(samples.touches)
+    holes = [hole for _, hole in samples.holes]
     return JointData(
         recording=recording,
         looks=_looks(pictures, of_a, stations),
-        touches=_touch_set(recording, [touch for _, touch in touches]),
+        touches=_touch_set(recording, [touch for _, touch in samples.touches]),
         cad=cad,
         bare=bare,
         bare_of=bare_of,
         inexact=inexact,
         inexact_of=inexact_of([target.name for target in targets], inexact),
         touch_stations=stations[:m],
-        touch_spins=np.array([turns.get(name, _STILL) for name, _ in touches], dtype=np.intp),
-        points=_touch_set(recording, [touch for _, touch in points]),
-        point_stations=stations[m : m + k],
-        reference=_tags([_tag_b(picture) for _, picture in reference]),
+        touch_spins=samples.touch_spins(),
+        points=_touch_set(recording, [touch for _, touch in samples.points]),
+        point_stations=stations[m : m + len(samples.points)],
+        reference=_tags([_tag_b(picture) for _, picture in samples.reference]),
         spins=_tags([picture.tag_b for _, picture in turned]),
-        holes=_holes(
-            recording, [hole for _, hole in holes], [name for name, _ in turned], inexact
-        ),
+        holes=_holes(recording, holes, [name for name, _ in turned], inexact),
         center=_center(recording) if turned else None,
         turntable=turntable or Turntable(facts.object.center_sigma_mm),
-        flange_at=np.array([pose.translation for pose in poses]),
+        flange_at=samples.flange_at(),
         arm=arm or facts.arm,
-        names={
-            EvidenceKind.HAND_EYE: tuple(pictures[i][0] for i in of_a),
-            EvidenceKind.TOUCHES: tuple(name for name, _ in touches),
-            EvidenceKind.POINTS: tuple(name for name, _ in points),
-            EvidenceKind.REFERENCE: tuple(name for name, _ in reference),
-            EvidenceKind.SPINS: tuple(name for name, _ in turned),
-            EvidenceKind.HOLES: tuple(name for name, _ in holes),
-        },
-        stamps_s={
-            EvidenceKind.HAND_EYE: _stamps([pictures[i][1] for i in of_a]),
-            EvidenceKind.TOUCHES: _stamps([touch.observation for _, touch in touches]),
-            EvidenceKind.POINTS: _stamps([touch.observation for _, touch in points]),
-            EvidenceKind.REFERENCE: _stamps([picture for _, picture in reference]),
-            EvidenceKind.SPINS: _stamps([picture for _, picture in turned]),
-            EvidenceKind.HOLES: _stamps([_picture_of(recording, hole) for _, hole in holes]),
-        },
+        names=samples.names(),
+        stamps_s=samples.stamps_s(recording),
         corrections=CameraCorrections.of(facts, refine or PriorSigmas.of_print(facts)),
         cad_sigma_mm=facts.object.cad_sigma_mm,
         cad_factors=np.ones(len(inexact)),
         places=_places(facts, [seen for _, seen in pictures if seen is not None], moves_s),
     )
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Samples:
+    """Everything with its name, sorted by what it is.
+
+    reference: pictures of touches that show the object as it stood in most of them; turned: of the turned
+    object, spins and touches alike.
+    """
+
+    touches: list[tuple[str, Touch]]
+    points: list[tuple[str, Touch]]
+    looks: list[tuple[str, Observation]]
+    spins: list[tuple[str, Observation]]
+    reference: list[tuple[str, Observation]]
+    turned: list[tuple[str, Observation]]
+    holes: list[tuple[str, HolePixel]]
+
+    @classmethod
+    def of(cls, recording: Recording, sightings: Sequence[HolePixel]) -> "_Samples":
+        motion = recording.facts.object.motion
+        touches, points = (
+            _touched("touch", recording.touches),
+            _touched("point", recording.fixed_points),
+        )
+        looks, spins = _pictures("look", recording.looks), _pictures("spin", recording.spins)
+        of_turned = {
+            _touch_name("touch", i, recording.touches[i]) for i in turned_touches(recording)
+        }
+        shown = [
+            (name, touch.observation)
+            for name, touch in touches
+            if touch.observation is not None and touch.observation.tag_b is not None
+        ]
+        spun = [] if motion is Motion.FREE else [one for one in spins if one[1].tag_b is not None]
+        holes = [s for s in sightings if s.spin is None or motion is not Motion.FREE]
+        return cls(
+            touches=touches,
+            points=points,
+            looks=looks,
+            spins=spins,
+            reference=[one for one in shown if one[0] not in of_turned],
+            turned=[*spun, *(one for one in shown if one[0] in of_turned)],
+            holes=sorted(
+                zip(_hole_names(holes), holes, strict=True), key=lambda one: _hole_key(one[1])
+            ),
+        )
+
+    @property
+    def pictures(self) -> list[Named]:
+        """Of every stand of the arm, touches first; None where none was taken."""
+        touched = [(name, touch.observation) for name, touch in (*self.touches, *self.points)]
+        return [*touched, *self.looks, *self.spins]
+
+    @property
+    def of_a(self) -> list[int]:
+        """Which of the pictures show tag A."""
+        return [
+            i for i, (_, s) in enumerate(self.pictures) if s is not None and s.tag_a is not None
+        ]
+
+    def touch_spins(self) -> Indices:
+        """(m,): number of the picture of the turned object that each touch belongs to, or -1."""
+        turns = {name: k for k, (name, _) in enumerate(self.turned)}
+        return np.array([turns.get(name, _STILL) for name, _ in self.touches], dtype=np.intp)
+
+    def flange_at(self) -> Array:
+        """(s, 3): where the arm stood for each of the pictures."""
+        poses = [touch.base_from_wrist for _, touch in (*self.touches, *self.points)]
+        poses += [picture.base_from_wrist for _, picture in (*self.looks, *self.spins)]
+        return np.array([pose.translation for pose in poses])
+
+    def names(self) -> dict[EvidenceKind, tuple[str, ...]]:
+        """By kind of evidence."""
+        pictures = self.pictures
+        named: Mapping[EvidenceKind, Sequence[tuple[str, object]]] = {
+            EvidenceKind.TOUCHES: self.touches,
+            EvidenceKind.POINTS: self.points,
+            EvidenceKind.REFERENCE: self.reference,
+            EvidenceKind.SPINS: self.turned,
+            EvidenceKind.HOLES: self.holes,
+        }
+        of_a = tuple(pictures[i][0] for i in self.of_a)
+        return {EvidenceKind.HAND_EYE: of_a} | {
+            kind: tuple(name for name, _ in samples) for kind, samples in named.items()
+        }
+
+    def stamps_s(self, recording: Recording) -> dict[EvidenceKind, Array]:
+        """Of their pictures, by kind of evidence."""
+        pictures = self.pictures
+        return {
+            EvidenceKind.HAND_EYE: _stamps([pictures[i][1] for i in self.of_a]),
+            EvidenceKind.TOUCHES: _stamps([touch.observation for _, touch in self.touches]),
+            EvidenceKind.POINTS: _stamps([touch.observation for _, touch in self.points]),
+            EvidenceKind.REFERENCE: _stamps([picture for _, picture in self.reference]),
+            EvidenceKind.SPINS: _stamps([picture for _, picture in self.turned]),
+            EvidenceKind.HOLES: _stamps([_picture_of(recording, hole) for _, hole in self.holes]),
+        }
 
 
 def _inexact(facts: CellFacts) -> tuple[str, ...]:
