@@ -303,3 +303,24 @@ def test_four_axes_are_coached_without_tilt():
     assert advice.trouble == ""
     pose = advice.best.base_from_wrist
     assert pose is None or pose.rotation[2, 2] == pytest.approx(-1)
+
+
+def test_touches_of_the_turned_object_are_asked_for_and_taken(tmp_path: Path):
+    """With real pictures: a centre that CAD does not know well, measured by what the advice asks for."""
+    world = World(Layout(), 6, CellNoise())
+    rehearsal = Rehearsal(world, facts_of(world, tmp_path))
+    taught = rehearsal.teach(looks=4, spins=4, tilted=0, points=0)
+    spec = replace(taught.facts.object, center_sigma_mm=1.0)
+    open_center = replace(taught, facts=replace(taught.facts, object=spec))
+    before = advise_session(open_center, Policy.FIXED)
+    assert before.best is not None
+    assert before.best.sentence.startswith("turn the object to 180 degrees and touch P")
+    rehearsal.turn(np.pi)
+    upright = open_center.touches[0].base_from_wrist.rotation
+    more = tuple(rehearsal.touch(name, upright) for name in ("P1", "P3", "P5"))
+    after = advise_session(
+        replace(open_center, touches=(*open_center.touches, *more)), Policy.FIXED
+    )
+    assert after.trouble == ""
+    assert not [one for one in after.findings if one.fatal]
+    assert max(after.predicted_mm.values()) < 0.5 * max(before.predicted_mm.values())
