@@ -60,6 +60,18 @@ def stick(sheet, picture, x_mm, y_mm):
     sheet[y : y + picture.shape[0], x : x + picture.shape[1]] = picture
 
 
+def tag_sheet(columns, rows, size_mm, gap_mm, *, turned=False, ids=None):
+    """Tags 36h11 row by row from the top; OpenCV draws AprilTags upside down, turned: leave them so."""
+    sheet = blank(columns * (size_mm + gap_mm), rows * (size_mm + gap_mm))
+    codes = cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_APRILTAG_36h11)
+    for place, number in enumerate(ids or range(columns * rows)):
+        row, column = divmod(place, columns)
+        drawn = cv2.aruco.generateImageMarker(codes, number, round(size_mm * PX_PER_MM))
+        drawn = drawn if turned else drawn[::-1, ::-1]
+        stick(sheet, drawn, column * (size_mm + gap_mm), row * (size_mm + gap_mm))
+    return sheet
+
+
 def kalibr_sheet(columns, rows, size_mm, gap_mm, border=2, first=0, joints=True):
     """As kalibr_create_target_pdf lays it out: ids from the bottom left, squares at all corners."""
     sheet = blank(columns * (size_mm + gap_mm), rows * (size_mm + gap_mm))
@@ -137,6 +149,58 @@ def test_a_board_file_of_kalibrs_words_is_read(tmp_path):
     path.write_text(text + "gap_mm = 3\n")
     with pytest.raises(InputError, match="one of both"):
         load_board(path)
+
+
+@pytest.mark.parametrize(
+    ("sheet", "board", "cause"),
+    [
+        ({}, TagGrid("36h11", 3, 4, 24.0, 6.0), "look swapped: write columns = 4, rows = 3"),
+        ({"turned": True}, TagGrid("36h11", 4, 3, 24.0, 6.0), "id 0 on: every tag is turned by half"),
+        ({"turned": True}, TagGrid("36h11", 3, 4, 24.0, 6.0), "rows = 3; every tag is turned by half"),
+        ({}, TagGrid("36h11", 6, 6, 24.0, 6.0), "lie as those of a board with columns = 4, first_id = 0"),
+        ({}, TagGrid("36h11", 4, 3, 24.0, 6.0, 1), "lie as those of a board with columns = 4, first_id = 0"),
+        ({}, AprilGrid("36h11", 4, 3, 24.0, 6.0), 'count from the top left: write type = "tags"'),
+        ({"ids": [7, 3, 11, 0, 9, 1, 5, 10, 2, 8, 4, 6]}, TagGrid("36h11", 4, 3, 24.0, 6.0),
+         "correct columns, rows, first_id and type"),
+    ],
+)  # fmt: skip
+def test_tags_that_lie_on_another_layout_are_refused_with_that_layout(sheet, board, cause):
+    grey = seen(tag_sheet(4, 3, 24, 6, **sheet), at(114, 84))
+    assert cause in told(grey, board)
+
+
+def test_a_swapped_aprilgrid_of_kalibr_is_refused():
+    grey = seen(kalibr_sheet(4, 3, 30, 9), at(150, 110))
+    message = told(grey, AprilGrid("36h11_border2", 3, 4, 30.0, 9.0))
+    assert "look swapped: write columns = 4, rows = 3" in message
+
+
+def test_neither_a_wide_lens_nor_a_tag_of_another_board_hides_the_layout():
+    ids = [
+        *range(11),
+        40,
+    ]  # the last is no tag of the board, and the last of the board is elsewhere
+    sheet = tag_sheet(4, 3, 24, 6, ids=ids)
+    stray = tag_sheet(1, 1, 12, 0, ids=[11])[RIM_MM * PX_PER_MM :, RIM_MM * PX_PER_MM :][
+        :120, :120
+    ]
+    stick(sheet, stray, -15, -15)
+    pose = at(114, 84)
+    grey = seen(sheet, pose)
+    board = TagGrid("36h11", 4, 3, 24.0, 6.0)
+    found = see_target(grey, board)
+    assert len(found.pixels) == 44
+    assert np.abs(CAMERA.project(pose @ found.points_in_target) - found.pixels).max() < 0.3
+    x, y = np.meshgrid(np.arange(SIZE[0]), np.arange(SIZE[1]))
+    r2 = ((x - 500) ** 2 + (y - 400) ** 2) / 640**2
+    wide = cv2.remap(  # the rim of the picture is drawn in by 25 %
+        seen(tag_sheet(4, 3, 24, 6), at(114, 84, distance=190)),
+        (500 + (x - 500) * (1 + 0.25 * r2)).astype(np.float32),
+        (400 + (y - 400) * (1 + 0.25 * r2)).astype(np.float32),
+        cv2.INTER_LINEAR,
+        borderValue=225,
+    )
+    assert len(see_target(wide, board).pixels) >= 40
 
 
 def test_swapped_columns_and_rows_are_named():
