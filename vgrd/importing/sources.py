@@ -12,7 +12,7 @@ from vgrd.errors import ConfigError, InputError
 from vgrd.importing.columns import pose_columns
 from vgrd.vision.images.pictures import SUFFIXES
 from vgrd.vision.intrinsics.camera_documents import read_storage
-from vgrd.vision.intrinsics.camera_files import read_camera
+from vgrd.vision.intrinsics.camera_files import read_camera, size_in
 
 _OTHERS = {  # by ending: what it is, and what to bring instead
     ".bag": "a ROS bag: write the poses with `rostopic echo -p TOPIC > poses.csv`",
@@ -152,7 +152,7 @@ def _take_data(sources: Sources, path: Path, camera_name: str | None) -> None:
     doubt: InputError | None = None
     if binary_kind(data) is None or data.startswith(b"PK\x03\x04"):
         try:
-            read_camera(path, (1, 1), camera_name)
+            size_in(path, camera_name)
         except InputError as error:
             doubt = error if "key '" in str(error) or "several cameras" in str(error) else None
         else:
