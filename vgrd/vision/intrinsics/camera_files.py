@@ -161,7 +161,8 @@ def _chosen(cameras: Sequence[CameraTable], name: str | None) -> CameraTable:
         return meant[0]
     if len(cameras) > 1:
         raise InputError(
-            f"holds several cameras: {names}; choose with --camera-name, or name in [camera]"
+            f"holds several cameras: {names}; choose with --camera-name, or name in [camera], or "
+            "--as camera_name=NAME of vgrd import"
         )
     return cameras[0]
 
