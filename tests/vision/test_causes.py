@@ -216,6 +216,12 @@ def test_swapped_columns_and_rows_are_named():
         (lambda grey: 255 - grey, Charuco(5, 4, 24, 18, "4x4_50"), "black and white are swapped"),
         (lambda grey: grey[:, ::-1], Charuco(5, 4, 24, 18, "4x4_50"), "as in a mirror"),
         (lambda grey: grey, Charuco(5, 4, 24, 18, "6x6_250"), "4x4_50 are in the picture (id 0 to 9)"),
+        (lambda grey: grey, Charuco(4, 3, 24, 18, "4x4_50"), "not of inner corners: as 5 x 4 squares 12"),
+        (lambda grey: grey, Charuco(6, 5, 24, 18, "4x4_50"), "too large: as 5 x 4 squares 12 corners fit"),
+        (lambda grey: grey, Charuco(4, 4, 24, 18, "4x4_50"), "one too few: as 5 x 4 squares 12 corners"),
+        (lambda grey: grey, Charuco(5, 4, 24, 18, "4x4_50", 4), "begin with id 0; is first_id = 0 meant"),
+        (lambda grey: grey // 20, Charuco(5, 4, 24, 18, "4x4_50"), "the picture is dark, its white is at 11"),
+        (lambda grey: np.maximum(grey, 250), Charuco(5, 4, 24, 18, "4x4_50"), "the picture is too bright"),
         (lambda grey: grey, SingleTag("4x4_50", 33, 18), "seen with id 0 to 9, the target has id 33"),
     ],
 )  # fmt: skip
@@ -274,17 +280,33 @@ def test_a_chessboard_counted_in_squares_is_named():
     stick(sheet, squares.astype(np.uint8), 0, 0)
     grey = seen(sheet, at(120, 90))
     assert len(see_target(grey, Chessboard(7, 5, 15)).pixels) == 35
-    assert "columns = 7, rows = 5 fit" in told(grey, Chessboard(8, 6, 15))
+    squares_told = told(grey, Chessboard(8, 6, 15))
+    assert "those of inner corners, not of squares: columns = 7, rows = 5 fit" in squares_told
+    for columns, rows in ((6, 4), (7, 4), (8, 5)):
+        other = told(grey, Chessboard(columns, rows, 15))
+        assert "other columns and rows is seen: columns = 7, rows = 5 fit" in other
 
 
-def test_white_circles_are_named():
-    sheet = blank(6 * 20, 5 * 20)
-    for x in range(6):
-        for y in range(5):
+def circles_seen(columns, rows):
+    sheet = blank(columns * 20, rows * 20)
+    for x in range(columns):
+        for y in range(rows):
             centre = tuple(round((20 * i + 10 + RIM_MM) * PX_PER_MM) for i in (x, y))
             cv2.circle(sheet, centre, 60, (0,), -1)
-    grey = seen(sheet, at(120, 100, rotvec=(0.1, 0.1, 0)))
+    return seen(sheet, at(columns * 20, rows * 20, rotvec=(0.1, 0.1, 0)))
+
+
+def test_circles_that_are_skipped_are_told():
+    """OpenCV finds four of the five rows as 4 x 7 and leaves out one between."""
+    assert "lie on no grid of 4 x 7" in told(circles_seen(7, 5), CircleGrid(4, 7, 20))
+
+
+def test_white_circles_and_grids_that_go_on_are_named():
+    grey = circles_seen(6, 5)
     assert len(see_target(grey, CircleGrid(6, 5, 20)).pixels) == 30
+    for columns, rows, word in ((6, 4, "rows"), (5, 5, "columns"), (5, 4, "rows")):
+        message = told(grey, CircleGrid(columns, rows, 20))
+        assert f"goes on beyond {columns} x {rows}: it has more {word}" in message
     assert "white on black" in told(255 - grey, CircleGrid(6, 5, 20))
 
 
