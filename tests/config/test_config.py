@@ -76,6 +76,7 @@ def test_all_faults_are_told_at_once(tmp_path: Path) -> None:
     [
         ("size_mm = 25.0", "size_mm = 0.025", "tags.a.size_mm: Input should be greater than"),
         ("6486.0, 6486", "-6486.0, 6486", "focal lengths positive"),
+        ("6486.0, 6486", "8.5, 8.5", "fx = 8.5 is no focal length"),
         ("id = 1\nsize", "id = 0\nsize", "must differ in id"),
         ("id = 1\nsize", 'id = 0\nfamily = "25h9"\nsize', "must differ in id"),
         ('driver = "aravis"', 'driver = "aravis"\ndistortion = [0.1]', "0, 4, 5 or 8"),

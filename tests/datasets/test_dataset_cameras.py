@@ -50,6 +50,9 @@ def test_what_vgrd_camera_writes_is_pasted_as_it_is(tmp_path, recording):
         ('file = "cameras.json"\nmatrix = [1, 1, 1, 1]', "keep one of them"),
         ('matrix = [1, 1, 1, 1]\nname = "left"', "name 'left' is of a camera in a file"),
         ("refine = true", "matrix is missing: add matrix = [fx, fy, cx, cy], or file"),
+        ("matrix = [1e308, 1e308, 640, 480]", "matrix: fx = 1e+308 is no focal length (10 to 1e+06 px)"),
+        ("matrix = [1.4, 1.4, 640, 480]", "fx = 1.4 is no focal length (10 to 1e+06 px): in mm, or as a share"),
+        ("matrix = [1400, 1400, 640, 480]\ndistortion = [5e9, 1, 1, 1]", "distortion: [5e+09, 1, 1, 1] has no ray"),
         ("matrix = [1, 1, 1, 1]\nsize_px = [0, 3]", "camera.size_px.0: Input should be greater"),
     ],
 )  # fmt: skip

@@ -154,6 +154,12 @@ def test_the_size_of_the_picture_is_used_where_the_file_tells_none(tmp_path):
         ("K: [1, 2]\nwidth: 4\nheight: 3\n", "has 2 numbers"),
         ("K: [-1, 1, 1, 1]\nwidth: 4\nheight: 3\n", "fx, fy > 0"),
         ("K: [a, 1, 1, 1]\nwidth: 4\nheight: 3\n", "numbers are needed"),
+        ("K: [1e308, 1e308, 1e308, 1e308]\nimage_size: [640, 480]\n", "cx = 1e+308 px lies far outside"),
+        ("K: [1.23, 615.6, 318, 241]\nimage_size: [640, 480]\n",
+         "K: fx = 1.23 is no focal length of a picture 640 px wide (64 to 64000 px): in mm, or as a share"),
+        ("K: [615.6, 123, 318, 241]\nimage_size: [640, 480]\n", "fx = 615.6 and fy = 123 px differ"),
+        ("K: [615.6, 615.6, 318, 241]\nD: [5e9, 1, 1, 1]\nimage_size: [640, 480]\n",
+         "D: [5e+09, 1, 1, 1] has no ray for pixels half-way"),
         ("K: [9, 9, 1, 1]\nimage_size: [4.5, 3]\n", "two whole numbers"),
     ],
 )  # fmt: skip

@@ -60,6 +60,18 @@ def stick(sheet, picture, x_mm, y_mm):
     sheet[y : y + picture.shape[0], x : x + picture.shape[1]] = picture
 
 
+def tag_sheet(columns, rows, size_mm, gap_mm, *, turned=False, ids=None):
+    """Tags 36h11 row by row from the top; OpenCV draws AprilTags upside down, turned: leave them so."""
+    sheet = blank(columns * (size_mm + gap_mm), rows * (size_mm + gap_mm))
+    codes = cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_APRILTAG_36h11)
+    for place, number in enumerate(ids or range(columns * rows)):
+        row, column = divmod(place, columns)
+        drawn = cv2.aruco.generateImageMarker(codes, number, round(size_mm * PX_PER_MM))
+        drawn = drawn if turned else drawn[::-1, ::-1]
+        stick(sheet, drawn, column * (size_mm + gap_mm), row * (size_mm + gap_mm))
+    return sheet
+
+
 def kalibr_sheet(columns, rows, size_mm, gap_mm, border=2, first=0, joints=True):
     """As kalibr_create_target_pdf lays it out: ids from the bottom left, squares at all corners."""
     sheet = blank(columns * (size_mm + gap_mm), rows * (size_mm + gap_mm))
@@ -139,6 +151,58 @@ def test_a_board_file_of_kalibrs_words_is_read(tmp_path):
         load_board(path)
 
 
+@pytest.mark.parametrize(
+    ("sheet", "board", "cause"),
+    [
+        ({}, TagGrid("36h11", 3, 4, 24.0, 6.0), "look swapped: write columns = 4, rows = 3"),
+        ({"turned": True}, TagGrid("36h11", 4, 3, 24.0, 6.0), "id 0 on: every tag is turned by half"),
+        ({"turned": True}, TagGrid("36h11", 3, 4, 24.0, 6.0), "rows = 3; every tag is turned by half"),
+        ({}, TagGrid("36h11", 6, 6, 24.0, 6.0), "lie as those of a board with columns = 4, first_id = 0"),
+        ({}, TagGrid("36h11", 4, 3, 24.0, 6.0, 1), "lie as those of a board with columns = 4, first_id = 0"),
+        ({}, AprilGrid("36h11", 4, 3, 24.0, 6.0), 'count from the top left: write type = "tags"'),
+        ({"ids": [7, 3, 11, 0, 9, 1, 5, 10, 2, 8, 4, 6]}, TagGrid("36h11", 4, 3, 24.0, 6.0),
+         "correct columns, rows, first_id and type"),
+    ],
+)  # fmt: skip
+def test_tags_that_lie_on_another_layout_are_refused_with_that_layout(sheet, board, cause):
+    grey = seen(tag_sheet(4, 3, 24, 6, **sheet), at(114, 84))
+    assert cause in told(grey, board)
+
+
+def test_a_swapped_aprilgrid_of_kalibr_is_refused():
+    grey = seen(kalibr_sheet(4, 3, 30, 9), at(150, 110))
+    message = told(grey, AprilGrid("36h11_border2", 3, 4, 30.0, 9.0))
+    assert "look swapped: write columns = 4, rows = 3" in message
+
+
+def test_neither_a_wide_lens_nor_a_tag_of_another_board_hides_the_layout():
+    ids = [
+        *range(11),
+        40,
+    ]  # the last is no tag of the board, and the last of the board is elsewhere
+    sheet = tag_sheet(4, 3, 24, 6, ids=ids)
+    stray = tag_sheet(1, 1, 12, 0, ids=[11])[RIM_MM * PX_PER_MM :, RIM_MM * PX_PER_MM :][
+        :120, :120
+    ]
+    stick(sheet, stray, -15, -15)
+    pose = at(114, 84)
+    grey = seen(sheet, pose)
+    board = TagGrid("36h11", 4, 3, 24.0, 6.0)
+    found = see_target(grey, board)
+    assert len(found.pixels) == 44
+    assert np.abs(CAMERA.project(pose @ found.points_in_target) - found.pixels).max() < 0.3
+    x, y = np.meshgrid(np.arange(SIZE[0]), np.arange(SIZE[1]))
+    r2 = ((x - 500) ** 2 + (y - 400) ** 2) / 640**2
+    wide = cv2.remap(  # the rim of the picture is drawn in by 25 %
+        seen(tag_sheet(4, 3, 24, 6), at(114, 84, distance=190)),
+        (500 + (x - 500) * (1 + 0.25 * r2)).astype(np.float32),
+        (400 + (y - 400) * (1 + 0.25 * r2)).astype(np.float32),
+        cv2.INTER_LINEAR,
+        borderValue=225,
+    )
+    assert len(see_target(wide, board).pixels) >= 40
+
+
 def test_swapped_columns_and_rows_are_named():
     grey = seen(charuco_sheet(5, 7, "5x5_100"), at(120, 168, distance=420))
     message = told(grey, Charuco(7, 5, 24, 18, "5x5_100"))
@@ -152,6 +216,12 @@ def test_swapped_columns_and_rows_are_named():
         (lambda grey: 255 - grey, Charuco(5, 4, 24, 18, "4x4_50"), "black and white are swapped"),
         (lambda grey: grey[:, ::-1], Charuco(5, 4, 24, 18, "4x4_50"), "as in a mirror"),
         (lambda grey: grey, Charuco(5, 4, 24, 18, "6x6_250"), "4x4_50 are in the picture (id 0 to 9)"),
+        (lambda grey: grey, Charuco(4, 3, 24, 18, "4x4_50"), "not of inner corners: as 5 x 4 squares 12"),
+        (lambda grey: grey, Charuco(6, 5, 24, 18, "4x4_50"), "too large: as 5 x 4 squares 12 corners fit"),
+        (lambda grey: grey, Charuco(4, 4, 24, 18, "4x4_50"), "one too few: as 5 x 4 squares 12 corners"),
+        (lambda grey: grey, Charuco(5, 4, 24, 18, "4x4_50", 4), "begin with id 0; is first_id = 0 meant"),
+        (lambda grey: grey // 20, Charuco(5, 4, 24, 18, "4x4_50"), "the picture is dark, its white is at 11"),
+        (lambda grey: np.maximum(grey, 250), Charuco(5, 4, 24, 18, "4x4_50"), "the picture is too bright"),
         (lambda grey: grey, SingleTag("4x4_50", 33, 18), "seen with id 0 to 9, the target has id 33"),
     ],
 )  # fmt: skip
@@ -210,17 +280,33 @@ def test_a_chessboard_counted_in_squares_is_named():
     stick(sheet, squares.astype(np.uint8), 0, 0)
     grey = seen(sheet, at(120, 90))
     assert len(see_target(grey, Chessboard(7, 5, 15)).pixels) == 35
-    assert "columns = 7, rows = 5 fit" in told(grey, Chessboard(8, 6, 15))
+    squares_told = told(grey, Chessboard(8, 6, 15))
+    assert "those of inner corners, not of squares: columns = 7, rows = 5 fit" in squares_told
+    for columns, rows in ((6, 4), (7, 4), (8, 5)):
+        other = told(grey, Chessboard(columns, rows, 15))
+        assert "other columns and rows is seen: columns = 7, rows = 5 fit" in other
 
 
-def test_white_circles_are_named():
-    sheet = blank(6 * 20, 5 * 20)
-    for x in range(6):
-        for y in range(5):
+def circles_seen(columns, rows):
+    sheet = blank(columns * 20, rows * 20)
+    for x in range(columns):
+        for y in range(rows):
             centre = tuple(round((20 * i + 10 + RIM_MM) * PX_PER_MM) for i in (x, y))
             cv2.circle(sheet, centre, 60, (0,), -1)
-    grey = seen(sheet, at(120, 100, rotvec=(0.1, 0.1, 0)))
+    return seen(sheet, at(columns * 20, rows * 20, rotvec=(0.1, 0.1, 0)))
+
+
+def test_circles_that_are_skipped_are_told():
+    """OpenCV finds four of the five rows as 4 x 7 and leaves out one between."""
+    assert "lie on no grid of 4 x 7" in told(circles_seen(7, 5), CircleGrid(4, 7, 20))
+
+
+def test_white_circles_and_grids_that_go_on_are_named():
+    grey = circles_seen(6, 5)
     assert len(see_target(grey, CircleGrid(6, 5, 20)).pixels) == 30
+    for columns, rows, word in ((6, 4, "rows"), (5, 5, "columns"), (5, 4, "rows")):
+        message = told(grey, CircleGrid(columns, rows, 20))
+        assert f"goes on beyond {columns} x {rows}: it has more {word}" in message
     assert "white on black" in told(255 - grey, CircleGrid(6, 5, 20))
 
 

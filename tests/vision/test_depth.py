@@ -1,5 +1,7 @@
 """A camera's depth changes nothing but the rounding, and one pixel decides nothing about the others."""
 
+import re
+
 import cv2
 import numpy as np
 import pytest
@@ -8,9 +10,12 @@ from fakes.camera.patterns import Disc, tag_pattern
 from fakes.camera.pictures import Look, Placed, camera_of, clean_levels, pinhole
 from fakes.camera.sensor import with_noise
 from vgrd.devices import CameraImage, full_scale
+from vgrd.errors import InputError
 from vgrd.geometry import Pose
 from vgrd.geometry.camera import CameraModel
 from vgrd.model import TagSpec
+from vgrd.solving.datasets.reading.sample_reading import DatasetSample
+from vgrd.solving.datasets.solving import observe
 from vgrd.store.images import decode_image, encode_image
 from vgrd.vision.holes.hole_finder import find_hole
 from vgrd.vision.images.pictures import read_picture
@@ -90,6 +95,19 @@ def test_what_was_seen_is_replayed_from_a_session_and_from_a_file(levels, bits, 
     path = tmp_path / "a.png"
     cv2.imwrite(str(path), counts(noisy, bits, hot=True))
     assert np.array_equal(read_picture(path).pixels, seen)
+
+
+def test_a_picture_that_is_cut_off_is_named_without_a_word_of_the_library(capfd, tmp_path):
+    path = tmp_path / "cut.png"
+    whole = cv2.imencode(".png", np.arange(40000, dtype=np.uint8).reshape(200, 200))[1].tobytes()
+    path.write_bytes(whole)
+    assert read_picture(path).pixels.shape == (200, 200)
+    path.write_bytes(whole[: len(whole) // 2])
+    sample = DatasetSample("1", Pose.identity(), path)
+    for read in (read_picture, lambda _: observe(sample, None)):
+        with pytest.raises(InputError, match=re.escape(f"{path}: the picture is cut off")):
+            read(path)
+    assert capfd.readouterr().err == ""
 
 
 def test_a_deep_picture_of_an_older_recording_is_brought_to_the_same_scale(levels):

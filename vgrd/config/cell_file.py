@@ -16,6 +16,7 @@ from pydantic import AfterValidator, Field, ValidationError, model_validator
 from vgrd.documents.tables import Table, faults_of
 from vgrd.documents.toml import hint, read_toml
 from vgrd.errors import ConfigError
+from vgrd.geometry.camera import implausible_matrix
 from vgrd.geometry.coincidence import are_in_line
 from vgrd.judging.thresholds import LINE
 
@@ -121,6 +122,10 @@ class CameraSection(Table):
                 "principal point inside size_px"
             )
             raise ValueError(msg)
+        K = np.array([[fx, 0, cx], [0, fy, cy], [0, 0, 1]])
+        fault = implausible_matrix(K, (width, height))
+        if fault is not None:
+            raise ValueError(f"matrix: {fault}")
         if len(self.distortion) not in (0, 4, 5, 8):
             msg = "distortion has 0, 4, 5 or 8 coefficients (OpenCV order)"
             raise ValueError(msg)

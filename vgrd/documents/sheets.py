@@ -62,6 +62,8 @@ def _checked(sheet: Sheet) -> Sheet:
 
 def finite(cell: Cell, where: str) -> list[float]:
     """The numbers of a cell, flat; InputError naming the place for a word, nothing or NaN."""
+    if cell is None or cell == "":
+        raise InputError(f"{where}: the cell is empty: leave the sample out")
     try:
         numbers = np.asarray(cell, dtype=np.float64).ravel()
     except (TypeError, ValueError, OverflowError) as error:
@@ -207,22 +209,15 @@ def _flat(table: Mapping[Any, Any], prefix: str, left: int) -> Iterator[tuple[st
 
 
 def _csv(text: str) -> Sheet:
-    lines = [
-        (number, line)
-        for number, line in enumerate(text.splitlines(), 1)
-        if line.strip() and not (number > 1 and line.lstrip().startswith(_COMMENTS))
-    ]
-    if not lines:
-        raise InputError("is empty: a table of samples is needed")
-    delimiter = max(_DELIMITERS, key=lines[0][1].count)
-    if delimiter not in lines[0][1]:
+    lines = [(number, line) for number, line in enumerate(text.splitlines(), 1) if line.strip()]
+    body = [(number, line) for number, line in lines if not _is_comment(line)]
+    if not body:
+        raise InputError("holds no rows: a table of samples is needed")
+    delimiter = max(_DELIMITERS, key=body[0][1].count)
+    if delimiter not in body[0][1]:
         delimiter = " "
-    rows = [(number, _cells(line, delimiter)) for number, line in lines]
-    first = [cell.lstrip("#%/ ") for cell in rows[0][1] if cell.lstrip("#%/ ")]
-    if any(isinstance(_value(cell, delimiter), float) for cell in first):
-        names = [str(i) for i in range(len(first))]
-    else:
-        names, rows = first, rows[1:]
+    rows = [(number, _cells(line, delimiter)) for number, line in body]
+    names, rows = _named(rows, [line for number, line in lines if number < body[0][0]], delimiter)
     twice = next((name for name in names if names.count(name) > 1), None)
     if twice is not None:
         raise InputError(f"column '{twice}' is there twice: give each column its own name")
@@ -233,6 +228,24 @@ def _csv(text: str) -> Sheet:
         name: [_value(cells[i], delimiter) for _, cells in rows] for i, name in enumerate(names)
     }
     return Sheet(columns, [f"line {number}" for number, _ in rows])
+
+
+def _is_comment(line: str) -> bool:
+    return line.lstrip().startswith(_COMMENTS)
+
+
+def _named(
+    rows: list[tuple[int, list[str]]], heads: Sequence[str], delimiter: str
+) -> tuple[list[str], list[tuple[int, list[str]]]]:
+    """Names of the columns and the rows below: the first row, or a comment above it that has its cells."""
+    first = rows[0][1]
+    if not any(isinstance(_value(cell, delimiter), float) for cell in first):
+        return first, rows[1:]
+    for head in reversed(heads):
+        names = _cells(head.strip().lstrip("#%/ "), delimiter)
+        if len(names) == len(first):
+            return names, rows
+    return [str(i) for i in range(len(first))], rows
 
 
 def _cells(line: str, delimiter: str) -> list[str]:

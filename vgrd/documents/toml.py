@@ -9,6 +9,7 @@ from typing import Any
 from vgrd.documents.text import SHOWN, read_text, shortened
 from vgrd.errors import ConfigError, InputError
 
+_TABLES = (".csv", ".tsv", ".txt", ".json", ".yaml", ".yml", ".npz")  # what vgrd import reads
 _ALIKE = 0.6  # difflib's own cutoff: finds a slip of the fingers, no other word
 
 
@@ -25,7 +26,9 @@ def read_toml(path: Path, kind: str) -> dict[str, Any]:
     except RecursionError as error:
         raise ConfigError(str(path), ["not valid TOML: nested too deeply"]) from error
     except ValueError as error:  # also a whole number of more than 4300 digits
-        raise ConfigError(str(path), [f"not valid TOML: {error}"]) from error
+        is_table = kind == "a DATASET.toml" and path.suffix.lower() in _TABLES
+        remedy = f"; vgrd import {path} makes {kind} of a table" if is_table else ""
+        raise ConfigError(str(path), [f"not valid TOML: {error}{remedy}"]) from error
 
 
 def hint(

@@ -16,6 +16,10 @@ _STILL = 1e-14  # of a step of a ray: rounding
 _ON_RAY = 1e-9  # of a ray: 1e-5 px at f 10,000 px; more where no ray maps to the pixel
 _NEAREST_MM = 1e-6  # in front of the camera; nearer points have no pixel
 _COEFFICIENTS = (0, 4, 5, 8)  # of OpenCV's models without thin prism and tilt
+_FOCAL_SHARES = (0.1, 100.0)  # of the width: 0.3 is 118 deg wide, 14 a lens of 100 mm on 7 mm
+_FOCAL_PX = (10.0, 1e6)  # where no size is told: below a picture of 100 px, above any telescope
+_MOST_ASPECT = 2.0  # fx / fy: pixels are square, or two are binned in one direction
+_CENTRE_SHARES = (-1.0, 2.0)  # of the size: a picture cut out of a larger one may lie aside
 INTRINSICS = ("fx", "fy", "cx", "cy", "k1", "k2")
 
 
@@ -143,6 +147,52 @@ class CameraModel:
         D[:, 0, 1] = D[:, 1, 0] = 2 * x * y * slope + 2 * p1 * x + 2 * p2 * y
         D[:, 1, 1] = gain + 2 * y * y * slope + 6 * p1 * y + 2 * p2 * x
         return out, D
+
+
+def implausible_matrix(matrix: Array, size_px: tuple[int, int] | None) -> str | None:
+    """What no camera matrix (3, 3) in px has, with the remedy; None where nothing is odd.
+
+    size_px: (width, height), None where it is not told.
+    """
+    fx, fy, cx, cy = matrix[0, 0], matrix[1, 1], matrix[0, 2], matrix[1, 2]
+    low, high = _FOCAL_PX
+    of = ""
+    if size_px is not None:
+        low, high = (share * size_px[0] for share in _FOCAL_SHARES)
+        of = f" of a picture {size_px[0]} px wide"
+        for value, name, extent in ((cx, "cx", size_px[0]), (cy, "cy", size_px[1])):
+            least, most = (share * extent for share in _CENTRE_SHARES)
+            if not least <= value <= most:
+                return (
+                    f"{name} = {value:g} px lies far outside the picture of {size_px[0]} x {size_px[1]} px: "
+                    "in mm, of another picture size, or fx fy cx cy in another order?"
+                )
+    for value, name in ((fx, "fx"), (fy, "fy")):
+        if value > 0 and not low <= value <= high:  # `CameraModel` refuses the others
+            return (
+                f"{name} = {value:g} is no focal length{of} ({low:g} to {high:g} px): in mm, or as a "
+                "share of the width? Give px"
+            )
+    if fx > _MOST_ASPECT * fy > 0 or fy > _MOST_ASPECT * fx > 0:
+        return (
+            f"fx = {fx:g} and fy = {fy:g} px differ by more than a factor of two: is one mistyped?"
+        )
+    return None
+
+
+def implausible_distortion(camera: CameraModel) -> str | None:
+    """Whether the distortion has no ray where every lens has one; with the remedy."""
+    size = np.array(camera.size_px, dtype=np.float64)
+    halfway = size * np.array([(1, 1), (3, 1), (1, 3), (3, 3)]) / 4  # from the middle to a corner
+    with np.errstate(all="ignore"):  # absurd numbers overflow: the answer stays NaN
+        rays = camera.normalize(halfway)
+    if np.isfinite(rays).all():
+        return None
+    numbers = ", ".join(f"{value:g}" for value in camera.distortion)
+    return (
+        f"[{numbers}] has no ray for pixels half-way to the picture's corners: give OpenCV's k1 k2 p1 p2 "
+        "[k3 ...] in this order, without a unit"
+    )
 
 
 def _normalized(points: Array) -> Array:

@@ -98,7 +98,10 @@ def _of_numbers(sheet: Sheet) -> list[PoseColumns]:
     """Groups of columns with one number a cell, by what their names have in common."""
     groups: dict[str, dict[str, str]] = {}
     for name, cells in sheet.columns.items():
-        if not all(isinstance(cell, int | float) and not isinstance(cell, bool) for cell in cells):
+        numbers = [isinstance(cell, int | float) and not isinstance(cell, bool) for cell in cells]
+        if 2 * sum(numbers) <= len(
+            cells
+        ):  # one that is empty in some rows is named when it is used
             continue
         prefix, component = _component(name)
         groups.setdefault(prefix, {})[component] = name

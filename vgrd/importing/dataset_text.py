@@ -17,6 +17,7 @@ class DatasetParts:
     camera_unit: str | None
     camera: str | None
     camera_name: str | None
+    camera_size: Sequence[int] | None
     target: Mapping[str, object] | None
     names: Sequence[str]
     seen: Sequence[tuple[str, object]]
@@ -33,6 +34,7 @@ def dataset_text(parts: DatasetParts, assumed: Sequence[str]) -> str:
     if parts.camera is not None:
         lines += ["[camera]", f"file = {_text(parts.camera)}"]
         lines += [f"name = {_text(parts.camera_name)}"] if parts.camera_name else []
+        lines += [f"size_px = {list(parts.camera_size)}"] if parts.camera_size else []
     lines += ["[poses]", f'unit = "{unit}"', f'rotation = "{rotation}"']
     if parts.camera_poses is not None:
         lines += ["[camera_poses]", f'unit = "{parts.camera_poses[0]}"']

@@ -5,10 +5,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-import numpy as np
-
 from vgrd.documents.text import brief
-from vgrd.documents.toml import hint, read_toml
+from vgrd.documents.toml import hint
 from vgrd.errors import InputError
 from vgrd.geometry import Pose
 from vgrd.geometry.pose_formats import MATRIX, POSE_FORMATS
@@ -18,7 +16,8 @@ from vgrd.importing.dataset_text import DatasetParts, dataset_text
 from vgrd.importing.readings import Reading, Said, places_of, poses_of, read, unit_of
 from vgrd.importing.sources import Sources, look_at
 from vgrd.model import Mount
-from vgrd.vision.images.pictures import SUFFIXES
+from vgrd.vision.images.pictures import SUFFIXES, read_picture
+from vgrd.vision.intrinsics.camera_files import size_in
 
 SAID = ("mount", "rotation", "unit", "camera_rotation", "camera_unit", "camera_name")
 _KEYS: Mapping[str, tuple[str, ...]] = {
@@ -60,6 +59,15 @@ def _imported(sources: Sources, wishes: Said, camera_name: str | None, folder: P
         raise InputError(f"{len(robot.rows)} samples are there, at least 3 are needed")
     reading, assumed = read(robot, camera, wishes)
     seen, kind, more = _seen(sources, robot, camera, reading, folder)
+    count, size = len(robot.rows), None
+    more += _unused(sources, count)
+    if kind == "image":
+        more += _missing(sources)
+        size = _size_of_pictures(sources, camera_name, folder / str(seen[0][1]))
+    elif sources.pictures:
+        more.append(
+            f"{len(sources.pictures)} pictures: not used, what the camera saw is told already"
+        )
     parts = DatasetParts(
         mount=reading.mount,
         poses=_written(robot, reading.robot_format, reading.robot_unit, inverted=reading.inverted),
@@ -67,12 +75,13 @@ def _imported(sources: Sources, wishes: Said, camera_name: str | None, folder: P
         camera_unit=None if kind != "point_in_camera" or camera is None else unit_of(camera),
         camera=_relative(sources.camera, folder),
         camera_name=camera_name,
-        target=None if sources.board is None else _target(sources.board),
-        names=_names(sources, len(robot.rows)),
+        camera_size=size,
+        target=sources.board,
+        names=_names(sources, count),
         seen=seen,
     )
     everything = (*sources.told, *told, *assumed, *more)
-    return Imported(dataset_text(parts, everything), everything, kind, len(robot.rows))
+    return Imported(dataset_text(parts, everything), everything, kind, count)
 
 
 def _camera_poses(camera: PoseColumns | None, reading: Reading) -> tuple[str, str] | None:
@@ -258,9 +267,38 @@ def _relative(path: Path | None, folder: Path) -> str | None:
         return str(path.resolve())
 
 
-def _target(board: Path) -> Mapping[str, object]:
-    data = read_toml(board, "a board file")
-    table = data.get("target", data)
-    if not isinstance(table, dict):
-        raise InputError(f"{board}: [target] is needed")
-    return {key: value for key, value in table.items() if np.isscalar(value)}
+def _unused(sources: Sources, count: int) -> list[str]:
+    """Files that were read and of which nothing is written."""
+    return [
+        f"{path}: not used, it holds no poses"
+        for path, sheet in sources.sheets
+        if not pose_columns(sheet) and (len(sheet) != count or not words_in(sheet))
+    ]
+
+
+def _missing(sources: Sources) -> list[str]:
+    """What a dataset of pictures needs beside poses, with how to give it."""
+    lacking = []
+    if sources.board is None:
+        lacking.append(
+            "still missing: the target; name a board file or Kalibr's target file too, or add [target] with "
+            "its type and sizes to the dataset"
+        )
+    if sources.camera is None:
+        lacking.append(
+            "still missing: the camera; name its camera file too, or add [camera] with matrix = "
+            "[fx, fy, cx, cy] and distortion to the dataset"
+        )
+    return lacking
+
+
+def _size_of_pictures(
+    sources: Sources, camera_name: str | None, picture: Path
+) -> list[int] | None:
+    """Width and height of the pictures, where the camera file tells none."""
+    if sources.camera is None or size_in(sources.camera, camera_name) is not None:
+        return None
+    if not picture.is_file():
+        return None
+    height, width = read_picture(picture).pixels.shape
+    return [width, height]

@@ -4,15 +4,19 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
+import numpy as np
+
 from vgrd.documents.natural_order import natural_order
 from vgrd.documents.sheets import Sheet, from_nested, read_sheet
 from vgrd.documents.text import binary_kind, decoded, read_bytes
 from vgrd.documents.toml import read_toml
 from vgrd.errors import ConfigError, InputError
 from vgrd.importing.columns import pose_columns
+from vgrd.importing.kalibr_targets import kalibr_target
+from vgrd.importing.robot_programs import program_sheet
 from vgrd.vision.images.pictures import SUFFIXES
 from vgrd.vision.intrinsics.camera_documents import read_storage
-from vgrd.vision.intrinsics.camera_files import read_camera
+from vgrd.vision.intrinsics.camera_files import read_camera, size_in
 
 _OTHERS = {  # by ending: what it is, and what to bring instead
     ".bag": "a ROS bag: write the poses with `rostopic echo -p TOPIC > poses.csv`",
@@ -46,7 +50,7 @@ class Sources:
     sheets: list[tuple[Path, Sheet]] = field(default_factory=list)
     pictures: list[Path] = field(default_factory=list)
     camera: Path | None = None
-    board: Path | None = None
+    board: Mapping[str, object] | None = None
     told: list[str] = field(default_factory=list)
 
 
@@ -133,12 +137,13 @@ def _take_toml(sources: Sources, path: Path) -> None:
             f"{path}: is a dataset or a file of touches already: vgrd solve, vgrd tcp"
         )
     if "target" in data or "type" in data:
-        sources.board = path
-        sources.told.append(f"{path}: the board")
+        table = data.get("target", data)
+        if not isinstance(table, dict):
+            raise InputError(f"{path}: [target] is needed")
+        _take_board(sources, path, table)
     elif "camera" in data:
         read_camera(path)
-        sources.camera = path
-        sources.told.append(f"{path}: the camera")
+        _take_camera(sources, path)
     else:
         raise InputError(f"{path}: holds neither [target] nor [camera]")
 
@@ -152,14 +157,15 @@ def _take_data(sources: Sources, path: Path, camera_name: str | None) -> None:
     doubt: InputError | None = None
     if binary_kind(data) is None or data.startswith(b"PK\x03\x04"):
         try:
-            read_camera(path, (1, 1), camera_name)
+            size_in(path, camera_name)
         except InputError as error:
             doubt = error if "key '" in str(error) or "several cameras" in str(error) else None
         else:
-            sources.camera = path
-            sources.told.append(f"{path}: the camera")
+            _take_camera(sources, path)
             return
     try:
+        if _take_words(sources, path, data):
+            return
         sheet = _sheet(path, data)
     except InputError as error:
         raise doubt or error from error
@@ -168,6 +174,43 @@ def _take_data(sources: Sources, path: Path, camera_name: str | None) -> None:
     sources.sheets.append((path, sheet))
     shown = ", ".join(list(sheet.columns)[:8])
     sources.told.append(f"{path}: a table of {len(sheet)} samples, columns {shown}")
+
+
+def _take_words(sources: Sources, path: Path, data: bytes) -> bool:
+    """Whether the file is a target file of Kalibr or a program of a robot; it is taken then."""
+    if binary_kind(data) is not None:
+        return False
+    try:
+        text = decoded(data)
+        target = kalibr_target(text)
+    except InputError as error:
+        raise InputError(f"{path}: {error}") from error
+    if target is not None:
+        _take_board(sources, path, target)
+        return True
+    program = program_sheet(text)
+    if program is None:
+        return False
+    kind, sheet = program
+    sources.sheets.append((path, sheet))
+    sources.told.append(
+        f"{path}: {len(sheet)} {kind}; they are of the tool that was active: it has to be the flange"
+    )
+    return True
+
+
+def _take_board(sources: Sources, path: Path, table: Mapping[str, object]) -> None:
+    if sources.board is not None:
+        raise InputError(f"{path}: is a second board: name one")
+    sources.board = {key: value for key, value in table.items() if np.isscalar(value)}
+    sources.told.append(f"{path}: the board")
+
+
+def _take_camera(sources: Sources, path: Path) -> None:
+    if sources.camera is not None:
+        raise InputError(f"{path}: is a second camera beside {sources.camera}: name one")
+    sources.camera = path
+    sources.told.append(f"{path}: the camera")
 
 
 def _sheet(path: Path, data: bytes) -> Sheet:

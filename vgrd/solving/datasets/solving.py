@@ -23,6 +23,7 @@ from vgrd.solving.datasets.reading.sample_reading import DatasetSample, PointInC
 from vgrd.solving.datasets.solution import AsGiven, DatasetSolution, LeaveOneOut, SampleReport
 from vgrd.solving.datasets.suspects import suspects
 from vgrd.solving.flange_poses import MIN_SAMPLES
+from vgrd.vision.images.pictures import check_whole
 from vgrd.vision.print.boards import BoardObservation, TargetSpec, has_direction
 from vgrd.vision.print.targets import TagGrid
 from vgrd.vision.tags.seeing import see_target
@@ -208,6 +209,7 @@ def observe(sample: DatasetSample, target: TargetSpec | TagGrid | None) -> Board
             except InputError as error:
                 raise TagNotSeen(str(error)) from error
             return sample.source
+    check_whole(sample.source)
     image = cv2.imread(str(sample.source), cv2.IMREAD_GRAYSCALE)
     if image is None:
         raise InputError(f"{sample.source} is not a picture that OpenCV can read")

@@ -14,6 +14,7 @@ from vgrd.errors import InputError
 SUFFIXES = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".bmp", ".pgm", ".webp")
 _AS_STORED = cv2.IMREAD_GRAYSCALE | cv2.IMREAD_ANYDEPTH | cv2.IMREAD_IGNORE_ORIENTATION
 _ORIENTATION_TAG = 0x0112  # TIFF 6.0, Orientation
+_PNG = b"\x89PNG\r\n\x1a\n"  # signature, PNG specification
 _UPRIGHT = 1  # idem: row 0 at the top, column 0 at the left
 
 
@@ -31,8 +32,7 @@ def read_picture(path: Path) -> Picture:
     An EXIF orientation is not applied: intrinsics belong to the sensor's rows and columns. Files
     do not tell the depth of a camera of more than 8 bits: it is guessed from the brightest pixel.
     """
-    if not path.is_file():
-        raise InputError(f"{path}: no such file")
+    check_whole(path)
     pixels, kinds, blocks = _decoded(path)
     if pixels is None or pixels.size == 0:
         raise InputError(f"{path}: cannot be read as a picture; save it anew as PNG")
@@ -49,6 +49,16 @@ def read_picture(path: Path) -> Picture:
         deep = np.asarray(pixels, dtype=np.uint16)
         pixels = full_scale(deep, guessed_bits(deep))
     return Picture(pixels, any(_orientation(block) != _UPRIGHT for block in exif))
+
+
+def check_whole(path: Path) -> None:
+    """Raise InputError for no file, and a PNG whose end is missing: libpng complains on stderr by itself."""
+    if not path.is_file():
+        raise InputError(f"{path}: no such file")
+    with path.open("rb") as file:
+        is_png = file.read(len(_PNG)) == _PNG
+        if is_png and b"IEND" not in file.read():
+            raise InputError(f"{path}: the picture is cut off, its end is missing: copy it anew")
 
 
 def _decoded(path: Path) -> tuple[Pixels | None, Sequence[int], Sequence[Pixels]]:

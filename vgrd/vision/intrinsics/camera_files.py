@@ -13,7 +13,7 @@ import numpy as np
 from vgrd.documents.text import brief
 from vgrd.errors import InputError
 from vgrd.geometry import Array
-from vgrd.geometry.camera import CameraModel
+from vgrd.geometry.camera import CameraModel, implausible_distortion, implausible_matrix
 from vgrd.vision.intrinsics.camera_documents import read_document
 from vgrd.vision.intrinsics.camera_keys import NUMBERED, CameraTable, cameras_in, plain
 from vgrd.vision.intrinsics.lens_models import RAYS, expressed, opencv_rays
@@ -53,6 +53,23 @@ def read_camera(
         return _camera(table, size_px)
     except InputError as error:
         raise InputError(f"{path}: {brief(str(error))}") from error
+
+
+def size_in(path: Path, name: str | None = None) -> tuple[int, int] | None:
+    """The picture's size that a camera file tells, None where it tells none; raises as `read_camera`."""
+    try:
+        table = _chosen(
+            cameras_in(read_document(path), strict=path.suffix.lower() != ".toml"), name
+        )
+        size, matrix = _size(table), _matrix(table.matrix, table.matrix_key)
+        near = (
+            max(1, round(2 * matrix[0, 2])),
+            max(1, round(2 * matrix[1, 2])),
+        )  # about its middle
+        _camera(table, near)
+    except InputError as error:
+        raise InputError(f"{path}: {brief(str(error))}") from error
+    return size
 
 
 def write_camera(path: Path, camera: CameraModel, kind: Kind, name: str = "camera") -> None:
@@ -144,7 +161,8 @@ def _chosen(cameras: Sequence[CameraTable], name: str | None) -> CameraTable:
         return meant[0]
     if len(cameras) > 1:
         raise InputError(
-            f"holds several cameras: {names}; choose with --camera-name, or name in [camera]"
+            f"holds several cameras: {names}; choose with --camera-name, or name in [camera], or "
+            "--as camera_name=NAME of vgrd import"
         )
     return cameras[0]
 
@@ -160,12 +178,17 @@ def _camera(table: CameraTable, size_px: tuple[int, int] | None) -> CameraModel:
         )
     matrix = _matrix(table.matrix, table.matrix_key)
     _check_size_order(matrix, size)
+    _check(
+        implausible_matrix(matrix, size),
+        "camera matrix" if table.matrix_key == "fx" else table.matrix_key,
+    )
     if model in _REALSENSE and distortion.any():
         camera = expressed(matrix, size, distortion[:5], RAYS[model], f"model {model}")
     elif distortion.size > _OURS and distortion[_OURS:].any():
         camera = expressed(matrix, size, distortion, opencv_rays, "thin prism or tilt distortion")
     else:
         camera = CameraModel(matrix, distortion[:_OURS], size)
+    _check(implausible_distortion(camera), table.distortion_key or "distortion")
     return _of_the_pictures(camera, table.more)
 
 
@@ -266,6 +289,11 @@ def _check_size_order(matrix: Array, size: tuple[int, int]) -> None:
             f"picture size {size[0]} x {size[1]}: the principal point ({centre[0]:.0f}, "
             f"{centre[1]:.0f}) lies outside: are width and height swapped?"
         )
+
+
+def _check(fault: str | None, key: str) -> None:
+    if fault is not None:
+        raise InputError(f"{key}: {fault}")
 
 
 def _of_the_pictures(camera: CameraModel, more: Mapping[str, object]) -> CameraModel:

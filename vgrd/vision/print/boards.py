@@ -21,6 +21,7 @@ MIN_POINTS = (
     6  # four of a plane fix a pose without any redundancy: one wrong corner goes unnoticed
 )
 _MIN_SPREAD = 0.1  # second to first singular value of the points: below it they lie on a line
+_ON_GRID = 0.3  # of the spacing: a lens bends less over one circle, a stray spot lies anywhere
 _APRILTAG_FAMILIES = {
     "16h5": "tag16h5",
     "25h9": "tag25h9",
@@ -244,7 +245,41 @@ def _detect_circles(image: Grey, target: CircleGrid) -> BoardObservation:
             f"no {kind} grid of {target.columns} x {target.rows} dark circles found; the whole grid "
             "must be in the picture"
         )
-    return _observation(indices * target.spacing_mm, centres, len(indices))
+    pixels = np.asarray(centres, dtype=np.float64).reshape(-1, 2)
+    seen = np.array([blob.pt for blob in blobs.detect(image)]).reshape(-1, 2)
+    _check_whole_grid(target, indices, pixels, seen)
+    return _observation(indices * target.spacing_mm, pixels, len(indices))
+
+
+def _check_whole_grid(target: CircleGrid, indices: Array, pixels: Array, seen: Array) -> None:
+    """Raise TagNotSeen where circles of the grid were skipped, or a whole row or column goes on beyond it."""
+    if min(target.columns, target.rows) < 2:
+        return
+    H, _ = cv2.findHomography(indices, pixels)
+    last_x, last_y = indices.max(0)
+    rows = {y: indices[indices[:, 1] == abs(y) % 2] for y in (-1, int(last_y) + 1)}
+    beyond = {y: np.column_stack([row[:, 0], np.full(len(row), y)]) for y, row in rows.items()}
+    sides = {"rows": list(beyond.values())}
+    if not target.asymmetric:
+        column = np.arange(target.rows)
+        sides["columns"] = [
+            np.column_stack([np.full(target.rows, x), column]) for x in (-1, last_x + 1)
+        ]
+    spacing = np.linalg.norm(pixels[1] - pixels[0]) / np.abs(indices[1] - indices[0]).sum()
+    fitted = cv2.perspectiveTransform(indices[None].astype(np.float64), H)[0]
+    if np.linalg.norm(fitted - pixels, axis=1).max() > _ON_GRID * spacing:
+        raise TagNotSeen(
+            f"the circles found lie on no grid of {target.columns} x {target.rows}: correct columns and rows"
+        )
+    for word, places in sides.items():
+        for place in places:
+            expected = cv2.perspectiveTransform(place[None].astype(np.float64), H)[0]
+            misses = np.linalg.norm(expected[:, None] - seen, axis=2).min(axis=1)
+            if misses.max() < _ON_GRID * spacing:
+                raise TagNotSeen(
+                    f"the grid of circles goes on beyond {target.columns} x {target.rows}: it has more "
+                    f"{word}, and its origin is another; correct {word}"
+                )
 
 
 def _detect_tag(image: Grey, target: SingleTag) -> BoardObservation:

@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 
 from vgrd.devices import Grey
-from vgrd.errors import TagNotSeen
+from vgrd.errors import InputError, TagNotSeen
 from vgrd.geometry import Array
 from vgrd.vision.print.boards import (
     MIN_POINTS,
@@ -39,6 +39,11 @@ _OTHER_FAMILIES = (  # the largest of each size holds the smaller ones' codes
 _SAME_CODES = {f"apriltag_{family}": family for family in APRILTAG_FAMILIES}
 _OF_A_BOARD = 3  # markers of another family in a picture are no chance; one may be
 _DARK_RIM = 0.35  # share of dark cells around a marker from which `read_tag` refuses it
+_MOST_CORNERS = 0.7  # of another size that are seen: fewer may be a board half covered
+_DARKEST_WHITE = (
+    40.0  # grey levels of the brightest hundredth: noise and rounding are a tenth of it
+)
+_BRIGHTEST_BLACK = 235.0  # grey levels of the darkest hundredth: the ink itself is saturated
 _LEAST_CONTRAST = 40.0  # grey levels: a marker read from less is more often a pattern of noise
 
 
@@ -53,9 +58,15 @@ class _Marker:
 def cause_for_target(grey: Grey, target: TargetSpec | TagGrid) -> str | None:
     """Why the target is not found in a grey picture (h, w), with the remedy; None where nothing tells it."""
     grey = _shrunk(grey)
+    return _target_cause(grey, target) or _exposure_cause(grey)
+
+
+def _target_cause(grey: Grey, target: TargetSpec | TagGrid) -> str | None:
     match target:
-        case Chessboard() | CircleGrid():
-            return _grid_cause(grey, target)
+        case Chessboard():
+            return _chessboard_cause(grey, target)
+        case CircleGrid():
+            return _circles_cause(grey, target)
         case Charuco():
             return _charuco_cause(grey, target) or _marker_cause(
                 grey, target.dictionary, target.marker_ids, _OF_A_BOARD
@@ -82,17 +93,41 @@ def _shrunk(grey: Grey) -> Grey:
 
 
 def _charuco_cause(grey: Grey, board: Charuco) -> str | None:
-    if board.columns == board.rows:
-        return None
-    turned = Charuco(board.rows, board.columns, board.square_mm, board.marker_mm, board.dictionary)
+    """Whether the board is one of other columns and rows; the first id that is seen counts as its own."""
+    markers = _markers(grey, board.dictionary)
+    first = min((marker.id for marker in markers), default=board.first_id)
+    columns, rows = board.columns, board.rows
+    best, cause = 0.0, None
+    for size, told in (
+        ((rows, columns), "columns and rows look swapped"),
+        ((columns + 1, rows + 1), "columns and rows are those of squares, not of inner corners"),
+        ((columns - 1, rows - 1), "columns and rows are one too large"),
+        ((columns + 1, rows), "columns are one too few"),
+        ((columns - 1, rows), "columns are one too many"),
+    ):
+        fits = _charuco_corners(grey, board, size, board.first_id) if size[0] != columns else 0
+        share = fits / max(1, (size[0] - 1) * (size[1] - 1))
+        # Swapped ones fit by no chance: a board that is half covered tells it too.
+        least = 0.0 if size == (rows, columns) else _MOST_CORNERS
+        if share > max(best, least):
+            fit = f"as {size[0]} x {size[1]} squares {fits} corners fit"
+            best, cause = share, f"{told}: {fit}; write columns = {size[0]}, rows = {size[1]}"
+    if cause is not None:
+        return cause
+    if first != board.first_id:
+        fits = _charuco_corners(grey, board, (columns, rows), first)
+        if fits >= _MOST_CORNERS * (columns - 1) * (rows - 1):
+            return f"its markers begin with id {first}; is first_id = {first} meant?"
+    return None
+
+
+def _charuco_corners(grey: Grey, board: Charuco, size: tuple[int, int], first_id: int) -> int:
+    """How many corners of a board of another size are seen; 0 for one that cannot exist."""
     try:
-        found = detect_board(grey, turned)
-    except TagNotSeen:
-        return None
-    return (
-        f"columns and rows look swapped: as {board.rows} x {board.columns} squares "
-        f"{len(found.pixels)} corners fit; write columns = {board.rows}, rows = {board.columns}"
-    )
+        other = Charuco(*size, board.square_mm, board.marker_mm, board.dictionary, first_id)
+        return len(detect_board(grey, other).pixels) if min(size) > 1 else 0
+    except (TagNotSeen, InputError):
+        return 0
 
 
 def _marker_cause(grey: Grey, family: str, wanted: Sequence[int] | None, least: int) -> str | None:
@@ -180,36 +215,51 @@ def _read_markers(grey: Grey, family: str, border: int | None) -> Iterator[_Mark
             yield _Marker(int(tag_id), thin)
 
 
-def _grid_cause(grey: Grey, target: Chessboard | CircleGrid) -> str | None:
+def _chessboard_cause(grey: Grey, target: Chessboard) -> str | None:
+    size = _chessboard_size(grey)
+    stated = target.columns, target.rows
+    if size is None or size[0] * size[1] < MIN_POINTS or sorted(size) == sorted(stated):
+        return None
+    if (size[0] < size[1]) != (stated[0] < stated[1]):
+        size = size[::-1]
+    told = "a board of other columns and rows is seen"
+    if size == (stated[0] - 1, stated[1] - 1):
+        told = "columns and rows are those of inner corners, not of squares"
+    return f"{told}: columns = {size[0]}, rows = {size[1]} fit, where the whole board is in the picture"
+
+
+def _chessboard_size(grey: Grey) -> tuple[int, int] | None:
+    """Columns and rows of inner corners of the largest chessboard that is seen, either way round."""
+    flags = cv2.CALIB_CB_NORMALIZE_IMAGE | cv2.CALIB_CB_LARGER
+    ok, _, grid = cv2.findChessboardCornersSBWithMeta(grey, (3, 3), flags)
+    return (grid.shape[1], grid.shape[0]) if ok else None
+
+
+def _circles_cause(grey: Grey, target: CircleGrid) -> str | None:
     columns, rows = target.columns, target.rows
-    for other, told in (
-        ((columns - 1, rows - 1), "columns and rows are those of inner corners, not of squares"),
-        ((rows, columns), "columns and rows look swapped"),
-    ):
-        if min(other) < (3 if isinstance(target, Chessboard) else 2) or other == (columns, rows):
-            continue
-        if isinstance(target, CircleGrid) and told.startswith("columns and rows are"):
-            continue
-        if _is_seen(grey, target, other):
-            return f"{told}: columns = {other[0]}, rows = {other[1]} fit"
-    if isinstance(target, CircleGrid):
-        if _is_seen(np.asarray(255 - grey, dtype=np.uint8), target, (columns, rows)):
-            return (
-                "the circles are white on black: print them dark on white, or invert the picture"
-            )
-        kinds = CircleGrid(columns, rows, target.spacing_mm, not target.asymmetric)
-        if _is_seen(grey, kinds, (columns, rows)):
-            other_kind = "circles" if target.asymmetric else "asymmetric-circles"
-            return f'the grid is of the other kind: type = "{other_kind}"'
+    if columns != rows and _is_seen(grey, target, (rows, columns)):
+        return f"columns and rows look swapped: columns = {rows}, rows = {columns} fit"
+    if _is_seen(np.asarray(255 - grey, dtype=np.uint8), target, (columns, rows)):
+        return "the circles are white on black: print them dark on white, or invert the picture"
+    kinds = CircleGrid(columns, rows, target.spacing_mm, not target.asymmetric)
+    if _is_seen(grey, kinds, (columns, rows)):
+        other_kind = "circles" if target.asymmetric else "asymmetric-circles"
+        return f'the grid is of the other kind: type = "{other_kind}"'
     return None
 
 
-def _is_seen(grey: Grey, target: Chessboard | CircleGrid, size: tuple[int, int]) -> bool:
-    other: TargetSpec = (
-        Chessboard(*size, target.square_mm)
-        if isinstance(target, Chessboard)
-        else CircleGrid(*size, target.spacing_mm, target.asymmetric)
-    )
+def _exposure_cause(grey: Grey) -> str | None:
+    """Whether the picture is too dark or too bright for any target."""
+    bright, dark = np.percentile(grey, (99, 1))
+    if bright < _DARKEST_WHITE:
+        return f"the picture is dark, its white is at {bright:.0f} of 255: expose longer, or add light"
+    if dark > _BRIGHTEST_BLACK:
+        return f"the picture is too bright, its black is at {dark:.0f} of 255: expose shorter"
+    return None
+
+
+def _is_seen(grey: Grey, target: CircleGrid, size: tuple[int, int]) -> bool:
+    other = CircleGrid(*size, target.spacing_mm, target.asymmetric)
     try:
         return len(detect_board(grey, other).pixels) >= MIN_POINTS
     except TagNotSeen:

@@ -8,7 +8,7 @@ import numpy as np
 
 from vgrd.documents.tables import parse
 from vgrd.errors import InputError
-from vgrd.geometry.camera import CameraModel
+from vgrd.geometry.camera import CameraModel, implausible_distortion, implausible_matrix
 from vgrd.solving.datasets.reading.document import CameraTable
 from vgrd.vision.intrinsics.camera_files import read_camera
 
@@ -53,7 +53,14 @@ def _model(table: CameraTable, folder: Path) -> CameraModel:
     fx, fy, cx, cy = table.matrix
     K = np.array([[fx, 0, cx], [0, fy, cy], [0, 0, 1]])
     middle = (max(1, round(2 * cx)), max(1, round(2 * cy)))  # the principal point is near it
-    return CameraModel(K, np.array(table.distortion or []), _size(table) or middle)
+    fault = implausible_matrix(K, _size(table))
+    if fault is not None:
+        raise InputError(f"matrix: {fault}")
+    camera = CameraModel(K, np.array(table.distortion or []), _size(table) or middle)
+    fault = implausible_distortion(camera)
+    if fault is not None:
+        raise InputError(f"distortion: {fault}")
+    return camera
 
 
 def _size(table: CameraTable) -> tuple[int, int] | None:
