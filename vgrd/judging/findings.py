@@ -382,6 +382,16 @@ OF_FILES: Mapping[str, Kind] = MappingProxyType(
             "fasten it and touch anew, or keep the larger group only",
             "a jump of the place at one touch: 1 in 1,000 good files, and 3.5 sigma of a touch",
         ),
+        "plane_off": Kind(
+            "the plane that a file states is not the one that its touches find by themselves",
+            "correct plane, or leave it out, then it is found as well",
+            "F test of the free fit, 1 in 1,000",
+        ),
+        "radius_off": Kind(
+            "the radius that a file states is not the one that its touches find by themselves",
+            "correct radius_mm (the tip's own included), or leave it out, then it is found as well",
+            "F test of the free fit, 1 in 1,000",
+        ),
         "touches_scatter": Kind(
             "the touches scatter more or less than the file states; the level that was found is used",
             "touch more carefully or correct sigma_mm",
