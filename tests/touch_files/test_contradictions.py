@@ -128,6 +128,15 @@ def test_poses_of_an_active_tcp_are_asked_about(tmp_path):
     assert "were these poses of an active TCP" in told["tcp_at_flange"]
 
 
+def test_poses_of_an_active_tcp_that_was_taught_wrong_are_asked_about(tmp_path):
+    for off in ((8.0, 0.0, 3.0), (-20.0, 15.0, 24.0)):
+        solution = solve_touches(write(tmp_path, 1, n=9, tcp=np.array(off)))
+        (remark,) = solution.verdict.findings
+        assert (remark.code, remark.fatal) == ("tool_short", False)
+        assert "active TCP taught wrong" in remark.message
+    assert "tool_short" not in found(write(tmp_path, 1, n=9, tcp=np.array([0.0, 0.0, 45.0])))
+
+
 def pivot(folder, field, *, n=800, read="quaternion-wxyz"):
     """A tracked pointer that pivots about its tip; field: mm by which the tracker is off 100 mm from its middle."""
     rng = np.random.default_rng(n)

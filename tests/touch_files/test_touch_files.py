@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from vgrd.errors import ConfigError, NotObservable
+from vgrd.errors import ConfigError, NotObservable, TooFewObservations
 from vgrd.geometry import Pose
 from vgrd.geometry.rotation_formats import RotationFormat, rotation_to
 from vgrd.solving.touch_files import solve_touches
@@ -305,3 +305,16 @@ def test_numbers_that_no_touch_has_are_faults(tmp_path):
     lines[first] = "pose = [1e300, 0.0, 0.0, 0.0, 0.0, 0.0]"
     (found,) = faults(tmp_path, "\n".join(lines))
     assert "is it mm?" in found
+
+
+def test_touches_that_measured_nothing_are_told_as_that(solve):
+    file = File("fixed-point", m=10)
+    write = file.write
+    file.write = lambda path: _with_sigmas(write(path), "[inf, inf]")
+    with pytest.raises(TooFewObservations, match="the 10 touches have 0: give sigma_mm"):
+        solve(file)
+
+
+def _with_sigmas(path, sigmas):
+    path.write_text(path.read_text().replace(f"[{SIGMA}, {SIGMA}]", sigmas))
+    return path

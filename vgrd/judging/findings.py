@@ -372,6 +372,11 @@ OF_FILES: Mapping[str, Kind] = MappingProxyType(
             "if so, set the pendant's TCP to zero and read the poses again",
             "5 mm",
         ),
+        "tool_short": Kind(
+            "the TCP is so near the flange's origin that the poses may be those of an active TCP",
+            "in that case set the pendant's TCP to zero and read the poses again",
+            "40 mm",
+        ),
         "touches_alike": Kind(
             "errors are shared by touches of like orientation: a distorted field of a tracker, a bent arm",
             "keep metal away from a magnetic tracker, touch where the tool will work, or calibrate the arm",
