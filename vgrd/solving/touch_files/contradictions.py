@@ -77,9 +77,10 @@ def misread(file: TouchFile) -> Finding | None:
         return None
     words = [words for scale, words in tried if _RIVAL * scale <= best]
     fit = f"{stated:.0f} times" if np.isfinite(stated) else "far beyond"
+    written = "matrices" if file.by_matrix else file.rotation_format
     return finding(
         "rotations_misread",
-        f"read as {file.rotation_format} the touches contradict each other, {fit} what their sigma "
+        f"read as {written} the touches contradict each other, {fit} what their sigma "
         f"promises; they agree, {best:.1f} times, when {' or '.join(words)}",
         fatal=True,
     )
@@ -96,6 +97,8 @@ def _readings(file: TouchFile) -> Iterator[tuple[str, TouchFile]]:
     if told:
         words = "the poses are inverted (base seen from the flange)"
         yield words, file.with_poses(*_inverted(R, t))
+    if file.by_matrix:  # which nobody can read in two ways
+        return
     written = rotation_to(_TURN, file.rotation_format)
     for meant in DISTINCT_FORMATS:
         same_count = value_count(meant) == value_count(file.rotation_format)
