@@ -387,6 +387,11 @@ OF_FILES: Mapping[str, Kind] = MappingProxyType(
             "fasten it and touch anew, or keep the larger group only",
             "a jump of the place at one touch: 1 in 1,000 good files, and 3.5 sigma of a touch",
         ),
+        "targets_scaled": Kind(
+            "the CAD points are in another unit, or longer or shorter by one factor than what was touched",
+            "give target in mm as the part is",
+            "fit of the touches with a free scale: a third of the scatter as written",
+        ),
         "plane_off": Kind(
             "the plane that a file states is not the one that its touches find by themselves",
             "correct plane, or leave it out, then it is found as well",

@@ -1,10 +1,12 @@
 """Why touches of a file contradict each other: read otherwise than written, targets mixed up, something moved."""
 
 from collections.abc import Iterator, Mapping
+from dataclasses import replace
 from types import MappingProxyType
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.optimize import minimize_scalar
 
 from vgrd.calibration.checks import (
     DISTINCT_FORMATS,
@@ -32,6 +34,10 @@ _FITS = 3.0  # times the promised scatter, as of targets that are mixed up
 _CLEARLY_BETTER = 0.3  # of the scatter as written: chance does not explain a third
 _FAR_BETTER = 0.1  # of it: that is the reading, however rough the touches are
 _RIVAL = 0.5  # of the next best reading: else both are named
+_UNITS: Mapping[float, str] = MappingProxyType(
+    {1000.0: "metres", 25.4: "inches", 10.0: "centimetres", 1e-3: "micrometres"}
+)
+_FACTORS = (0.8, 1.25)  # no part and no arm is off by more: a unit is meant
 _LEAST_FREEDOM = 3  # below it some reading fits by chance
 _TURN = rotation_from([0.3, -0.5, 0.7], DISTINCT_FORMATS[0])  # any turn tells formats apart
 _TOUCHED: Mapping[TouchKind, str] = MappingProxyType(
@@ -49,7 +55,7 @@ def find_contradiction(file: TouchFile, levelled: Levelled, *, noisy: bool) -> F
     used = levelled.estimate.fit.used
     doubtful = noisy or not used.all()
     some = file.subset(_evenly(len(file.names), _ENOUGH))
-    mistake = (misread(some) or _mixed_up(some)) if doubtful else None
+    mistake = (misread(some) or scaled(some) or _mixed_up(some)) if doubtful else None
     mistake = mistake or _moved(some, noisy=noisy) or find_stated_off(file)
     if mistake:
         return mistake
@@ -126,6 +132,31 @@ def _scale(file: TouchFile) -> float:
     except CalibrationError:
         return float("inf")
     return noise_scale(fit) if fit.degrees_of_freedom >= _LEAST_FREEDOM else float("inf")
+
+
+def scaled(file: TouchFile) -> Finding | None:
+    """CAD points in another unit, or longer or shorter than the touches by one factor."""
+    if file.kind is not TouchKind.UNIVERSAL:
+        return None
+
+    def scale_at(factor: float) -> float:
+        return _scale(replace(file, points_in_object=file.points_in_object * factor))
+
+    stated = _scale(file)
+    unit = min(_UNITS, key=scale_at)
+    nearest = minimize_scalar(scale_at, bounds=_FACTORS, method="bounded", options={"xatol": 1e-5})
+    factor, words = (unit, f"the targets are in {_UNITS[unit]}")
+    if not scale_at(unit) < _CLEARLY_BETTER * stated:
+        factor, words = (float(nearest.x), "CAD, part or arm is off in scale")
+    best = scale_at(factor)
+    if not best < _CLEARLY_BETTER * stated or best > _FITS:
+        return None
+    return finding(
+        "targets_scaled",
+        f"the touches fit when the targets are {factor:.5g} times as far apart, {best:.1f} times what their sigma "
+        f"promises: {words}",
+        fatal=True,
+    )
 
 
 def _mixed_up(file: TouchFile) -> Finding | None:
