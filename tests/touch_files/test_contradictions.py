@@ -179,3 +179,17 @@ def test_a_strong_field_refuses_with_what_it_means_for_the_tip(tmp_path):
 def test_many_frames_with_a_quaternion_in_the_other_order_are_named(tmp_path):
     (found,) = pivot(tmp_path, 0.0, read="quaternion-xyzw").verdict.findings
     assert 'when rotation = "quaternion-wxyz"' in found.message
+
+
+def test_touches_that_determine_nothing_are_not_read_otherwise_where_that_fits_badly(tmp_path):
+    """Turns about one oblique axis leave the TCP open; other formats make several axes of it, far off any point."""
+    rng = np.random.default_rng(6)
+    turns = np.linspace(-0.9, 0.9, 8)[:, None] * np.array([0.6, 0.64, 0.48])
+    positions = PLACE - Rotation.from_rotvec(turns).apply(TCP) + rng.normal(0, 0.2, (8, 3))
+    lines = ['kind = "fixed-point"', "[poses]", 'unit = "mm"', 'rotation = "rotvec"']
+    for i, numbers in enumerate(np.hstack([positions, turns]).tolist()):
+        lines += ["[[touch]]", f'name = "{i}"', f"pose = {numbers}"]
+    path = tmp_path / "touches.toml"
+    path.write_text("\n".join(lines))
+    with pytest.raises(NotObservable, match="^fixed point: 5 of 6 unknowns"):
+        solve_touches(path)

@@ -41,3 +41,28 @@ def test_touches_rougher_than_stated_are_no_other_scale(tmp_path):
     for seed in range(12):
         told = found(write(tmp_path, seed, kind="universal", n=8 + seed % 6, noise=0.8))
         assert told.keys() <= {"touches_scatter", "touch_outlier"}
+
+
+@pytest.mark.parametrize("off", [1.5, 4.0, 20.0])
+def test_one_cad_point_that_is_off_is_named_with_its_place(tmp_path, off):
+    for seed in range(4):
+        path = write(tmp_path, seed, kind="universal", n=15)
+        wrong = json.loads(path.read_text().split("target = ")[3].splitlines()[0])
+        there = wrong + np.array([off, 0.0, 0.0])
+        change_targets(path, lambda p, w=wrong, t=there: t if np.allclose(p, w) else p)
+        message = found(path)["target_off"]
+        assert f"target ({there[0]:.2f}, {there[1]:.2f}, {there[2]:.2f})" in message
+        told = np.array([float(v) for v in message.split("at (")[1].split(")")[0].split(", ")])
+        assert np.linalg.norm(told - wrong) < 0.6 + 0.05 * off  # one linearisation
+
+
+def test_one_bad_touch_is_no_wrong_target(tmp_path):
+    for bad in (0, 4, 9):
+        told = found(write(tmp_path, bad, kind="universal", n=10, moved=[bad], shift=5.0))
+        assert told.keys() == {"touch_outlier"}
+
+
+def test_clean_touches_find_no_wrong_target(tmp_path):
+    for seed in range(20):
+        told = found(write(tmp_path, seed, kind="universal", n=8 + seed % 8))
+        assert told.keys() <= {"touches_scatter", "touch_outlier"}

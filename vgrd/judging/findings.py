@@ -392,6 +392,11 @@ OF_FILES: Mapping[str, Kind] = MappingProxyType(
             "give target in mm as the part is",
             "fit of the touches with a free scale: a third of the scatter as written",
         ),
+        "target_off": Kind(
+            "a CAD point stands elsewhere than its touches say",
+            "correct it, or see whether another point was touched",
+            "F test of a free point, 1 in 1,000, and better than any single bad touch",
+        ),
         "plane_off": Kind(
             "the plane that a file states is not the one that its touches find by themselves",
             "correct plane, or leave it out, then it is found as well",

@@ -27,6 +27,7 @@ from vgrd.model import Finding
 from vgrd.solving.touch_files.document import TouchFile, TouchKind
 from vgrd.solving.touch_files.fitting import Levelled, plain_fit, rows_of
 from vgrd.solving.touch_files.stated_surfaces import find_stated_off
+from vgrd.solving.touch_files.wrong_targets import find_wrong_target
 
 _ENOUGH = 150  # touches show a mistake in all of them: more would cost time only
 _MOST_TARGETS = 40  # of which every pair is exchanged: 780 fits
@@ -56,7 +57,8 @@ def find_contradiction(file: TouchFile, levelled: Levelled, *, noisy: bool) -> F
     doubtful = noisy or not used.all()
     some = file.subset(_evenly(len(file.names), _ENOUGH))
     mistake = (misread(some) or scaled(some) or _mixed_up(some)) if doubtful else None
-    mistake = mistake or _moved(some, noisy=noisy) or find_stated_off(file)
+    mistake = mistake or _moved(some, noisy=noisy) or find_wrong_target(some)
+    mistake = mistake or find_stated_off(file)
     if mistake:
         return mistake
     rms = levelled.rms_mm
@@ -79,7 +81,7 @@ def misread(file: TouchFile) -> Finding | None:
     if not tried or not tried[0][0] < _CLEARLY_BETTER * stated:
         return None
     best = tried[0][0]
-    if best > _FITS and best > _FAR_BETTER * min(stated, np.finfo(float).max):
+    if best > _FITS and not (np.isfinite(stated) and best <= _FAR_BETTER * stated):
         return None
     words = [words for scale, words in tried if _RIVAL * scale <= best]
     fit = f"{stated:.0f} times" if np.isfinite(stated) else "far beyond"
