@@ -191,5 +191,5 @@ def test_touches_that_determine_nothing_are_not_read_otherwise_where_that_fits_b
         lines += ["[[touch]]", f'name = "{i}"', f"pose = {numbers}"]
     path = tmp_path / "touches.toml"
     path.write_text("\n".join(lines))
-    with pytest.raises(NotObservable, match="^fixed point: 5 of 6 unknowns"):
+    with pytest.raises(NotObservable, match=r"^fixed point: 5 of 6 unknowns"):
         solve_touches(path)
