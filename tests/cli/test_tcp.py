@@ -64,3 +64,12 @@ def test_touches_by_a_4_axis_arm_are_told_what_stays_open(vgrd, tmp_path):
     assert done.code != 0
     assert "5 of 6 unknowns" in done.err + done.out
     assert "the wrist turned about one axis only" in done.err + done.out
+
+
+def test_what_refuses_the_tcp_is_told_once_with_its_code(vgrd, tmp_path):
+    source = tmp_path / "touches.toml"
+    source.write_text(touches(mirrored=True))
+    done = vgrd("tcp", source)
+    told = " ".join(done.out.split())
+    assert told.count("the touches fit the mirror image") == 1
+    assert told.count("points_mirrored") == 1

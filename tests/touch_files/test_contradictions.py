@@ -128,6 +128,15 @@ def test_poses_of_an_active_tcp_are_asked_about(tmp_path):
     assert "were these poses of an active TCP" in told["tcp_at_flange"]
 
 
+def test_poses_of_an_active_tcp_that_was_taught_wrong_are_asked_about(tmp_path):
+    for off in ((8.0, 0.0, 3.0), (-20.0, 15.0, 24.0)):
+        solution = solve_touches(write(tmp_path, 1, n=9, tcp=np.array(off)))
+        (remark,) = solution.verdict.findings
+        assert (remark.code, remark.fatal) == ("tool_short", False)
+        assert "active TCP taught wrong" in remark.message
+    assert "tool_short" not in found(write(tmp_path, 1, n=9, tcp=np.array([0.0, 0.0, 45.0])))
+
+
 def pivot(folder, field, *, n=800, read="quaternion-wxyz"):
     """A tracked pointer that pivots about its tip; field: mm by which the tracker is off 100 mm from its middle."""
     rng = np.random.default_rng(n)
@@ -170,3 +179,17 @@ def test_a_strong_field_refuses_with_what_it_means_for_the_tip(tmp_path):
 def test_many_frames_with_a_quaternion_in_the_other_order_are_named(tmp_path):
     (found,) = pivot(tmp_path, 0.0, read="quaternion-xyzw").verdict.findings
     assert 'when rotation = "quaternion-wxyz"' in found.message
+
+
+def test_touches_that_determine_nothing_are_not_read_otherwise_where_that_fits_badly(tmp_path):
+    """Turns about one oblique axis leave the TCP open; other formats make several axes of it, far off any point."""
+    rng = np.random.default_rng(6)
+    turns = np.linspace(-0.9, 0.9, 8)[:, None] * np.array([0.6, 0.64, 0.48])
+    positions = PLACE - Rotation.from_rotvec(turns).apply(TCP) + rng.normal(0, 0.2, (8, 3))
+    lines = ['kind = "fixed-point"', "[poses]", 'unit = "mm"', 'rotation = "rotvec"']
+    for i, numbers in enumerate(np.hstack([positions, turns]).tolist()):
+        lines += ["[[touch]]", f'name = "{i}"', f"pose = {numbers}"]
+    path = tmp_path / "touches.toml"
+    path.write_text("\n".join(lines))
+    with pytest.raises(NotObservable, match=r"^fixed point: 5 of 6 unknowns"):
+        solve_touches(path)

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from vgrd.errors import ConfigError, NotObservable
+from vgrd.errors import ConfigError, NotObservable, TooFewObservations
 from vgrd.geometry import Pose
 from vgrd.geometry.rotation_formats import RotationFormat, rotation_to
 from vgrd.solving.touch_files import solve_touches
@@ -305,3 +305,57 @@ def test_numbers_that_no_touch_has_are_faults(tmp_path):
     lines[first] = "pose = [1e300, 0.0, 0.0, 0.0, 0.0, 0.0]"
     (found,) = faults(tmp_path, "\n".join(lines))
     assert "is it mm?" in found
+
+
+def test_touches_that_measured_nothing_are_told_as_that(solve):
+    file = File("fixed-point", m=10)
+    write = file.write
+    file.write = lambda path: _with_sigmas(write(path), "[inf, inf]")
+    with pytest.raises(TooFewObservations, match="the 10 touches have 0: give sigma_mm"):
+        solve(file)
+
+
+def _with_sigmas(path, sigmas):
+    path.write_text(path.read_text().replace(f"[{SIGMA}, {SIGMA}]", sigmas))
+    return path
+
+
+@pytest.mark.parametrize("kind", ["fixed-point", "universal", "plane"])
+@pytest.mark.parametrize("form", ["matrix", "matrix-columns", "rows"])
+def test_poses_may_be_written_as_matrices(solve, kind, form):
+    file = File(kind, m=16)
+    numbers = solve(file)
+    write = file.write
+
+    def by_matrices(path):
+        text = write(path).read_text().splitlines()
+        poses = iter(zip(file.wrists.as_matrix(), file.positions, strict=True))
+        for i, line in enumerate(text):
+            if line.startswith("rotation"):
+                text[i] = f'rotation = "{form.replace("rows", "matrix")}"'
+            if line.startswith("pose"):
+                R, t = next(poses)
+                M = np.vstack([np.column_stack([R, t]), [0, 0, 0, 1]])
+                M = M.T if form == "matrix-columns" else M
+                text[i] = f"pose = {(M if form == 'rows' else M.ravel()).tolist()}"
+        path.write_text("\n".join(text))
+        return path
+
+    file.write = by_matrices
+    solution = solve(file)
+    np.testing.assert_allclose(solution.tcp_in_wrist, numbers.tcp_in_wrist, atol=1e-4)
+    assert codes(solution) == codes(numbers)
+
+
+def test_matrices_by_columns_that_are_said_to_be_by_rows_are_a_fault(tmp_path):
+    file = File("fixed-point", m=5)
+    lines = file.write(tmp_path / "a.toml").read_text().replace(f'"{FORMAT}"', '"matrix"')
+    lines = lines.splitlines()
+    poses = zip(file.wrists.as_matrix(), file.positions, strict=True)
+    for i in [i for i, line in enumerate(lines) if line.startswith("pose")]:
+        R, t = next(poses)
+        M = np.vstack([np.column_stack([R, t]), [0, 0, 0, 1]]).T
+        lines[i] = f"pose = {M.ravel().tolist()}"
+    (fault,) = faults(tmp_path, "\n".join(lines))
+    assert 'say rotation = "matrix-columns"' in fault
+    assert "(and 4 more)" in fault

@@ -164,9 +164,12 @@ def tcp(
     from vgrd.solving.touch_files import solve_touches
 
     def show(result: Result) -> None:
-        console.print(result["summary"], highlight=False, markup=False)
-        for one in result["verdict"]["findings"]:
-            console.print(f"{one['code']}: {one['message']}", highlight=False, markup=False)
+        told_first = next((one for one in solution.verdict.findings if one.fatal), None)
+        code = f" ({told_first.code})" if told_first else ""
+        console.print(f"{result['summary']}{code}", highlight=False, markup=False)
+        for one in solution.verdict.findings:
+            if one is not told_first:
+                console.print(f"{one.code}: {one.message}", highlight=False, markup=False)
         for what in ("touches", "levels"):
             rows = result[what]
             keys = tuple(rows[0])

@@ -372,6 +372,11 @@ OF_FILES: Mapping[str, Kind] = MappingProxyType(
             "if so, set the pendant's TCP to zero and read the poses again",
             "5 mm",
         ),
+        "tool_short": Kind(
+            "the TCP is so near the flange's origin that the poses may be those of an active TCP",
+            "in that case set the pendant's TCP to zero and read the poses again",
+            "40 mm",
+        ),
         "touches_alike": Kind(
             "errors are shared by touches of like orientation: a distorted field of a tracker, a bent arm",
             "keep metal away from a magnetic tracker, touch where the tool will work, or calibrate the arm",
@@ -381,6 +386,26 @@ OF_FILES: Mapping[str, Kind] = MappingProxyType(
             "what was touched moved between two touches",
             "fasten it and touch anew, or keep the larger group only",
             "a jump of the place at one touch: 1 in 1,000 good files, and 3.5 sigma of a touch",
+        ),
+        "targets_scaled": Kind(
+            "the CAD points are in another unit, or longer or shorter by one factor than what was touched",
+            "give target in mm as the part is",
+            "fit of the touches with a free scale: a third of the scatter as written",
+        ),
+        "target_off": Kind(
+            "a CAD point stands elsewhere than its touches say",
+            "correct it, or see whether another point was touched",
+            "F test of a free point, 1 in 1,000, and better than any single bad touch",
+        ),
+        "plane_off": Kind(
+            "the plane that a file states is not the one that its touches find by themselves",
+            "correct plane, or leave it out, then it is found as well",
+            "F test of the free fit, 1 in 1,000",
+        ),
+        "radius_off": Kind(
+            "the radius that a file states is not the one that its touches find by themselves",
+            "correct radius_mm (the tip's own included), or leave it out, then it is found as well",
+            "F test of the free fit, 1 in 1,000",
         ),
         "touches_scatter": Kind(
             "the touches scatter more or less than the file states; the level that was found is used",

@@ -4,11 +4,12 @@ from collections.abc import Sequence
 from typing import Annotated
 
 import numpy as np
+from pydantic import BeforeValidator
 
-from vgrd.documents.tables import Table, one_of
+from vgrd.documents.tables import Number, Table, one_of
 from vgrd.geometry import Pose
 from vgrd.geometry.coincidence import equal_poses
-from vgrd.geometry.rotation_formats import RotationFormat
+from vgrd.geometry.pose_formats import POSE_FORMATS
 from vgrd.judging.thresholds import SAME_TEXT_MM, SAME_TEXT_RAD
 
 MIN_SAMPLES = 3  # the least of a hand-eye calibration
@@ -57,8 +58,20 @@ def equal_pose_faults(named: Sequence[tuple[str, Pose]], key: str, source: str) 
     ]
 
 
-class PosesTable(Table):
-    """How the flange poses are written."""
+def flat(value: object) -> object:
+    """Rows of numbers as one list; what is no list of lists stays as it is."""
+    if isinstance(value, list) and value and all(isinstance(row, list) for row in value):
+        return [number for row in value for number in row]
+    return value
 
-    unit: Annotated[str, one_of(("mm", "m"))]
-    rotation: Annotated[str, one_of(tuple(RotationFormat))]
+
+Numbers = Annotated[list[Number], BeforeValidator(flat)]
+Unit = Annotated[str, one_of(("mm", "m"))]
+PoseFormat = Annotated[str, one_of(POSE_FORMATS)]
+
+
+class PosesTable(Table):
+    """How the flange poses are written: x, y, z and the rotation, or a matrix."""
+
+    unit: Unit
+    rotation: PoseFormat

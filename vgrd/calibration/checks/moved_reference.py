@@ -20,6 +20,13 @@ _EACH_SIDE = 2  # touches: one alone is a bad touch
 _MOST_BAD = 1 / 3  # of the touches: where more are bad nobody can say which
 _AT_ONCE = 25  # of so many touches one is left out at a time
 _ROUNDS = 4  # of jump and linearisation; the fixed point needs one
+_HOPELESS = (
+    0.5  # chance: a ball that moved by a fifth of its radius has 0.02 before it is linearised anew
+)
+_AS_STATED = 1.5  # times what was stated: with the jump the touches are as good as promised
+_CHANCE_WHERE_IT_EXPLAINS = (
+    0.02  # one in 50, of files that scatter far more than stated: few of the good
+)
 _SETTLED = 0.05  # sigmas of a touch: a smaller change of the jump decides nothing
 _TOLD_APART = 1e-3  # of a jump's length: less of it is left where the wrists take it up
 _SIGMAS = 3.5  # of a touch: a smaller jump is told by the level of the touches
@@ -27,10 +34,14 @@ _SIGMAS = 3.5  # of a touch: a smaller jump is told by the level of the touches
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Jump:
-    """From touch `first` on what was touched stood elsewhere by shift_in_base (3,), mm."""
+    """From touch `first` on what was touched stood elsewhere by shift_in_base (3,), mm.
+
+    chance: that touches without a jump look so.
+    """
 
     first: int
     shift_in_base: Array
+    chance: float
 
     @property
     def length_mm(self) -> float:
@@ -42,12 +53,18 @@ Relinearize = Callable[[Array], TouchRows]
 
 
 def find_jump(
-    relinearize: Relinearize, kinds: Sequence[TouchKind], count: int, sigma_mm: float
+    relinearize: Relinearize,
+    kinds: Sequence[TouchKind],
+    count: int,
+    sigma_mm: float,
+    *,
+    is_noisy: bool = False,
 ) -> Jump | None:
     """The jump that explains the touches (m) beyond chance; None without one.
 
     relinearize(shifts (m, 3)): rows by kind of the fit to all touches, what was touched having stood elsewhere by
-    these, whitened with the stated sigmas. sigma_mm: of the roughest direction as stated.
+    these, whitened with the stated sigmas. sigma_mm: of the roughest direction as stated. is_noisy: without a jump
+    the touches scatter far more than was stated.
     """
     shifts = np.zeros((count, 3))
     jump: Jump | None = None
@@ -55,14 +72,17 @@ def find_jump(
     for _ in range(_ROUNDS):
         search = _Search(relinearize(shifts), shifts, count)
         step, levels = search.run(kinds, levels)
-        if step is None:
+        if step is None or step.chance > _HOPELESS:
             return None
         jump = step
         change = np.where(np.arange(count)[:, None] >= jump.first, jump.shift_in_base, 0) - shifts
         shifts = shifts + change
         if np.abs(change).max() < _SETTLED * sigma_mm:
             break
-    if jump is None or jump.length_mm < _SIGMAS * sigma_mm * float(levels.scales.max()):
+    explains = is_noisy and float(levels.scales.max()) < _AS_STATED
+    if jump is None or jump.chance > (_CHANCE_WHERE_IT_EXPLAINS if explains else CHANCE):
+        return None
+    if jump.length_mm < _SIGMAS * sigma_mm * float(levels.scales.max()):
         return None
     return jump
 
@@ -78,7 +98,7 @@ class _Search:
         self._kept = np.ones(count, dtype=bool)
 
     def run(self, kinds: Sequence[TouchKind], levels: Levels) -> tuple[Jump | None, Levels]:
-        """The jump that is beyond chance, and the levels beside it."""
+        """The likeliest jump, and the levels beside it."""
         most_bad = int(_MOST_BAD * self._count)
         while True:
             rows = self._whitened(levels)
@@ -91,7 +111,8 @@ class _Search:
             rows = self._whitened(levels)
             first, gain = self._best_jump(rows)
             gains = self._gains(rows)
-            bad = gains > max(gain, OUTLIER_SIGMA**2 + 3)  # of chi2 with 3: its mean is 3
+            equations = len(rows.touch_of) / len(np.unique(rows.touch_of))  # the mean of chi2
+            bad = gains > max(gain, OUTLIER_SIGMA**2 + equations)
             worst = np.argsort(-gains)[: max(1, self._count // _AT_ONCE)]
             if first is None or not bad.any() or int(np.sum(~self._kept)) >= most_bad:
                 break
@@ -101,15 +122,25 @@ class _Search:
         return self._judged(first, levels), levels
 
     def _judged(self, first: int, levels: Levels) -> Jump | None:
-        rows = self._whitened(levels, self._with_jump(first))
-        gain = np.linalg.pinv(rows.jacobian)[-3:]
-        shift = -gain @ rows.residuals
-        covariance = gain @ gain.T
-        squares = float(shift @ np.linalg.solve(covariance, shift))
+        rows = self._whitened(levels)
+        later, told = self._jump_columns(rows, first)
+        columns = _left_of(later @ told, rows.jacobian)
+        if not columns.shape[1]:
+            return None
+        gain = np.linalg.pinv(columns)
+        step = -gain @ rows.residuals
+        squares = float(np.sum((columns @ step) ** 2))
         freedom = levels.freedom_of(np.sum(gain**2, axis=0) @ rows.shares)
         trials = int(self._kept.sum()) - 2 * _EACH_SIDE + 1
-        chance = trials * float(fisher.sf(squares / 3, 3, freedom))
-        return Jump(first, shift) if chance < CHANCE else None
+        chance = trials * float(fisher.sf(squares / len(step), len(step), freedom))
+        return Jump(first, told @ step, chance)
+
+    def _jump_columns(self, rows: TouchRows, first: int) -> tuple[Array, Array]:
+        """How a jump acts (r, 3), and the directions (3, k) of it that the touches tell: of a plane its normal."""
+        later = rows.shift * (rows.touch_of >= first)[:, None]
+        left = _left_of(later, rows.jacobian)
+        w, V = np.linalg.eigh(left.T @ left)
+        return later, V[:, w > _TOLD_APART * np.sum(later**2)]
 
     def _whitened(self, levels: Levels, rows: TouchRows | None = None) -> TouchRows:
         """The rows of the touches that are kept, with these levels."""
@@ -125,9 +156,8 @@ class _Search:
         )
 
     def _with_jump(self, first: int) -> TouchRows:
-        later = (self._rows.touch_of >= first)[:, None]
-        J = np.hstack([self._rows.jacobian, self._rows.shift * later])
-        return replace(self._rows, jacobian=J)
+        later, told = self._jump_columns(self._rows, first)
+        return replace(self._rows, jacobian=np.hstack([self._rows.jacobian, later @ told]))
 
     def _best_jump(self, rows: TouchRows) -> tuple[int | None, float]:
         """First touch after the jump that lowers the sum of squares most, and by how much."""
@@ -160,6 +190,12 @@ class _Search:
             left = np.eye(stop - start) - own @ own.T
             gains[rows.touch_of[start]] = r[start:stop] @ np.linalg.pinv(left) @ r[start:stop]
         return gains
+
+
+def _left_of(columns: Array, J: Array) -> Array:
+    """What of the columns (r, k) those of a fit (r, n) do not take up."""
+    U = _column_space(J)
+    return columns - U @ (U.T @ columns)
 
 
 def _column_space(J: Array) -> Array:

@@ -8,6 +8,12 @@ from vgrd.calibration.tcp.fixed_point import FixedPointResult, calibrate_fixed_p
 from vgrd.calibration.tcp.orientation import AxisPoint, ToolOrientation, tool_orientation
 from vgrd.calibration.tcp.plane import Plane, calibrate_plane, check_one_plane, fit_plane
 from vgrd.calibration.tcp.sphere import calibrate_sphere, check_one_sphere, fit_sphere
+from vgrd.calibration.tcp.stated_surface import (
+    SurfaceDifference,
+    plane_difference,
+    radius_difference,
+)
+from vgrd.calibration.tcp.surface import SurfaceResult
 from vgrd.calibration.tcp.systematic import grouped_covariance
 from vgrd.calibration.tcp.touch_levels import (
     TouchKind,
@@ -27,6 +33,8 @@ __all__ = [
     "ContactTcp",
     "FixedPointResult",
     "Plane",
+    "SurfaceDifference",
+    "SurfaceResult",
     "ToolOrientation",
     "TouchKind",
     "TouchRows",
@@ -43,7 +51,9 @@ __all__ = [
     "freedom_of_unknowns",
     "grouped_covariance",
     "named_levels",
+    "plane_difference",
     "point_rows",
+    "radius_difference",
     "surface_rows",
     "tool_orientation",
     "touch_kinds",

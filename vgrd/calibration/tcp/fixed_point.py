@@ -42,8 +42,13 @@ def calibrate_fixed_point(touches: TouchSet, *, allow_open_axis: bool = False) -
     has a sigma of 500 mm. Raises TooFewObservations, or NotObservable with the rotation that is missing.
     """
     m = len(touches)
-    if m < 3 or touches.equations() < 6:
+    if m < 3:
         raise TooFewObservations(f"a TCP from one fixed point needs at least 3 touches, got {m}")
+    if (measured := touches.equations()) < 6:
+        raise TooFewObservations(
+            f"a TCP from one fixed point needs 6 directions that were measured, the {m} touches have {measured}: "
+            "give sigma_mm of what they measured, inf only where they did not"
+        )
     A = _rows(touches)
     B = touches.base_sqrt_informations()
     b = -np.einsum("mij,mj->mi", B, touches.translations).ravel()

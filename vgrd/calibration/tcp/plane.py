@@ -148,13 +148,13 @@ class _PlaneProblem:
         """Distances (m,) mm and their derivative (m, 6) by p_T, d and two tilts of n."""
         tcp, n, d = state
         y = self._R @ tcp + self._t
-        tilts = y @ _across(n).T
+        tilts = y @ across(n).T
         return y @ n - d, np.column_stack([n @ self._R, -np.ones(len(y)), tilts])
 
 
 def _retract_plane(state: PlaneState, step: Array) -> PlaneState:
     tcp, n, d = state
-    tilted = n + step[4:] @ _across(n)
+    tilted = n + step[4:] @ across(n)
     return tcp + step[:3], tilted / np.linalg.norm(tilted), d + float(step[3])
 
 
@@ -168,13 +168,13 @@ def _tilt(touches: TouchSet) -> str:
 
 def _spread(tips: Array, normal: Array) -> str:
     """What is missing when the touched places do not span the plane."""
-    s = np.linalg.svd((tips - tips.mean(axis=0)) @ _across(normal).T, compute_uv=False)
+    s = np.linalg.svd((tips - tips.mean(axis=0)) @ across(normal).T, compute_uv=False)
     if s[1] > PLANE_LINE * max(float(s[0]), 1e-9) and s[1] > 1:
         return ""
     return "the plane was touched at one place or on one line; touch places far beside it"
 
 
-def _across(normal: Array) -> Array:
+def across(normal: Array) -> Array:
     """Two unit vectors (2, 3) across a direction."""
     return np.asarray(np.linalg.svd(normal[None])[2][1:])
 

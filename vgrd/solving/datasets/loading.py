@@ -19,13 +19,12 @@ from vgrd.solving.datasets.features import Places, read_features
 from vgrd.solving.datasets.reading.cameras import read_dataset_camera
 from vgrd.solving.datasets.reading.document import (
     CameraPosesTable,
-    PosesTable,
     SampleTable,
     TcpTable,
 )
 from vgrd.solving.datasets.reading.sample_reading import DatasetSample, SampleReader, kinds_of
 from vgrd.solving.datasets.reading.samples_table import with_samples_table
-from vgrd.solving.flange_poses import MIN_SAMPLES, arm_faults, equal_pose_faults
+from vgrd.solving.flange_poses import MIN_SAMPLES, PosesTable, arm_faults, equal_pose_faults
 from vgrd.vision.print.boards import TargetSpec
 from vgrd.vision.print.targets import TagGrid
 

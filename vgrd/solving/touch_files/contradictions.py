@@ -1,9 +1,12 @@
 """Why touches of a file contradict each other: read otherwise than written, targets mixed up, something moved."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
+from dataclasses import replace
+from types import MappingProxyType
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.optimize import minimize_scalar
 
 from vgrd.calibration.checks import (
     DISTINCT_FORMATS,
@@ -22,7 +25,9 @@ from vgrd.judging.findings import finding
 from vgrd.judging.thresholds import NOISY_SCALE, TOUCHES_CONTRADICT_MM
 from vgrd.model import Finding
 from vgrd.solving.touch_files.document import TouchFile, TouchKind
-from vgrd.solving.touch_files.fitting import Levelled, point_fit, rows_of
+from vgrd.solving.touch_files.fitting import Levelled, plain_fit, rows_of
+from vgrd.solving.touch_files.stated_surfaces import find_stated_off
+from vgrd.solving.touch_files.wrong_targets import find_wrong_target
 
 _ENOUGH = 150  # touches show a mistake in all of them: more would cost time only
 _MOST_TARGETS = 40  # of which every pair is exchanged: 780 fits
@@ -30,9 +35,20 @@ _FITS = 3.0  # times the promised scatter, as of targets that are mixed up
 _CLEARLY_BETTER = 0.3  # of the scatter as written: chance does not explain a third
 _FAR_BETTER = 0.1  # of it: that is the reading, however rough the touches are
 _RIVAL = 0.5  # of the next best reading: else both are named
+_UNITS: Mapping[float, str] = MappingProxyType(
+    {1000.0: "metres", 25.4: "inches", 10.0: "centimetres", 1e-3: "micrometres"}
+)
+_FACTORS = (0.8, 1.25)  # no part and no arm is off by more: a unit is meant
 _LEAST_FREEDOM = 3  # below it some reading fits by chance
 _TURN = rotation_from([0.3, -0.5, 0.7], DISTINCT_FORMATS[0])  # any turn tells formats apart
-_POINTS = (TouchKind.UNIVERSAL, TouchKind.FIXED_POINT)
+_TOUCHED: Mapping[TouchKind, str] = MappingProxyType(
+    {
+        TouchKind.UNIVERSAL: "the object",
+        TouchKind.FIXED_POINT: "the point",
+        TouchKind.PLANE: "the plane",
+        TouchKind.SPHERE: "the ball",
+    }
+)
 
 
 def find_contradiction(file: TouchFile, levelled: Levelled, *, noisy: bool) -> Finding | None:
@@ -40,11 +56,11 @@ def find_contradiction(file: TouchFile, levelled: Levelled, *, noisy: bool) -> F
     used = levelled.estimate.fit.used
     doubtful = noisy or not used.all()
     some = file.subset(_evenly(len(file.names), _ENOUGH))
-    if file.kind in _POINTS:
-        mistake = (misread(some) or _mixed_up(some)) if doubtful else None
-        mistake = mistake or _moved(some)
-        if mistake:
-            return mistake
+    mistake = (misread(some) or scaled(some) or _mixed_up(some)) if doubtful else None
+    mistake = mistake or _moved(some, noisy=noisy) or find_wrong_target(some)
+    mistake = mistake or find_stated_off(file)
+    if mistake:
+        return mistake
     rms = levelled.rms_mm
     if noisy and levelled.stated_scale > NOISY_SCALE and rms > TOUCHES_CONTRADICT_MM:
         radius = radius95(levelled.estimate.covariance)
@@ -57,9 +73,7 @@ def find_contradiction(file: TouchFile, levelled: Levelled, *, noisy: bool) -> F
 
 
 def misread(file: TouchFile) -> Finding | None:
-    """The way to read the orientations in which touches of points fit, where it is not the one written."""
-    if file.kind not in _POINTS:
-        return None
+    """The way to read the orientations in which the touches fit, where it is not the one written."""
     stated = _scale(file)
     tried = sorted(
         ((_scale(reading), words) for words, reading in _readings(file)), key=lambda pair: pair[0]
@@ -67,13 +81,14 @@ def misread(file: TouchFile) -> Finding | None:
     if not tried or not tried[0][0] < _CLEARLY_BETTER * stated:
         return None
     best = tried[0][0]
-    if best > _FITS and best > _FAR_BETTER * min(stated, np.finfo(float).max):
+    if best > _FITS and not (np.isfinite(stated) and best <= _FAR_BETTER * stated):
         return None
     words = [words for scale, words in tried if _RIVAL * scale <= best]
     fit = f"{stated:.0f} times" if np.isfinite(stated) else "far beyond"
+    written = "matrices" if file.by_matrix else file.rotation_format
     return finding(
         "rotations_misread",
-        f"read as {file.rotation_format} the touches contradict each other, {fit} what their sigma "
+        f"read as {written} the touches contradict each other, {fit} what their sigma "
         f"promises; they agree, {best:.1f} times, when {' or '.join(words)}",
         fatal=True,
     )
@@ -82,14 +97,16 @@ def misread(file: TouchFile) -> Finding | None:
 def _readings(file: TouchFile) -> Iterator[tuple[str, TouchFile]]:
     """The file with its orientations read in every other format, and with inverted poses.
 
-    Inverted poses swap the TCP and a fixed point, and the touches of that fit as before.
+    Inverted poses swap the TCP and a fixed point or the centre of a ball, and the touches of that fit as before.
     """
     t = file.touches.translations
     R = file.touches.rotations
-    told = file.kind is TouchKind.UNIVERSAL
+    told = file.kind in (TouchKind.UNIVERSAL, TouchKind.PLANE)
     if told:
         words = "the poses are inverted (base seen from the flange)"
         yield words, file.with_poses(*_inverted(R, t))
+    if file.by_matrix:  # which nobody can read in two ways
+        return
     written = rotation_to(_TURN, file.rotation_format)
     for meant in DISTINCT_FORMATS:
         same_count = value_count(meant) == value_count(file.rotation_format)
@@ -113,10 +130,35 @@ def _inverted(R: Array, t: Array) -> tuple[Array, Array]:
 def _scale(file: TouchFile) -> float:
     """How many times as much as promised the touches scatter; infinite where they determine nothing."""
     try:
-        fit = point_fit(file)
+        fit = plain_fit(file)
     except CalibrationError:
         return float("inf")
     return noise_scale(fit) if fit.degrees_of_freedom >= _LEAST_FREEDOM else float("inf")
+
+
+def scaled(file: TouchFile) -> Finding | None:
+    """CAD points in another unit, or longer or shorter than the touches by one factor."""
+    if file.kind is not TouchKind.UNIVERSAL:
+        return None
+
+    def scale_at(factor: float) -> float:
+        return _scale(replace(file, points_in_object=file.points_in_object * factor))
+
+    stated = _scale(file)
+    unit = min(_UNITS, key=scale_at)
+    nearest = minimize_scalar(scale_at, bounds=_FACTORS, method="bounded", options={"xatol": 1e-5})
+    factor, words = (unit, f"the targets are in {_UNITS[unit]}")
+    if not scale_at(unit) < _CLEARLY_BETTER * stated:
+        factor, words = (float(nearest.x), "CAD, part or arm is off in scale")
+    best = scale_at(factor)
+    if not best < _CLEARLY_BETTER * stated or best > _FITS:
+        return None
+    return finding(
+        "targets_scaled",
+        f"the touches fit when the targets are {factor:.5g} times as far apart, {best:.1f} times what their sigma "
+        f"promises: {words}",
+        fatal=True,
+    )
 
 
 def _mixed_up(file: TouchFile) -> Finding | None:
@@ -129,7 +171,7 @@ def _mixed_up(file: TouchFile) -> Finding | None:
     return misinterpretation(file.names, file.points_in_object, wrists, _scale(file))
 
 
-def _moved(file: TouchFile) -> Finding | None:
+def _moved(file: TouchFile, *, noisy: bool) -> Finding | None:
     """What was touched moved between two touches."""
     kinds = touch_kinds(file.touches, np.array(file.sigma_given))
     moved = file
@@ -137,25 +179,24 @@ def _moved(file: TouchFile) -> Finding | None:
     def relinearize(shifts: Array) -> TouchRows:
         nonlocal moved
         moved = file.with_poses(file.touches.rotations, file.touches.translations - shifts)
-        return by_kind(rows_of(moved, point_fit(moved)), kinds)
+        return by_kind(rows_of(moved, plain_fit(moved)), kinds)
 
     sigma = max(kind.stated_mm for kind in kinds)
     try:
-        jump = find_jump(relinearize, kinds, len(file.names), sigma)
+        jump = find_jump(relinearize, kinds, len(file.names), sigma, is_noisy=noisy)
         if jump is None:
             return None
-        tcp = point_fit(moved).tcp_in_wrist
+        tcp = plain_fit(moved).tcp_in_wrist
     except CalibrationError:
         return None
     return finding("reference_moved", _moved_words(file, jump, tcp), fatal=True)
 
 
 def _moved_words(file: TouchFile, jump: Jump, tcp: Array) -> str:
-    what = "the object" if file.kind is TouchKind.UNIVERSAL else "the point"
     names = [repr(name) for name in file.names]
     x, y, z = jump.shift_in_base
     return (
-        f"{what} moved {jump.length_mm:.1f} mm ({x:.1f}, {y:.1f}, {z:.1f}) between touch "
+        f"{_TOUCHED[file.kind]} moved {jump.length_mm:.1f} mm ({x:.1f}, {y:.1f}, {z:.1f}) between touch "
         f"{names[jump.first - 1]} and {names[jump.first]}: touches {_span(names[: jump.first])} "
         f"belong together, and {_span(names[jump.first :])}; each taken so, the TCP is "
         f"({tcp[0]:.1f}, {tcp[1]:.1f}, {tcp[2]:.1f})"

@@ -28,9 +28,10 @@ from vgrd.documents.toml import one_word, read_toml, unknown_keys
 from vgrd.errors import ConfigError, InputError
 from vgrd.geometry import Array, Pose
 from vgrd.geometry.coincidence import are_in_line
-from vgrd.geometry.rotation_formats import RotationFormat, pose_from
+from vgrd.geometry.pose_formats import robot_numbers, written_pose
+from vgrd.geometry.rotation_formats import RotationFormat
 from vgrd.judging.thresholds import LINE
-from vgrd.solving.flange_poses import PosesTable, arm_faults
+from vgrd.solving.flange_poses import Numbers, PosesTable, arm_faults
 
 DEFAULT_SIGMA_MM = 0.233  # the paper's touches, experiment B
 _TABLES = ("kind", "poses", "touch", "plane", "sphere", "orientation")
@@ -65,7 +66,7 @@ class TouchKind(StrEnum):
 class TouchTable(NamedTable):
     """One touch: the flange's pose in the base and, universal, the CAD point in mm."""
 
-    pose: list[Number]
+    pose: Numbers
     target: Vector | None = None
     axis: Vector | None = None
     sigma_mm: Annotated[list[SigmaMm], Field(min_length=2, max_length=2)] | None = None
@@ -74,7 +75,7 @@ class TouchTable(NamedTable):
 class OrientationTable(NamedTable):
     """A flange pose in which the fixed point lies on an axis of the tool, seen from the tip."""
 
-    pose: list[Number]
+    pose: Numbers
     point_on: Annotated[str, one_of(_AXES)]
 
 
@@ -107,7 +108,8 @@ class TouchFile:
 
     sigma_given: (m,), whether the file gives the sigma of a touch. rotations: (m, 3 or 4), the numbers
     of the orientations as they are written, and rotation_format how they are said to be meant. axis_poses: two
-    flange poses with the axis of the tool on which the fixed point lay, such as "+z", or none.
+    flange poses with the axis of the tool on which the fixed point lay, such as "+z", or none. by_matrix: the file
+    writes 4x4 matrices; rotations are quaternions (x, y, z, w) then.
     """
 
     kind: TouchKind
@@ -120,6 +122,7 @@ class TouchFile:
     plane: Plane | None = None
     radius_mm: float | None = None
     axis_poses: tuple[tuple[str, Pose], ...] = ()
+    by_matrix: bool = False
 
     def subset(self, chosen: NDArray[np.intp]) -> "TouchFile":
         """The same with the touches of these indices."""
@@ -156,6 +159,10 @@ def load_touches(path: Path) -> TouchFile:
         faults += _line_faults(points)
     if faults or kind is None or poses is None:
         raise ConfigError(str(path), _told_once(faults))
+    written = [
+        robot_numbers(row.pose, pose, poses.rotation, poses.unit)
+        for (_, row), pose in zip(rows, arm, strict=True)
+    ]
     sigmas = [row.sigma_mm or (DEFAULT_SIGMA_MM, DEFAULT_SIGMA_MM) for _, row in rows]
     return TouchFile(
         kind=kind,
@@ -163,8 +170,9 @@ def load_touches(path: Path) -> TouchFile:
         touches=touch_set(arm, axis, [s[0] for s in sigmas], [s[1] for s in sigmas]),
         points_in_object=points.reshape(-1, 3),
         sigma_given=tuple(row.sigma_mm is not None for _, row in rows),
-        rotations=np.array([row.pose[3:] for _, row in rows], dtype=np.float64),
-        rotation_format=RotationFormat(poses.rotation),
+        rotations=np.array([numbers[3:] for numbers, _ in written]),
+        rotation_format=written[0][1],
+        by_matrix=poses.rotation not in tuple(RotationFormat),
         plane=plane,
         radius_mm=sphere.radius_mm if sphere else None,
         axis_poses=axis_poses,
@@ -258,7 +266,7 @@ def _read_poses(
     read = []
     for label, row in rows:
         try:
-            read.append(pose_from(row.pose, RotationFormat(poses.rotation), poses.unit))
+            read.append(written_pose(row.pose, poses.rotation, poses.unit))
         except InputError as error:
             faults.append(f"{label}.pose: {error}")
     return read

@@ -13,6 +13,7 @@ from vgrd.calibration.observability import RobustFit, fit_without_outliers, nois
 from vgrd.calibration.tcp import (
     AxisPoint,
     FixedPointResult,
+    SurfaceResult,
     ToolOrientation,
     TouchRows,
     by_kind,
@@ -42,6 +43,8 @@ from vgrd.geometry.covariance import dimensions_of, radius95
 from vgrd.geometry.rotation_relaxation import Certificate
 from vgrd.judging.thresholds import OUTLIER_SIGMA
 from vgrd.solving.touch_files.document import TouchFile, TouchKind
+
+PlainFit = FixedPointResult | UniversalResult | SurfaceResult[Any]
 
 _CLOSED_FORM = Certificate(0.0, tight=True)
 _FALSELY_BAD = 5e-3  # touches per good file, however long it is
@@ -134,16 +137,22 @@ def fit_with_levels(file: TouchFile) -> Levelled:
     )
 
 
-def point_fit(file: TouchFile, weights: Array | None = None) -> FixedPointResult | UniversalResult:
-    """Fit to touches of points, by the sigmas as they stand; weights (m,) of the touches, 1 by default."""
+def plain_fit(file: TouchFile, weights: Array | None = None) -> PlainFit:
+    """Fit by the sigmas as they stand, no touch left out; weights (m,) of the touches, 1 by default."""
     touches = file.touches if weights is None else file.touches.weighted(weights)
     if file.kind is TouchKind.UNIVERSAL:
         return calibrate_universal(UniversalProblem(file.points_in_object, touches))
+    if file.kind is TouchKind.PLANE:
+        return fit_plane(touches, file.plane)
+    if file.kind is TouchKind.SPHERE:
+        return fit_sphere(touches, file.radius_mm)
     return calibrate_fixed_point(touches)
 
 
-def rows_of(file: TouchFile, fit: FixedPointResult | UniversalResult) -> TouchRows:
-    """Rows of a `point_fit`, across and along the tool."""
+def rows_of(file: TouchFile, fit: PlainFit) -> TouchRows:
+    """Rows of a `plain_fit`, across and along the tool."""
+    if isinstance(fit, SurfaceResult):
+        return surface_rows(file.touches, fit.whitened, fit.jacobian, fit.normals_in_base)
     turns, sign = np.broadcast_to(np.eye(3), file.touches.rotations.shape), -1
     if isinstance(fit, UniversalResult):
         sign = 1
@@ -169,7 +178,7 @@ def find_orientation(file: TouchFile, levelled: Levelled) -> ToolOrientation | N
 
 
 def _universal(file: TouchFile) -> Estimate:
-    fit = _robust(lambda weights: point_fit(file, weights), file)
+    fit = _robust(file)
     best: UniversalResult = fit.result
     X = best.object_from_base
     return Estimate(
@@ -185,7 +194,7 @@ def _universal(file: TouchFile) -> Estimate:
 
 
 def _fixed_point(file: TouchFile) -> Estimate:
-    fit = _robust(lambda weights: point_fit(file, weights), file)
+    fit = _robust(file)
     best: FixedPointResult = fit.result
     return Estimate(
         fit,
@@ -200,7 +209,7 @@ def _fixed_point(file: TouchFile) -> Estimate:
 
 
 def _plane(file: TouchFile) -> Estimate:
-    fit = _robust(lambda weights: fit_plane(file.touches.weighted(weights), file.plane), file)
+    fit = _robust(file)
     best = fit.result
     check_one_plane(best)
     proof = _CLOSED_FORM if file.plane else None
@@ -209,14 +218,14 @@ def _plane(file: TouchFile) -> Estimate:
         best.tcp_in_wrist,
         best.covariance,
         np.abs(best.residuals_mm),
-        surface_rows(file.touches, best.whitened, best.jacobian, best.normals_in_base),
+        rows_of(file, best),
         _FIXED_POINT,
         certificate=proof,
     )
 
 
 def _sphere(file: TouchFile) -> Estimate:
-    fit = _robust(lambda weights: fit_sphere(file.touches.weighted(weights), file.radius_mm), file)
+    fit = _robust(file)
     best = fit.result
     check_one_sphere(best)
     return Estimate(
@@ -224,7 +233,7 @@ def _sphere(file: TouchFile) -> Estimate:
         best.tcp_in_wrist,
         best.covariance,
         np.abs(best.residuals_mm),
-        surface_rows(file.touches, best.whitened, best.jacobian, best.normals_in_base),
+        rows_of(file, best),
         _FIXED_POINT,
         certificate=None,
     )
@@ -240,10 +249,10 @@ _FITS: Mapping[TouchKind, Callable[[TouchFile], Estimate]] = MappingProxyType(
 )
 
 
-def _robust(solve: Callable[[Array], Any], file: TouchFile) -> RobustFit[Any]:
+def _robust(file: TouchFile) -> RobustFit[Any]:
     count = len(file.names)
     limit = max(OUTLIER_SIGMA, float(norm.isf(_FALSELY_BAD / (2 * count))))
-    return fit_without_outliers(solve, count, limit)
+    return fit_without_outliers(lambda weights: plain_fit(file, weights), count, limit)
 
 
 def _measured_mm(touches: TouchSet, errors_in_base: Array) -> Array:

@@ -17,6 +17,9 @@ from vgrd.solving.touch_files.solution import TouchReport
 
 _CLEARLY_OFF = 3.5  # sigmas of a level's own spread: with 3 sigmas 3 % of clean files were told
 _NO_TOOL_MM = 5.0  # from the flange's origin: no tip is so near, a TCP taught badly is that wrong
+_SHORT_TOOL_MM = (
+    40.0  # so are few tips, and badly taught TCPs are off by 8 mm and more: worth a remark
+)
 _TOLD = 5  # touches that are left out, each in a line of its own: more tell nobody anything
 _FAR_OFF = 1.5  # times what was stated: a stated sigma is right within it in two of three cases
 
@@ -87,12 +90,17 @@ def _unproven(estimate: Estimate) -> Iterator[Finding]:
 
 def _no_tool(estimate: Estimate) -> Iterator[Finding]:
     distance = float(np.linalg.norm(estimate.tcp_in_wrist))
-    if distance < _NO_TOOL_MM and radius95(estimate.covariance) < WEAK_TCP_MM:
-        yield finding(
-            "tcp_at_flange",
-            f"the TCP is {distance:.1f} mm from the flange's origin: were these poses of an active TCP",
-            fatal=True,
+    if distance >= _SHORT_TOOL_MM or radius95(estimate.covariance) >= WEAK_TCP_MM:
+        return
+    where = f"the TCP is {distance:.1f} mm from the flange's origin"
+    if distance < _NO_TOOL_MM:
+        message = f"{where}: were these poses of an active TCP"
+        yield finding("tcp_at_flange", message, fatal=True)
+    else:
+        message = (
+            f"{where}: is the tool so short, or were these poses of an active TCP taught wrong"
         )
+        yield finding("tool_short", message)
 
 
 def _weakness(covariance: Array, count: int) -> Iterator[Finding]:

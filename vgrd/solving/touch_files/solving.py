@@ -4,11 +4,12 @@ from pathlib import Path
 
 from vgrd.errors import NotObservable
 from vgrd.model import Verdict
-from vgrd.solving.touch_files.contradictions import misread
+from vgrd.solving.touch_files.contradictions import misread, scaled
 from vgrd.solving.touch_files.document import load_touches
 from vgrd.solving.touch_files.fitting import find_orientation, fit_with_levels
 from vgrd.solving.touch_files.judging import judge, reports
 from vgrd.solving.touch_files.solution import TouchSolution
+from vgrd.solving.touch_files.stated_surfaces import find_stated_off
 
 
 def solve_touches(path: Path, *, tolerance_mm: float | None = None) -> TouchSolution:
@@ -22,7 +23,7 @@ def solve_touches(path: Path, *, tolerance_mm: float | None = None) -> TouchSolu
     try:
         levelled = fit_with_levels(file)
     except NotObservable as error:
-        mistake = misread(file)
+        mistake = misread(file) or scaled(file) or find_stated_off(file)
         if mistake is None:
             raise
         raise NotObservable(

@@ -4,21 +4,11 @@ from typing import Annotated
 
 from pydantic import BeforeValidator, Field
 
-from vgrd.documents.tables import NamedTable, Number, Table, one_of
-from vgrd.geometry.pose_formats import MATRIX, POSE_FORMATS
+from vgrd.documents.tables import NamedTable, Number, Table
+from vgrd.geometry.pose_formats import MATRIX
+from vgrd.solving.flange_poses import Numbers, PoseFormat, Unit, flat
 
-
-def _flat(value: object) -> object:
-    """Rows of numbers as one list; what is no list of lists stays as it is."""
-    if isinstance(value, list) and value and all(isinstance(row, list) for row in value):
-        return [number for row in value for number in row]
-    return value
-
-
-Numbers = Annotated[list[Number], BeforeValidator(_flat)]
-Vector = Annotated[list[Number], Field(min_length=3, max_length=3), BeforeValidator(_flat)]
-Unit = Annotated[str, one_of(("mm", "m"))]
-PoseFormat = Annotated[str, one_of(POSE_FORMATS)]
+Vector = Annotated[list[Number], Field(min_length=3, max_length=3), BeforeValidator(flat)]
 
 SizePx = Annotated[int, Field(ge=1, le=100_000)]  # wider than any sensor: a slip
 
@@ -49,13 +39,6 @@ class FeatureTable(NamedTable):
         float,
         Field(ge=1e-3, le=100, allow_inf_nan=False),  # finer is no part; coarser says nothing
     ] = 0.1  # a guess: a place that was measured by hand
-
-
-class PosesTable(Table):
-    """How the flange poses are written: x, y, z and the rotation, or a matrix."""
-
-    unit: Unit
-    rotation: PoseFormat
 
 
 class TcpTable(Table):

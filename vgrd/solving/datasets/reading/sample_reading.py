@@ -10,8 +10,9 @@ from scipy.spatial.transform import Rotation
 from vgrd.errors import InputError
 from vgrd.geometry import Array, Pose
 from vgrd.geometry.pose_formats import MM_PER, written_pose
-from vgrd.solving.datasets.reading.document import CameraPosesTable, PosesTable, SampleTable
+from vgrd.solving.datasets.reading.document import CameraPosesTable, SampleTable
 from vgrd.solving.datasets.reading.points import read_points
+from vgrd.solving.flange_poses import PosesTable
 from vgrd.vision.print.boards import BoardObservation
 
 _SOURCES = ("image", "points", "camera_from_target", "point_in_camera")
