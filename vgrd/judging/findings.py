@@ -335,7 +335,7 @@ OF_FILES: Mapping[str, Kind] = MappingProxyType(
             "the target has another size than the file says",
             "measure it with a caliper; if it is right, check the robot's unit and the camera's focal "
             "length",
-            "3 sigma and 0.1 %",
+            "3 sigma and 0.1 %; fatal beyond 0.5 % or the tolerance",
         ),
         "camera_scale": Kind(
             "lengths of a 3D camera are not those of the robot",

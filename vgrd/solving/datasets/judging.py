@@ -22,11 +22,8 @@ from vgrd.solving.datasets.suspects import suspects, unit_mismatch
 _DOUBTFUL = 4.0  # times the median miss
 _DOUBTFUL_MM = 0.2  # smaller misses are nobody's concern
 _DOUBTFUL_DEG = 0.02  # the same
-_SCALE_SIGMAS = 3.0  # the size is told, not refused
-_SCALE_MATTERS = 1e-3  # 0.1 mm of a board of 100 mm
-_CLEARLY_BETTER = 0.6  # of the misfit as read: chance explains less
+_OTHER_SIZE = 5e-3  # of a target's size: no arm and no lens that was calibrated is so far off
 _DIGITS = (1, 1, 1, 1, 4, 4)  # px, and coefficients
-_SAME_READING_MM = 0.01  # readings that fit as well are all named
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -187,13 +184,16 @@ def _camera(evidence: DatasetEvidence) -> list[Finding]:
 
 
 def _size(evidence: DatasetEvidence) -> list[Finding]:
-    deviation, sigma = evidence.scale.value - 1, evidence.scale.sigma
-    if not np.isfinite(sigma):
+    """The target is not the size given: all depths are off by that share, and no miss shows it."""
+    deviation, quality, tolerance = evidence.scale.excess, evidence.quality, evidence.tolerance_mm
+    if deviation == 0:
         return []
-    if abs(deviation) < max(_SCALE_SIGMAS * sigma, _SCALE_MATTERS):
-        return []
-    message = (
-        f"target: by the robot's motion the target is {100 * deviation:+.2f} +- {100 * sigma:.2f} "
-        "% off the size given"
+    is_fatal = abs(deviation) > _OTHER_SIZE or (
+        tolerance is not None and quality.size_mm > tolerance
     )
-    return [finding("target_size", message)]
+    message = (
+        f"target: by the robot's motion the target is {100 * deviation:+.2f} +- "
+        f"{100 * evidence.scale.sigma:.2f} % off the size given, which is {quality.size_mm:.2g} mm at "
+        f"{quality.distance_mm:.0f} mm"
+    )
+    return [finding("target_size", message, fatal=is_fatal)]

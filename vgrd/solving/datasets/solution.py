@@ -154,6 +154,7 @@ class DatasetSolution:
                 "within_mm": _known(quality.mm),
                 "within_deg": _known(quality.deg),
                 "calibration_mm": _known(quality.calibration_mm),
+                "size_mm": quality.size_mm,
                 "distance_mm": quality.distance_mm,
                 "samples": quality.count,
                 "limited_by": quality.limits,

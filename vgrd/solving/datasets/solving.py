@@ -12,7 +12,7 @@ from vgrd.calibration.observability import Axes, turned_axes
 from vgrd.errors import CalibrationError, ConfigError, InputError, TagNotSeen, TooFewObservations
 from vgrd.geometry import Pose, log_rotation
 from vgrd.geometry.resection import checked_points
-from vgrd.solving.datasets.fitting import Fitter, fitter_of_points, fitter_of_poses
+from vgrd.solving.datasets.fitting import Fitter, TargetScale, fitter_of_points, fitter_of_poses
 from vgrd.solving.datasets.half_turns import turn_alike
 from vgrd.solving.datasets.judging import DatasetEvidence, Miss, doubtful, judge
 from vgrd.solving.datasets.loading import Dataset, load_dataset
@@ -90,6 +90,7 @@ def solve_dataset(
     steps.advance()
     folds = _folds(fitter, sightings, result, steps)
     misses = _misses(fitter, sightings, folds)
+    scale = fitter.scale(result)
     evidence = DatasetEvidence(
         dataset=dataset,
         names=sightings.names,
@@ -98,8 +99,8 @@ def solve_dataset(
         misses=misses,
         unseen=sightings.unseen,
         few_points=_few_points(sightings),
-        scale=fitter.scale(result),
-        quality=_quality(result, sightings, folds, misses, target_poses),
+        scale=scale,
+        quality=_quality(result, sightings, folds, misses, target_poses, scale),
         tolerance_mm=tolerance_mm,
     )
     solution = _solution(evidence, _as_given(fitter, sightings, result, folds), method)
@@ -329,6 +330,7 @@ def _quality(
     folds: Sequence[HandEyeResult | None],
     misses: Sequence[Miss | None],
     target_poses: Sequence[Pose],
+    scale: TargetScale,
 ) -> Quality:
     known = [miss for miss in misses if miss is not None]
     expected = [
@@ -345,6 +347,7 @@ def _quality(
         [miss.turn_rad for miss in known],
         expected,
         distance,
+        scale.excess,
     )
 
 
