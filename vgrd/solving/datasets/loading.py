@@ -42,7 +42,8 @@ class Dataset:
 
     pose_values: the numbers of the poses as written, for the search of a wrong convention. features:
     places on the target by name, None where unknown. tcp_in_wrist (3,): the point of the tool that
-    samples with a point show, mm, None where it is to be estimated.
+    samples with a point show, mm, None where it is to be estimated. picture_px: (width, height) to which
+    the intrinsics belong, None where that is not told.
     """
 
     path: Path
@@ -56,6 +57,7 @@ class Dataset:
     pose_values: tuple[tuple[float, ...], ...]
     features: Places
     tcp_in_wrist: Array | None = None
+    picture_px: tuple[int, int] | None = None
 
 
 def load_dataset(path: Path) -> Dataset:
@@ -77,7 +79,8 @@ def load_dataset(path: Path) -> Dataset:
             others = " or ".join(sorted(kinds - {alone}))
             faults.append(f"sample: {alone} cannot be mixed with {others}; split the dataset")
             break
-    camera = read_dataset_camera(data, kinds, path.resolve().parent, faults)
+    pictures = [s.source for s in samples if s is not None and isinstance(s.source, Path)]
+    camera = read_dataset_camera(data, kinds, path.resolve().parent, pictures, faults)
     target = _target(data, kinds, faults)
     features = read_features(data, rows, target, faults)
     good = [sample for sample in samples if sample is not None]
@@ -94,8 +97,8 @@ def load_dataset(path: Path) -> Dataset:
     return Dataset(
         path=path,
         mount=mount,
-        camera=camera[0] if camera else None,
-        refine=camera is not None and camera[1],
+        camera=camera.model if camera else None,
+        refine=camera is not None and camera.refine,
         target=target,
         samples=tuple(good),
         unit=poses.unit,
@@ -103,6 +106,7 @@ def load_dataset(path: Path) -> Dataset:
         pose_values=tuple(values for values, _ in numbers),
         features=features,
         tcp_in_wrist=tcp,
+        picture_px=camera.picture_px if camera else None,
     )
 
 

@@ -156,7 +156,7 @@ def _look(dataset: Dataset, steps: _Steps) -> Sightings:
     samples, observations, unseen, faults = [], [], {}, []
     for sample in dataset.samples:
         try:
-            observations.append(observe(sample, dataset.target))
+            observations.append(observe(sample, dataset.target, dataset.picture_px))
             samples.append(sample)
         except TagNotSeen as reason:
             unseen[sample.name] = str(reason)
@@ -196,8 +196,15 @@ def _led_by(hints: Sequence[str], error: CalibrationError) -> CalibrationError:
     return led
 
 
-def observe(sample: DatasetSample, target: TargetSpec | TagGrid | None) -> BoardObservation | Pose:
-    """What one sample shows; raises TagNotSeen, or InputError for what is no picture."""
+def observe(
+    sample: DatasetSample,
+    target: TargetSpec | TagGrid | None,
+    picture_px: tuple[int, int] | None = None,
+) -> BoardObservation | Pose:
+    """What one sample shows; raises TagNotSeen, or InputError for what is no picture of picture_px.
+
+    picture_px: (width, height) to which the intrinsics belong, None where that is not told.
+    """
     match sample.source:
         case Pose():
             return sample.source
@@ -212,6 +219,12 @@ def observe(sample: DatasetSample, target: TargetSpec | TagGrid | None) -> Board
     image = cv2.imread(str(sample.source), cv2.IMREAD_GRAYSCALE)
     if image is None:
         raise InputError(f"{sample.source} is not a picture that OpenCV can read")
+    height, width = image.shape[:2]
+    if picture_px is not None and picture_px != (width, height):
+        raise InputError(
+            f"{sample.source} has {width} x {height} px, the camera has {picture_px[0]} x "
+            f"{picture_px[1]}: give the camera file of this picture"
+        )
     if target is None:
         raise InputError("an image needs [target]")
     return see_target(np.asarray(image, dtype=np.uint8), target)
