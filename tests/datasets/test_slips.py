@@ -2,8 +2,11 @@
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
+from vgrd.errors import CalibrationError
 from vgrd.geometry import Pose
+from vgrd.geometry.rotation_formats import RotationFormat
 from vgrd.solving.datasets import solve_dataset
 
 
@@ -77,3 +80,101 @@ def test_a_head_that_only_turns_tells_no_size(tmp_path, make_recording, pivot):
     solution = solve_dataset(recording.write_matrices(tmp_path))
     assert np.isnan(solution.target_scale.value)
     assert "target_size" not in messages(solution)
+
+
+def told(path):
+    """What the user reads, whether a solution came out or not."""
+    try:
+        solution = solve_dataset(path)
+    except CalibrationError as error:
+        return str(error)
+    assert solution.ok is False
+    return " ".join(messages(solution).values())
+
+
+def in_other_unit(recording, factor):
+    recording.seen = [Pose(p.rotation, p.translation * factor) for p in recording.seen]
+    return recording
+
+
+@pytest.mark.parametrize(
+    ("factor", "words"),
+    [
+        (1000.0, "metres beside millimetres"),
+        (1e-3, "metres beside millimetres"),
+        (0.1, "centimetres beside millimetres"),
+        (25.4, "inches beside millimetres"),
+        (1.7, "measure the target too"),
+    ],
+)
+def test_lengths_of_the_camera_in_another_unit_are_named(tmp_path, make_recording, factor, words):
+    recording = in_other_unit(noisy(make_recording(count=10)), factor)
+    said = told(recording.write_matrices(tmp_path))
+    assert "But for the unit of length the samples agree" in said
+    assert words in said
+
+
+def with_quaternions(path, seen, order):
+    """The dataset with camera_from_target as quaternions that are said to be xyzw."""
+    lines, poses = [], iter(seen)
+    for line in path.read_text().splitlines():
+        if line.startswith("camera_from_target"):
+            pose = next(poses)
+            numbers = [*pose.translation * 1e-3, *Rotation.from_matrix(pose.rotation).as_quat()]
+            line = f"camera_from_target = {[float(v) for v in np.take(numbers, order)]}"
+        lines.append(line)
+    head = '[camera_poses]\nrotation = "quaternion-xyzw"\n'
+    text = "\n".join(lines)
+    start = text.index("[[sample]]")
+    path.write_text(text[:start] + head + text[start:] + "\n")
+    return path
+
+
+WXYZ = [0, 1, 2, 6, 3, 4, 5]
+
+
+def test_the_order_of_the_cameras_quaternions_is_named(tmp_path, recording):
+    path = with_quaternions(recording.write_matrices(tmp_path), recording.seen, WXYZ)
+    said = told(path)
+    assert "rotation = quaternion-xyzw, mount = eye-to-hand" in said
+    assert "camera_poses.rotation = quaternion-wxyz" in said
+
+
+def test_quaternions_of_both_sides_in_the_other_order_are_named(tmp_path, recording):
+    path = recording.write_matrices(tmp_path, rotation=RotationFormat.QUATERNION_WXYZ)
+    path.write_text(path.read_text().replace("quaternion-wxyz", "quaternion-xyzw"))
+    said = told(with_quaternions(path, recording.seen, WXYZ))
+    assert "or quaternion-wxyz, mount = eye-to-hand" in said
+    assert "camera_poses.rotation = quaternion-wxyz" in said
+
+
+def test_matrices_keep_their_name_and_inverted_poses_are_thought_of(tmp_path, recording):
+    recording.seen = [pose.inverse() for pose in recording.seen]
+    matrices = [Pose(p.rotation, p.translation * 1e-3).matrix() for p in recording.robot]
+    path = recording.write_matrices(tmp_path)
+    text = path.read_text().replace('rotation = "quaternion-xyzw"', 'rotation = "matrix"')
+    rows = iter(matrices)
+    text = "\n".join(
+        f"pose = {next(rows).ravel().tolist()}" if line.startswith("pose =") else line
+        for line in text.splitlines()
+    )
+    path.write_text(text)
+    said = told(path)
+    assert "rotation = matrix" in said
+    assert "quaternion" not in said
+    assert "camera_from_target as target_from_camera" in said
+
+
+def test_samples_that_agree_as_written_bring_no_other_reading(tmp_path, make_recording):
+    recording = make_recording(count=6)
+    recording.robot = [
+        Pose(Rotation.from_rotvec([0, 0, 0.2 * i]).as_matrix(), [400, 0, 300]) for i in range(6)
+    ]
+    recording.seen = [
+        recording.X.inverse() @ pose @ recording.Y @ Pose.from_rotvec([0, 0, 1e-4 * (-1) ** i])
+        for i, pose in enumerate(recording.robot)
+    ]
+    said = told(recording.write_matrices(tmp_path))
+    assert "without moving across it" in said
+    assert "Paired" not in said
+    assert "Read as" not in said

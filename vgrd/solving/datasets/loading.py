@@ -40,7 +40,8 @@ _MOST = 1000  # samples, each left out once: minutes on one core; the noise of a
 class Dataset:
     """A checked dataset; camera and target are None where the samples need none.
 
-    pose_values: the numbers of the poses as written, for the search of a wrong convention. features:
+    pose_values: the numbers of the poses as written, for the search of a wrong convention, matrices as
+    quaternions; pose_format, camera_format: as the file names them, "" where it has no such poses. features:
     places on the target by name, None where unknown. tcp_in_wrist (3,): the point of the tool that
     samples with a point show, mm, None where it is to be estimated. picture_px: (width, height) to which
     the intrinsics belong, None where that is not told.
@@ -58,6 +59,8 @@ class Dataset:
     features: Places
     tcp_in_wrist: Array | None = None
     picture_px: tuple[int, int] | None = None
+    pose_format: str = ""
+    camera_format: str = ""
 
 
 def load_dataset(path: Path) -> Dataset:
@@ -107,6 +110,8 @@ def load_dataset(path: Path) -> Dataset:
         features=features,
         tcp_in_wrist=tcp,
         picture_px=camera.picture_px if camera else None,
+        pose_format=poses.rotation,
+        camera_format=_camera_format(rows, camera_poses),
     )
 
 
@@ -137,6 +142,15 @@ def _sample_rows(data: dict[str, Any], faults: list[str]) -> list[tuple[str, Sam
             f"sample: {len(tables)} given, at least {MIN_SAMPLES} are needed (10 to 20 are good)"
         )
     return named_rows(SampleTable, "sample", tables, faults)
+
+
+def _camera_format(
+    rows: list[tuple[str, SampleTable]], camera_poses: CameraPosesTable | None
+) -> str:
+    """How camera_from_target is written; "" where no sample has it."""
+    if any(row.camera_from_target is None for _, row in rows):
+        return ""
+    return (camera_poses or CameraPosesTable()).rotation
 
 
 def _tcp(data: dict[str, Any], faults: list[str]) -> Array | None:
