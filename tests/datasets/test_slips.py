@@ -1,9 +1,14 @@
 """Slips in a recording that samples by themselves do not contradict: sizes, units, conventions."""
 
+import sys
+
 import numpy as np
 import pytest
+from rich.console import Console
 from scipy.spatial.transform import Rotation
 
+from vgrd import cli
+from vgrd.commands import solving
 from vgrd.errors import CalibrationError
 from vgrd.geometry import Pose
 from vgrd.geometry.rotation_formats import RotationFormat
@@ -178,3 +183,30 @@ def test_samples_that_agree_as_written_bring_no_other_reading(tmp_path, make_rec
     assert "without moving across it" in said
     assert "Paired" not in said
     assert "Read as" not in said
+
+
+def printed(monkeypatch, capsys, *arguments):
+    """What `vgrd solve` prints, both streams."""
+    monkeypatch.setattr(sys, "argv", ["vgrd", "solve", *arguments])
+    monkeypatch.setattr(solving, "console", Console(width=300))
+    with pytest.raises(SystemExit):
+        cli.main()
+    return "".join(capsys.readouterr())
+
+
+def test_the_first_line_says_why_a_calibration_is_not_to_be_used(
+    tmp_path, make_recording, monkeypatch, capsys
+):
+    recording = in_other_unit(noisy(make_recording(count=8)), 1000.0)
+    out = printed(monkeypatch, capsys, str(recording.write_matrices(tmp_path)))
+    first = out.splitlines()[0]
+    assert first.startswith("not to be used: the samples contradict each other")
+    assert "metres beside millimetres" in first
+    assert "e+0" not in out
+
+
+@pytest.mark.parametrize("tolerance", ["-1", "0", "nan", "inf"])
+def test_what_is_no_tolerance_is_refused(tmp_path, recording, monkeypatch, capsys, tolerance):
+    path = recording.write_matrices(tmp_path)
+    out = printed(monkeypatch, capsys, str(path), "--tolerance-mm", tolerance)
+    assert f"--tolerance-mm: {tolerance} is no tolerance" in out

@@ -16,7 +16,7 @@ from vgrd.judging.thresholds import CONTRADICTORY_DEG, CONTRADICTORY_MM, WEAK_DE
 from vgrd.model import Finding, Verdict
 from vgrd.solving.datasets.fitting import TargetScale
 from vgrd.solving.datasets.loading import Dataset
-from vgrd.solving.datasets.quality import Quality
+from vgrd.solving.datasets.quality import Quality, figure
 from vgrd.solving.datasets.suspects import suspects, unit_mismatch
 
 _DOUBTFUL = 4.0  # times the median miss
@@ -77,8 +77,8 @@ def judge(evidence: DatasetEvidence) -> Verdict:
         *_size(evidence),
     ]
     findings = [
-        *_tolerance(evidence),
         *general,
+        *_tolerance(evidence),
         *(finding("target_not_seen", f"sample {n}: {r}") for n, r in evidence.unseen.items()),
         *(
             finding("sample_rejected", f"sample {sample.name}: left out, {sample.reason}")
@@ -96,7 +96,7 @@ def judge(evidence: DatasetEvidence) -> Verdict:
                 "unknown",
             )
         )
-    return Verdict(tuple(findings))
+    return Verdict(tuple(sorted(findings, key=lambda one: not one.fatal)))
 
 
 def _tolerance(evidence: DatasetEvidence) -> list[Finding]:
@@ -104,7 +104,7 @@ def _tolerance(evidence: DatasetEvidence) -> list[Finding]:
     quality, tolerance = evidence.quality, evidence.tolerance_mm
     if tolerance is None or quality.mm <= tolerance:
         return []
-    told = f"{quality.mm:.2g} mm" if np.isfinite(quality.mm) else "an unknown error"
+    told = f"{figure(quality.mm)} mm" if np.isfinite(quality.mm) else "an unknown error"
     message = (
         f"predicted to within {told} at 95 %, the tolerance is {tolerance:g} mm; most of it comes from "
         f"{quality.limits}, what helps is {quality.advice}"
@@ -193,7 +193,7 @@ def _size(evidence: DatasetEvidence) -> list[Finding]:
     )
     message = (
         f"target: by the robot's motion the target is {100 * deviation:+.2f} +- "
-        f"{100 * evidence.scale.sigma:.2f} % off the size given, which is {quality.size_mm:.2g} mm at "
-        f"{quality.distance_mm:.0f} mm"
+        f"{100 * evidence.scale.sigma:.2f} % off the size given, which is {figure(quality.size_mm)} mm at "
+        f"{figure(quality.distance_mm)} mm"
     )
     return [finding("target_size", message, fatal=is_fatal)]

@@ -25,6 +25,7 @@ from vgrd.judging.thresholds import CHANCE, CONTRADICTORY_MM, WEAK_DEG, WEAK_MM
 from vgrd.model import Finding, Mount, Verdict
 from vgrd.solving.datasets.loading import Dataset
 from vgrd.solving.datasets.reading.sample_reading import PointInCamera
+from vgrd.solving.datasets.solution import refusal
 
 _SCALE_SIGMAS = 3.0  # the scale is told, not refused
 _SCALE_MATTERS = 1e-3  # 0.5 mm over a cell of 500 mm
@@ -57,8 +58,8 @@ class PointPairSolution:
 
     @property
     def sentence(self) -> str:
-        """Whether it is good, in words."""
-        return (
+        """Whether it is good, in words; what forbids its use comes first."""
+        return refusal(self.verdict) or (
             f"at 95 % a point amid the samples is placed to within {_text(self.look_u95_mm)} mm, from "
             f"{len(self.names)} samples; noise of one look and one robot pose included, the calibration "
             f"alone {_text(self.u95_mm)} mm; a sample that was left out is missed by "

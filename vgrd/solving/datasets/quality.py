@@ -11,6 +11,7 @@ from vgrd.geometry import Array
 from vgrd.geometry.covariance import radius95_of_mixture
 
 _ORDER_FROM = 19  # samples of which the largest miss of n is beyond 95 % of the next: n / (n + 1)
+_WHOLE = 99.5  # from here on two figures would need a power of ten
 _SIZE = "size of the target"
 _ADVICE: Mapping[str, str] = {
     _SIZE: "its true size in the file, measured with a caliper",
@@ -50,11 +51,16 @@ class Quality:
         if not np.isfinite(self.mm):
             return f"unknown how good it is: {self.count} samples are too few to leave one out; add samples"
         return (
-            f"at 95 % a point {self.distance_mm:.0f} mm before the camera is predicted to within "
-            f"{self.mm:.2g} mm and {self.deg:.2g} deg, from {self.count} samples, each predicted without "
+            f"at 95 % a point {figure(self.distance_mm)} mm before the camera is predicted to within "
+            f"{figure(self.mm)} mm and {figure(self.deg)} deg, from {self.count} samples, each predicted without "
             f"itself; noise of one look and one robot pose included, the calibration alone "
-            f"{self.calibration_mm:.2g} mm"
+            f"{figure(self.calibration_mm)} mm"
         )
+
+
+def figure(value: float) -> str:
+    """Two figures, whole numbers in full: 0.33, 14, 328."""
+    return f"{value:.2g}" if abs(value) < _WHOLE else f"{value:.0f}"
 
 
 def quality_of(
