@@ -210,3 +210,29 @@ def test_what_is_no_tolerance_is_refused(tmp_path, recording, monkeypatch, capsy
     path = recording.write_matrices(tmp_path)
     out = printed(monkeypatch, capsys, str(path), "--tolerance-mm", tolerance)
     assert f"--tolerance-mm: {tolerance} is no tolerance" in out
+
+
+def test_a_camera_that_was_bumped_half_way_is_told_as_scatter(tmp_path, make_recording):
+    recording = noisy(make_recording(count=16))
+    bump = Pose.from_rotvec([0.008, -0.006, 0.004], [7.0, -5.0, 5.0])
+    half = len(recording.seen) // 2
+    recording.seen = recording.seen[:half] + [bump @ pose for pose in recording.seen[half:]]
+    solution = solve_dataset(recording.write_matrices(tmp_path))
+    said = messages(solution)["samples_scatter"]
+    assert "times the scatter assumed" in said
+    assert "moved" in said
+
+
+def test_a_good_recording_scatters_as_assumed(tmp_path, make_recording):
+    recording = noisy(make_recording(count=16), sigma_mm=0.5)
+    assert "samples_scatter" not in messages(solve_dataset(recording.write_matrices(tmp_path)))
+
+
+def test_poses_of_a_board_taken_half_a_turn_round_are_named_once(tmp_path, make_recording):
+    recording = noisy(make_recording(count=12))
+    turned = Pose(np.diag([-1.0, -1.0, 1.0]), [125.0, 100.0, 0.0])
+    recording.seen[4] = recording.seen[4] @ turned
+    findings = solve_dataset(recording.write_matrices(tmp_path)).verdict.findings
+    (own,) = [found for found in findings if "sample 4:" in found.message]
+    assert own.code == "sample_rejected"
+    assert "half a turn round" in own.message

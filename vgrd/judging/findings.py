@@ -337,6 +337,11 @@ OF_FILES: Mapping[str, Kind] = MappingProxyType(
             "length",
             "3 sigma and 0.1 %; fatal beyond 0.5 % or the tolerance",
         ),
+        "samples_scatter": Kind(
+            "the samples of a dataset scatter far more than arms and cameras do",
+            "see whether something moved or is loose (camera, target, its grip), and read poses at rest",
+            "restricted maximum likelihood: factor 3 and 3 of its own sigmas",
+        ),
         "camera_scale": Kind(
             "lengths of a 3D camera are not those of the robot",
             "check both units, and the camera with a bar of known length",

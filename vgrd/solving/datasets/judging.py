@@ -7,8 +7,10 @@ import numpy as np
 
 from vgrd.calibration.hand_eye import (
     HandEyeResult,
+    SampleResidual,
     null_space_findings,
 )
+from vgrd.calibration.levels import Level
 from vgrd.geometry import Array, Pose
 from vgrd.geometry.camera import INTRINSICS
 from vgrd.judging.findings import finding
@@ -22,6 +24,11 @@ from vgrd.solving.datasets.suspects import suspects, unit_mismatch
 _DOUBTFUL = 4.0  # times the median miss
 _DOUBTFUL_MM = 0.2  # smaller misses are nobody's concern
 _DOUBTFUL_DEG = 0.02  # the same
+_HALF_TURN_DEG = 170.0  # no slip but a symmetric target turns a pose so far
+_SCATTER = (
+    3.0  # times the level assumed, which is right within a factor of 2 in two of three cases
+)
+_SCATTER_SIGMAS = 3.0  # of the level found: by chance 1 in 1,000
 _OTHER_SIZE = 5e-3  # of a target's size: no arm and no lens that was calibrated is so far off
 _DIGITS = (1, 1, 1, 1, 4, 4)  # px, and coefficients
 
@@ -75,13 +82,14 @@ def judge(evidence: DatasetEvidence) -> Verdict:
         *_weakness(evidence),
         *_camera(evidence),
         *_size(evidence),
+        *_scatter(evidence),
     ]
     findings = [
         *general,
         *_tolerance(evidence),
         *(finding("target_not_seen", f"sample {n}: {r}") for n, r in evidence.unseen.items()),
         *(
-            finding("sample_rejected", f"sample {sample.name}: left out, {sample.reason}")
+            finding("sample_rejected", f"sample {sample.name}: left out, {_why(sample)}")
             for sample in evidence.result.samples
             if not sample.used
         ),
@@ -112,8 +120,19 @@ def _tolerance(evidence: DatasetEvidence) -> list[Finding]:
     return [finding("tolerance_exceeded", message, fatal=True)]
 
 
+def _why(sample: SampleResidual) -> str:
+    """The reason as told, and what half a turn means."""
+    if sample.deg < _HALF_TURN_DEG:
+        return sample.reason
+    return (
+        f"{sample.reason}: the target was taken half a turn round; where it looks the same after half a "
+        "turn, turn its pose there, or give pictures or points instead of poses"
+    )
+
+
 def doubtful(evidence: DatasetEvidence) -> dict[str, str]:
-    """Samples that the fit of the others misses by far more than the rest, with the figures."""
+    """Samples in the fit that the fit of the others misses by far more than the rest, with the figures."""
+    used = {sample.name for sample in evidence.result.samples if sample.used}
     misses = {n: m for n, m in zip(evidence.names, evidence.misses, strict=True) if m is not None}
     if not misses:
         return {}
@@ -123,7 +142,8 @@ def doubtful(evidence: DatasetEvidence) -> dict[str, str]:
         name: f"{miss.mm:.1f} mm and {miss.deg:.2f} deg off the fit of the others (typical "
         f"{mm:.1f} mm, {deg:.2f} deg)"
         for name, miss in misses.items()
-        if miss.mm > _DOUBTFUL * mm + _DOUBTFUL_MM or miss.deg > _DOUBTFUL * deg + _DOUBTFUL_DEG
+        if name in used
+        and (miss.mm > _DOUBTFUL * mm + _DOUBTFUL_MM or miss.deg > _DOUBTFUL * deg + _DOUBTFUL_DEG)
     }
 
 
@@ -181,6 +201,29 @@ def _camera(evidence: DatasetEvidence) -> list[Finding]:
         f"refined: {moves}. Use the transforms with these; for those given, as_given holds others"
     )
     return [finding("intrinsics_doubtful", message)]
+
+
+def _scatter(evidence: DatasetEvidence) -> list[Finding]:
+    """Levels far above what was assumed; a target of another size is one itself and told alone."""
+    if evidence.scale.excess != 0:
+        return []
+    return [
+        finding(
+            "samples_scatter",
+            f"the {level.name}: {level.ratio:.1f} times the scatter assumed, {_level(level.found, level)} "
+            f"instead of {_level(level.stated, level)}",
+        )
+        for level in evidence.result.levels
+        if np.log(level.ratio) > max(np.log(_SCATTER), _SCATTER_SIGMAS * level.log_sigma)
+    ]
+
+
+def _level(value: float, level: Level) -> str:
+    return (
+        f"{figure(float(np.degrees(value)))} deg"
+        if level.unit == "rad"
+        else f"{figure(value)} {level.unit}"
+    )
 
 
 def _size(evidence: DatasetEvidence) -> list[Finding]:

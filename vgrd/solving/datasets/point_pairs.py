@@ -146,7 +146,7 @@ class PointPairSolution:
         if not self.verdict.ok:
             return "not to be used"
         if self.tolerance_mm is None:
-            return "nothing is wrong; no tolerance given (--tolerance-mm)"
+            return f"no tolerance given, {_text(self.look_u95_mm)} mm at 95 % (--tolerance-mm)"
         return f"ok, within {self.tolerance_mm:g} mm"
 
     def _mean_mm(self) -> float:
