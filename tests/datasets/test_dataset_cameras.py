@@ -2,11 +2,12 @@
 
 import json
 
+import cv2
 import numpy as np
 import pytest
 
 from vgrd.errors import ConfigError
-from vgrd.solving.datasets import load_dataset
+from vgrd.solving.datasets import load_dataset, solve_dataset
 from vgrd.vision.intrinsics.camera_files import camera_toml
 
 CAMERAS = {
@@ -63,3 +64,31 @@ def test_a_fault_of_the_camera_is_named(tmp_path, recording, lines, message):
         load_dataset(path)
     (fault,) = told.value.faults
     assert message in fault
+
+
+def with_pictures(folder, recording, sizes, lines):
+    """A dataset of blank pictures (width, height)."""
+    for number, (width, height) in enumerate(sizes):
+        cv2.imwrite(str(folder / f"{number}.png"), np.full((height, width), 128, np.uint8))
+    seen = [f'image = "{number}.png"' for number in range(len(sizes))]
+    target = ('[target]\ntype = "chessboard"\ncolumns = 9\nrows = 6\nsquare_mm = 20.0',)
+    return with_camera(recording.write(folder, seen, target=target), lines)
+
+
+def test_a_picture_of_another_size_than_the_camera_file_is_named(tmp_path, recording):
+    (tmp_path / "cameras.json").write_text(json.dumps(CAMERAS))
+    lines = '[camera]\nfile = "cameras.json"\nname = "right"\n'
+    sizes = [(1260, 940)] * 7 + [(630, 470)]
+    with pytest.raises(ConfigError) as told:
+        solve_dataset(with_pictures(tmp_path, recording, sizes, lines))
+    (fault,) = told.value.faults
+    assert "'7'" in fault
+    assert "has 630 x 470 px, the camera has 1260 x 940: give the camera file" in fault
+
+
+def test_a_camera_file_without_a_size_takes_that_of_the_pictures(tmp_path, recording):
+    (tmp_path / "camera.json").write_text(json.dumps({"K": CAMERAS["right"]["K"]}))
+    path = with_pictures(
+        tmp_path, recording, [(1260, 940)] * 8, '[camera]\nfile = "camera.json"\n'
+    )
+    assert load_dataset(path).camera.size_px == (1260, 940)

@@ -149,7 +149,7 @@ def test_a_point_that_jumped_is_named(tmp_path):
     scene = Scene(2, count=14)
     scene.seen[5] += (6, 0, 0)
     result = solve(scene.write(tmp_path))
-    named = [f["message"] for f in result["verdict"]["findings"] if f["code"] == "sample_doubtful"]
+    named = [f["message"] for f in result["verdict"]["findings"] if f["code"] == "sample_rejected"]
     assert len(named) == 1
     assert named[0].startswith("sample 5: ")
     assert result["samples"][5]["reason"]
@@ -205,3 +205,45 @@ def test_a_fault_is_named(tmp_path, old, new, message):
     path.write_text(path.read_text().replace(old, new, 1))
     with pytest.raises(Exception, match=message):
         solve_dataset(path)
+
+
+def test_points_that_were_not_seen_are_dropped_with_a_remark(tmp_path):
+    scene = Scene(seed=4, count=14)
+    scene.seen[2] = 0.0
+    result = solve(scene.write(tmp_path))
+    assert [s["name"] for s in result["samples"] if not s["used"]] == ["2"]
+    assert codes(result) == ["target_not_seen"]
+    assert np.abs(scene.error(result["base_from_camera"])[:3]).max() < 2
+
+
+def test_a_point_far_off_is_left_out_and_named(tmp_path):
+    scene = Scene(seed=4, count=14)
+    scene.seen[3] += [20.0, -20.0, 15.0]
+    result = solve(scene.write(tmp_path))
+    assert [s["name"] for s in result["samples"] if not s["used"]] == ["3"]
+    assert "off the fit of the others" in result["samples"][3]["reason"]
+    assert codes(result) == ["sample_rejected"]
+    assert result["look_u95_mm"] < 3
+    assert np.abs(scene.error(result["base_from_camera"])[:3]).max() < 2
+
+
+def test_a_ball_that_was_not_told_is_found_before_the_points_are_said_to_contradict(tmp_path):
+    told = solve_dataset(Scene(seed=4, count=14, ball=(40, -90, 110)).write(tmp_path))
+    first = told.verdict.findings[0]
+    assert first.code == "contradictory"
+    assert 'tcp_in_wrist = "unknown"' in first.message
+    found = np.array(first.message.split("is at ")[1].split(" mm")[0].split(), dtype=float)
+    assert np.abs(found - [40, -90, 110]).max() < 3
+
+
+@pytest.mark.parametrize(
+    ("extra", "words"),
+    [
+        ("", "the flange's centre, as is assumed"),
+        ("tcp_in_wrist = [12, -30, 95]", "12.000 -30.000 95.000 mm in the wrist, as given"),
+        ('tcp_in_wrist = "unknown"', "estimated"),
+    ],
+)
+def test_what_is_assumed_of_the_point_is_printed(tmp_path, extra, words):
+    solution = solve_dataset(Scene(seed=4, count=12, ball=BALL).write(tmp_path, extra=extra))
+    assert words in dict(solution.summary_rows())["point"]

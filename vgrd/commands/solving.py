@@ -1,5 +1,6 @@
 """Commands that solve: datasets, recorded sessions, the daemon's session, files of touches."""
 
+import math
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -61,6 +62,8 @@ def solve(
         raise InputError("--draw is for recorded sessions: name a SESSION_FOLDER")
     if tolerance_mm is not None and source is None:
         raise InputError("--tolerance-mm: name a SESSION_FOLDER or a DATASET.toml")
+    if tolerance_mm is not None and not 0 < tolerance_mm < math.inf:
+        raise InputError(f"--tolerance-mm: {tolerance_mm:g} is no tolerance; give mm above 0")
     if source is None:
         result = ask(config, socket, "solve", SOLVE_TIMEOUT_S)
         _print_calibration(result, json_to, "solved")

@@ -335,7 +335,12 @@ OF_FILES: Mapping[str, Kind] = MappingProxyType(
             "the target has another size than the file says",
             "measure it with a caliper; if it is right, check the robot's unit and the camera's focal "
             "length",
-            "3 sigma and 0.1 %",
+            "3 sigma and 0.1 %; fatal beyond 0.5 % or the tolerance",
+        ),
+        "samples_scatter": Kind(
+            "the samples of a dataset scatter far more than arms and cameras do",
+            "see whether something moved or is loose (camera, target, its grip), and read poses at rest",
+            "restricted maximum likelihood: factor 3 and 3 of its own sigmas",
         ),
         "camera_scale": Kind(
             "lengths of a 3D camera are not those of the robot",

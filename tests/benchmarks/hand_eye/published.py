@@ -17,7 +17,7 @@ from tests.benchmarks.hand_eye.recordings import Recorded, matrix
 from vgrd.errors import TagNotSeen
 from vgrd.model import Mount
 from vgrd.solving.datasets import load_dataset
-from vgrd.solving.datasets.solving import observe
+from vgrd.solving.datasets.looking import observe
 from vgrd.vision.print.boards import BoardObservation
 
 DATA = Path(__file__).parents[4] / "shared" / "data"

@@ -11,11 +11,12 @@ from vgrd.calibration.checks.misinterpreted_points import rival_names
 from vgrd.calibration.checks.motion_gaps import MissingMotion, missing_motion, missing_motions
 from vgrd.calibration.checks.moved_reference import Jump, find_jump
 from vgrd.calibration.checks.plans import check_plan
-from vgrd.calibration.checks.pose_agreement import Poses, agreement
+from vgrd.calibration.checks.pose_agreement import Agreement, Poses, agreement
 from vgrd.calibration.checks.touch_outliers import bad_touches
 
 __all__ = [
     "DISTINCT_FORMATS",
+    "Agreement",
     "Interpretation",
     "Jump",
     "MissingMotion",

@@ -49,11 +49,14 @@ class PointPairs:
 
     def without(self, index: int) -> "PointPairs":
         """All samples but one."""
-        keep = [i for i in range(len(self.names)) if i != index]
+        return self.chosen([i for i in range(len(self.names)) if i != index])
+
+    def chosen(self, keep: Sequence[int]) -> "PointPairs":
+        """Some of the samples."""
         return PointPairs(
             [self.names[i] for i in keep],
             [self.motions[i] for i in keep],
-            self.points[keep],
+            self.points[list(keep)],
             self.tool_point,
         )
 
@@ -188,11 +191,20 @@ def is_mirrored(pairs: PointPairs, fit: PointPairsFit) -> bool:
     return bool(flat[2] > _LINE * flat[0] and misfit < tenth)
 
 
-def tool_point_change(pairs: PointPairs, fit: PointPairsFit) -> tuple[Array, float] | None:
+@dataclass(frozen=True, slots=True, eq=False)
+class ToolPointChange:
     """Where the samples say that the tool's point is (3,), mm, and the chance of so much by noise alone.
 
-    None where the wrist turned too little to say it.
+    typical_mm: what the samples are then off, median.
     """
+
+    place: Array
+    chance: float
+    typical_mm: float
+
+
+def tool_point_change(pairs: PointPairs, fit: PointPairsFit) -> ToolPointChange | None:
+    """The tool's point by the samples; None where the wrist turned too little to say it."""
     free = PointPairs(pairs.names, pairs.motions, pairs.points, None)
     try:
         other = fit_point_pairs(free)
@@ -202,7 +214,9 @@ def tool_point_change(pairs: PointPairs, fit: PointPairsFit) -> tuple[Array, flo
     if other.freedom <= 0 or left == 0:
         return None
     ratio = ((fit.residuals**2).sum() - left) / 3 / (left / other.freedom)
-    return other.tool_point, float(f_law.sf(max(ratio, 0.0), 3, other.freedom))
+    chance = float(f_law.sf(max(ratio, 0.0), 3, other.freedom))
+    typical_mm = float(np.median(np.linalg.norm(other.residuals, axis=1)))
+    return ToolPointChange(other.tool_point, chance, typical_mm)
 
 
 def _known(pairs: PointPairs, tool_point: Array) -> PointPairsFit:

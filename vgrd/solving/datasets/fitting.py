@@ -23,6 +23,8 @@ from vgrd.geometry.resection import pose_from_points
 from vgrd.model import Mount
 
 _MOVED_MM = 1.0  # a head that only turns about a point tells no length
+_SCALE_SIGMAS = 3.0  # a size that is off by less is chance
+_SCALE_MATTERS = 1e-3  # 0.1 mm of a board of 100 mm
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -31,6 +33,15 @@ class TargetScale:
 
     value: float
     sigma: float
+
+    @property
+    def excess(self) -> float:
+        """By how much the target is larger than given; 0 where that is chance, too little or unknown."""
+        deviation = self.value - 1
+        is_told = np.isfinite(self.sigma) and abs(deviation) >= max(
+            _SCALE_SIGMAS * self.sigma, _SCALE_MATTERS
+        )
+        return deviation if is_told else 0.0
 
 
 UNKNOWN_SCALE = TargetScale(np.nan, np.nan)
@@ -84,6 +95,8 @@ class LikelihoodFitter(Fitter):
 
     def scale(self, start: HandEyeResult) -> TargetScale:
         """The size of the target, from all samples; NaN where they do not tell it."""
+        if not _moves(self.problem.wrists):
+            return UNKNOWN_SCALE
         blank = replace(
             self.problem.blank,
             refines_scale=True,
@@ -110,6 +123,22 @@ class LikelihoodFitter(Fitter):
             return np.zeros((0, 2))
         sample = self.samples[index]
         return camera.project(predicted @ sample.points_in_target) - sample.pixels
+
+
+def _moves(wrists: Sequence[Pose]) -> bool:
+    """Whether the flange does more than turn about one point, wherever that is: only ways tell a length."""
+    n = len(wrists)
+    rows = np.hstack(
+        [
+            np.concatenate([pose.rotation for pose in wrists]),
+            np.tile(-np.eye(3), (n, 1)),
+        ]
+    )
+    places = np.concatenate([pose.translation for pose in wrists])
+    # the point that moves least, in the flange and in the base
+    point, _, rank, _ = np.linalg.lstsq(rows, -places, rcond=1e-9)
+    rest = places + rows @ point
+    return bool(np.linalg.norm(rest) > _MOVED_MM * np.sqrt(max(3 * n - rank, 1)))
 
 
 def _as_given(problem: RecordingProblem) -> HandEyeResult | None:

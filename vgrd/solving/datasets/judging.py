@@ -7,8 +7,10 @@ import numpy as np
 
 from vgrd.calibration.hand_eye import (
     HandEyeResult,
+    SampleResidual,
     null_space_findings,
 )
+from vgrd.calibration.levels import Level
 from vgrd.geometry import Array, Pose
 from vgrd.geometry.camera import INTRINSICS
 from vgrd.judging.findings import finding
@@ -16,17 +18,19 @@ from vgrd.judging.thresholds import CONTRADICTORY_DEG, CONTRADICTORY_MM, WEAK_DE
 from vgrd.model import Finding, Verdict
 from vgrd.solving.datasets.fitting import TargetScale
 from vgrd.solving.datasets.loading import Dataset
-from vgrd.solving.datasets.quality import Quality
+from vgrd.solving.datasets.quality import Quality, figure
 from vgrd.solving.datasets.suspects import suspects, unit_mismatch
 
 _DOUBTFUL = 4.0  # times the median miss
 _DOUBTFUL_MM = 0.2  # smaller misses are nobody's concern
 _DOUBTFUL_DEG = 0.02  # the same
-_SCALE_SIGMAS = 3.0  # the size is told, not refused
-_SCALE_MATTERS = 1e-3  # 0.1 mm of a board of 100 mm
-_CLEARLY_BETTER = 0.6  # of the misfit as read: chance explains less
+_HALF_TURN_DEG = 170.0  # no slip but a symmetric target turns a pose so far
+_SCATTER = (
+    3.0  # times the level assumed, which is right within a factor of 2 in two of three cases
+)
+_SCATTER_SIGMAS = 3.0  # of the level found: by chance 1 in 1,000
+_OTHER_SIZE = 5e-3  # of a target's size: no arm and no lens that was calibrated is so far off
 _DIGITS = (1, 1, 1, 1, 4, 4)  # px, and coefficients
-_SAME_READING_MM = 0.01  # readings that fit as well are all named
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -78,13 +82,14 @@ def judge(evidence: DatasetEvidence) -> Verdict:
         *_weakness(evidence),
         *_camera(evidence),
         *_size(evidence),
+        *_scatter(evidence),
     ]
     findings = [
-        *_tolerance(evidence),
         *general,
+        *_tolerance(evidence),
         *(finding("target_not_seen", f"sample {n}: {r}") for n, r in evidence.unseen.items()),
         *(
-            finding("sample_rejected", f"sample {sample.name}: left out, {sample.reason}")
+            finding("sample_rejected", f"sample {sample.name}: left out, {_why(sample)}")
             for sample in evidence.result.samples
             if not sample.used
         ),
@@ -99,7 +104,7 @@ def judge(evidence: DatasetEvidence) -> Verdict:
                 "unknown",
             )
         )
-    return Verdict(tuple(findings))
+    return Verdict(tuple(sorted(findings, key=lambda one: not one.fatal)))
 
 
 def _tolerance(evidence: DatasetEvidence) -> list[Finding]:
@@ -107,7 +112,7 @@ def _tolerance(evidence: DatasetEvidence) -> list[Finding]:
     quality, tolerance = evidence.quality, evidence.tolerance_mm
     if tolerance is None or quality.mm <= tolerance:
         return []
-    told = f"{quality.mm:.2g} mm" if np.isfinite(quality.mm) else "an unknown error"
+    told = f"{figure(quality.mm)} mm" if np.isfinite(quality.mm) else "an unknown error"
     message = (
         f"predicted to within {told} at 95 %, the tolerance is {tolerance:g} mm; most of it comes from "
         f"{quality.limits}, what helps is {quality.advice}"
@@ -115,8 +120,19 @@ def _tolerance(evidence: DatasetEvidence) -> list[Finding]:
     return [finding("tolerance_exceeded", message, fatal=True)]
 
 
+def _why(sample: SampleResidual) -> str:
+    """The reason as told, and what half a turn means."""
+    if sample.deg < _HALF_TURN_DEG:
+        return sample.reason
+    return (
+        f"{sample.reason}: the target was taken half a turn round; where it looks the same after half a "
+        "turn, turn its pose there, or give pictures or points instead of poses"
+    )
+
+
 def doubtful(evidence: DatasetEvidence) -> dict[str, str]:
-    """Samples that the fit of the others misses by far more than the rest, with the figures."""
+    """Samples in the fit that the fit of the others misses by far more than the rest, with the figures."""
+    used = {sample.name for sample in evidence.result.samples if sample.used}
     misses = {n: m for n, m in zip(evidence.names, evidence.misses, strict=True) if m is not None}
     if not misses:
         return {}
@@ -126,7 +142,8 @@ def doubtful(evidence: DatasetEvidence) -> dict[str, str]:
         name: f"{miss.mm:.1f} mm and {miss.deg:.2f} deg off the fit of the others (typical "
         f"{mm:.1f} mm, {deg:.2f} deg)"
         for name, miss in misses.items()
-        if miss.mm > _DOUBTFUL * mm + _DOUBTFUL_MM or miss.deg > _DOUBTFUL * deg + _DOUBTFUL_DEG
+        if name in used
+        and (miss.mm > _DOUBTFUL * mm + _DOUBTFUL_MM or miss.deg > _DOUBTFUL * deg + _DOUBTFUL_DEG)
     }
 
 
@@ -186,14 +203,40 @@ def _camera(evidence: DatasetEvidence) -> list[Finding]:
     return [finding("intrinsics_doubtful", message)]
 
 
-def _size(evidence: DatasetEvidence) -> list[Finding]:
-    deviation, sigma = evidence.scale.value - 1, evidence.scale.sigma
-    if not np.isfinite(sigma):
+def _scatter(evidence: DatasetEvidence) -> list[Finding]:
+    """Levels far above what was assumed; a target of another size is one itself and told alone."""
+    if evidence.scale.excess != 0:
         return []
-    if abs(deviation) < max(_SCALE_SIGMAS * sigma, _SCALE_MATTERS):
-        return []
-    message = (
-        f"target: by the robot's motion the target is {100 * deviation:+.2f} +- {100 * sigma:.2f} "
-        "% off the size given"
+    return [
+        finding(
+            "samples_scatter",
+            f"the {level.name}: {level.ratio:.1f} times the scatter assumed, {_level(level.found, level)} "
+            f"instead of {_level(level.stated, level)}",
+        )
+        for level in evidence.result.levels
+        if np.log(level.ratio) > max(np.log(_SCATTER), _SCATTER_SIGMAS * level.log_sigma)
+    ]
+
+
+def _level(value: float, level: Level) -> str:
+    return (
+        f"{figure(float(np.degrees(value)))} deg"
+        if level.unit == "rad"
+        else f"{figure(value)} {level.unit}"
     )
-    return [finding("target_size", message)]
+
+
+def _size(evidence: DatasetEvidence) -> list[Finding]:
+    """The target is not the size given: all depths are off by that share, and no miss shows it."""
+    deviation, quality, tolerance = evidence.scale.excess, evidence.quality, evidence.tolerance_mm
+    if deviation == 0:
+        return []
+    is_fatal = abs(deviation) > _OTHER_SIZE or (
+        tolerance is not None and quality.size_mm > tolerance
+    )
+    message = (
+        f"target: by the robot's motion the target is {100 * deviation:+.2f} +- "
+        f"{100 * evidence.scale.sigma:.2f} % off the size given, which is {figure(quality.size_mm)} mm at "
+        f"{figure(quality.distance_mm)} mm"
+    )
+    return [finding("target_size", message, fatal=is_fatal)]

@@ -39,9 +39,11 @@ _MOST = 1000  # samples, each left out once: minutes on one core; the noise of a
 class Dataset:
     """A checked dataset; camera and target are None where the samples need none.
 
-    pose_values: the numbers of the poses as written, for the search of a wrong convention. features:
+    pose_values: the numbers of the poses as written, for the search of a wrong convention, matrices as
+    quaternions; pose_format, camera_format: as the file names them, "" where it has no such poses. features:
     places on the target by name, None where unknown. tcp_in_wrist (3,): the point of the tool that
-    samples with a point show, mm, None where it is to be estimated.
+    samples with a point show, mm, None where it is to be estimated. picture_px: (width, height) to which
+    the intrinsics belong, None where that is not told.
     """
 
     path: Path
@@ -55,6 +57,9 @@ class Dataset:
     pose_values: tuple[tuple[float, ...], ...]
     features: Places
     tcp_in_wrist: Array | None = None
+    picture_px: tuple[int, int] | None = None
+    pose_format: str = ""
+    camera_format: str = ""
 
 
 def load_dataset(path: Path) -> Dataset:
@@ -76,7 +81,8 @@ def load_dataset(path: Path) -> Dataset:
             others = " or ".join(sorted(kinds - {alone}))
             faults.append(f"sample: {alone} cannot be mixed with {others}; split the dataset")
             break
-    camera = read_dataset_camera(data, kinds, path.resolve().parent, faults)
+    pictures = [s.source for s in samples if s is not None and isinstance(s.source, Path)]
+    camera = read_dataset_camera(data, kinds, path.resolve().parent, pictures, faults)
     target = _target(data, kinds, faults)
     features = read_features(data, rows, target, faults)
     good = [sample for sample in samples if sample is not None]
@@ -93,8 +99,8 @@ def load_dataset(path: Path) -> Dataset:
     return Dataset(
         path=path,
         mount=mount,
-        camera=camera[0] if camera else None,
-        refine=camera is not None and camera[1],
+        camera=camera.model if camera else None,
+        refine=camera is not None and camera.refine,
         target=target,
         samples=tuple(good),
         unit=poses.unit,
@@ -102,6 +108,9 @@ def load_dataset(path: Path) -> Dataset:
         pose_values=tuple(values for values, _ in numbers),
         features=features,
         tcp_in_wrist=tcp,
+        picture_px=camera.picture_px if camera else None,
+        pose_format=poses.rotation,
+        camera_format=_camera_format(rows, camera_poses),
     )
 
 
@@ -132,6 +141,15 @@ def _sample_rows(data: dict[str, Any], faults: list[str]) -> list[tuple[str, Sam
             f"sample: {len(tables)} given, at least {MIN_SAMPLES} are needed (10 to 20 are good)"
         )
     return named_rows(SampleTable, "sample", tables, faults)
+
+
+def _camera_format(
+    rows: list[tuple[str, SampleTable]], camera_poses: CameraPosesTable | None
+) -> str:
+    """How camera_from_target is written; "" where no sample has it."""
+    if any(row.camera_from_target is None for _, row in rows):
+        return ""
+    return (camera_poses or CameraPosesTable()).rotation
 
 
 def _tcp(data: dict[str, Any], faults: list[str]) -> Array | None:

@@ -25,10 +25,13 @@ from vgrd.judging.thresholds import CHANCE, CONTRADICTORY_MM, WEAK_DEG, WEAK_MM
 from vgrd.model import Finding, Mount, Verdict
 from vgrd.solving.datasets.loading import Dataset
 from vgrd.solving.datasets.reading.sample_reading import PointInCamera
+from vgrd.solving.datasets.solution import refusal
 
 _SCALE_SIGMAS = 3.0  # the scale is told, not refused
 _SCALE_MATTERS = 1e-3  # 0.5 mm over a cell of 500 mm
 _OTHER_UNIT = 100.0  # between lengths: mm and m are 1000 apart, no camera is off by 100
+_KEPT = 2 / 3  # of the samples: where fewer belong together, nobody knows which
+_NEAR_WORST = 0.5  # of the largest miss: left out with it
 _TOOL_POINT_MM = 0.5  # a shift of the tool's point below it is nobody's concern
 
 
@@ -37,6 +40,8 @@ class PointPairSolution:
     """The camera's pose from places of one point, with what it may be believed for.
 
     u95_mm: of a point amid the samples by the calibration alone; look_u95_mm: with the noise of one more look.
+    left_out: why samples are not in the fit, by name; misses of these are by the fit of the others, None where
+    nothing was seen.
     """
 
     mount: Mount
@@ -49,6 +54,7 @@ class PointPairSolution:
     look_u95_mm: float
     tolerance_mm: float | None
     verdict: Verdict
+    left_out: Mapping[str, str]
 
     @property
     def ok(self) -> bool | None:
@@ -57,11 +63,11 @@ class PointPairSolution:
 
     @property
     def sentence(self) -> str:
-        """Whether it is good, in words."""
-        return (
+        """Whether it is good, in words; what forbids its use comes first."""
+        return refusal(self.verdict) or (
             f"at 95 % a point amid the samples is placed to within {_text(self.look_u95_mm)} mm, from "
-            f"{len(self.names)} samples; noise of one look and one robot pose included, the calibration "
-            f"alone {_text(self.u95_mm)} mm; a sample that was left out is missed by "
+            f"{len(self.names) - len(self.left_out)} samples; noise of one look and one robot pose "
+            f"included, the calibration alone {_text(self.u95_mm)} mm; a sample that was left out is missed by "
             f"{_text(self._mean_mm())} mm on average"
         )
 
@@ -86,7 +92,7 @@ class PointPairSolution:
             "samples": [
                 {
                     "name": name,
-                    "used": True,
+                    "used": name not in self.left_out,
                     "reason": reason,
                     "px": None,
                     "deg": None,
@@ -124,26 +130,39 @@ class PointPairSolution:
             ),
             ("camera scale", f"{self.scale[0]:.5f} +- {self.scale[1]:.5f}"),
         ]
-        if not self.point_is_known:
-            rows.append(("point", f"{_triple(self.fit.tool_point)} mm, estimated"))
+        rows.append(("point", self._point_words()))
         rows.append(("verdict", self._verdict_words()))
         return rows + [(found.code, found.message) for found in self.verdict.findings]
+
+    def _point_words(self) -> str:
+        """Where the point seen is, and who says so."""
+        if not self.point_is_known:
+            return f"{_triple(self.fit.tool_point)} mm, estimated"
+        if not self.fit.tool_point.any():
+            return "the flange's centre, as is assumed; tcp_in_wrist tells another"
+        return f"{_triple(self.fit.tool_point)} mm in the wrist, as given"
 
     def _verdict_words(self) -> str:
         if not self.verdict.ok:
             return "not to be used"
         if self.tolerance_mm is None:
-            return "nothing is wrong; no tolerance given (--tolerance-mm)"
+            return f"no tolerance given, {_text(self.look_u95_mm)} mm at 95 % (--tolerance-mm)"
         return f"ok, within {self.tolerance_mm:g} mm"
 
     def _mean_mm(self) -> float:
+        seen = [
+            miss
+            for name, miss in zip(self.names, self.misses, strict=True)
+            if name not in self.left_out
+        ]
         known = [miss.mm for miss in self.misses if miss is not None]
-        return float(np.mean(known)) if len(known) == len(self.misses) else math.nan
+        return math.nan if any(miss is None for miss in seen) else float(np.mean(known))
 
     def _reasons(self) -> Iterator[str]:
-        for miss in self.misses:
+        for name, miss in zip(self.names, self.misses, strict=True):
             is_odd = miss is not None and miss.chance < CHANCE
-            yield f"{miss.mm:.2f} mm off the fit of the others" if is_odd and miss else ""
+            odd = f"{miss.mm:.2f} mm off the fit of the others" if is_odd and miss else ""
+            yield self.left_out.get(name, odd)
 
 
 def solve_point_pairs(
@@ -157,39 +176,70 @@ def solve_point_pairs(
         raise InputError(
             f"{dataset.path}: method '{method}' is of poses; points have one: leave it out"
         )
-    pairs = _pairs(dataset)
+    seen, unseen = _pairs(dataset)
+    pairs, strays = _belonging_together(seen)
     fit = fit_point_pairs(pairs)
-    misses = tuple(leave_one_out(pairs))
+    misses = dict(zip(pairs.names, leave_one_out(pairs), strict=True))
     scale = scale_of(pairs, fit)
     middle = pairs.points.mean(0)
     look_mm = fit.u95_mm(middle, of_a_look=True)
-    findings = list(_findings(pairs, fit, misses, scale))
+    findings = list(_findings(pairs, fit, tuple(misses.values()), scale))
     if tolerance_mm is not None and not look_mm <= tolerance_mm:
         told = f"{_text(look_mm)} mm at 95 %, the tolerance is {tolerance_mm:g} mm"
         findings.append(finding("tolerance_exceeded", f"a look is placed to {told}", fatal=True))
+    rejected = {n: f"{miss.mm:.1f} mm off the fit of the others" for n, miss in strays.items()}
+    findings += [finding("target_not_seen", f"sample {n}: {why}") for n, why in unseen.items()]
+    findings += [
+        finding("sample_rejected", f"sample {n}: left out, {why}") for n, why in rejected.items()
+    ]
+    names = tuple(sample.name for sample in dataset.samples)
     return PointPairSolution(
         mount=dataset.mount,
-        names=tuple(pairs.names),
+        names=names,
         fit=fit,
         point_is_known=pairs.tool_point is not None,
-        misses=misses,
+        misses=tuple((misses | strays).get(name) for name in names),
         scale=scale,
         u95_mm=fit.u95_mm(middle),
         look_u95_mm=look_mm,
         tolerance_mm=tolerance_mm,
         verdict=Verdict(tuple(findings)),
+        left_out=unseen | rejected,
     )
 
 
-def _pairs(dataset: Dataset) -> PointPairs:
-    seen = [(s, s.source) for s in dataset.samples if isinstance(s.source, PointInCamera)]
+def _belonging_together(pairs: PointPairs) -> tuple[PointPairs, dict[str, SampleMiss]]:
+    """The pairs without those that the others contradict, and by how much; all where these are too many."""
+    kept, strays = pairs, dict[str, SampleMiss]()
+    while True:
+        misses = zip(kept.names, leave_one_out(kept), strict=True)
+        odd = {n: miss for n, miss in misses if miss is not None and miss.chance < CHANCE}
+        if not odd:
+            return kept, strays
+        largest = max(miss.mm for miss in odd.values())
+        strays |= {n: miss for n, miss in odd.items() if miss.mm >= _NEAR_WORST * largest}
+        if len(pairs.names) - len(strays) < _KEPT * len(pairs.names):
+            return pairs, {}
+        kept = pairs.chosen([i for i, n in enumerate(pairs.names) if n not in strays])
+
+
+def _pairs(dataset: Dataset) -> tuple[PointPairs, dict[str, str]]:
+    """The pairs, and why samples show no point."""
+    points = [(s, s.source) for s in dataset.samples if isinstance(s.source, PointInCamera)]
+    seen = [(sample, point) for sample, point in points if point.place.any()]
+    unseen = {
+        sample.name: "point_in_camera is 0 0 0, the camera itself: 3D cameras write it where they see nothing"
+        for sample, point in points
+        if not point.place.any()
+    }
     is_known = dataset.mount is Mount.EYE_TO_HAND and dataset.tcp_in_wrist is not None
-    return PointPairs(
+    pairs = PointPairs(
         [sample.name for sample, _ in seen],
         [flange_motion_of(dataset.mount, sample.base_from_wrist) for sample, _ in seen],
-        np.array([point.place for _, point in seen]),
+        np.array([point.place for _, point in seen]).reshape(-1, 3),
         dataset.tcp_in_wrist if is_known else None,
     )
+    return pairs, unseen
 
 
 def _findings(
@@ -243,6 +293,13 @@ def _contradiction(
             f"{head}: they fit with one axis of the camera turned round: its frame is left-handed; "
             "write all points with that axis negated"
         )
+    change = None if pairs.tool_point is None else tool_point_change(pairs, fit)
+    if change is not None and change.chance < CHANCE and change.typical_mm < CONTRADICTORY_MM:
+        return (
+            f"{head}: they agree to {change.typical_mm:.1f} mm where the point seen is at "
+            f"{_triple(change.place)} mm in the wrist, not at {_triple(fit.tool_point)}: correct tcp_in_wrist, or "
+            'write tcp_in_wrist = "unknown"; a TCP that is active in the robot shifts it too'
+        )
     return f"{head}: check that points and poses belong together, in one order, and tcp_in_wrist"
 
 
@@ -260,11 +317,11 @@ def _tool_point(pairs: PointPairs, fit: PointPairsFit) -> Iterator[Finding]:
     change = None if pairs.tool_point is None else tool_point_change(pairs, fit)
     if change is None or pairs.tool_point is None:
         return
-    place, chance = change
-    if chance < CHANCE and np.linalg.norm(place - pairs.tool_point) > _TOOL_POINT_MM:
+    shift_mm = float(np.linalg.norm(change.place - pairs.tool_point))
+    if change.chance < CHANCE and shift_mm > _TOOL_POINT_MM:
         yield finding(
             "tool_point",
-            f"the samples say that the point seen is at {_triple(place)} mm in the wrist, not at "
+            f"the samples say that the point seen is at {_triple(change.place)} mm in the wrist, not at "
             f"{_triple(pairs.tool_point)}",
         )
 

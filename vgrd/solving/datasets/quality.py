@@ -11,7 +11,10 @@ from vgrd.geometry import Array
 from vgrd.geometry.covariance import radius95_of_mixture
 
 _ORDER_FROM = 19  # samples of which the largest miss of n is beyond 95 % of the next: n / (n + 1)
+_WHOLE = 99.5  # from here on two figures would need a power of ten
+_SIZE = "size of the target"
 _ADVICE: Mapping[str, str] = {
+    _SIZE: "its true size in the file, measured with a caliper",
     "pixels": "a sharper picture, a larger target or a nearer one",
     "pixels alike in a picture": "a camera calibration of its own, a flat target, all of it in the picture",
     "arm's position": "poses read at rest, a stiffer grip of the target, a calibrated arm",
@@ -28,8 +31,9 @@ class Quality:
 
     Out of sample; it holds the error of the calibration, of one robot pose and of one look. distance_mm:
     between camera and target, median. calibration_mm: the calibration's part at a true flange pose, 95 % of
-    looks like the samples. limits: the largest
-    cause; advice: what lowers it.
+    looks like the samples. size_mm: what a
+    target of another size than given adds at that distance, in mm too; 0 where it has that size. limits: the
+    largest cause; advice: what lowers it.
     """
 
     mm: float
@@ -37,6 +41,7 @@ class Quality:
     count: int
     distance_mm: float
     calibration_mm: float
+    size_mm: float
     limits: str
     advice: str
 
@@ -46,11 +51,16 @@ class Quality:
         if not np.isfinite(self.mm):
             return f"unknown how good it is: {self.count} samples are too few to leave one out; add samples"
         return (
-            f"at 95 % a point {self.distance_mm:.0f} mm before the camera is predicted to within "
-            f"{self.mm:.2g} mm and {self.deg:.2g} deg, from {self.count} samples, each predicted without "
+            f"at 95 % a point {figure(self.distance_mm)} mm before the camera is predicted to within "
+            f"{figure(self.mm)} mm and {figure(self.deg)} deg, from {self.count} samples, each predicted without "
             f"itself; noise of one look and one robot pose included, the calibration alone "
-            f"{self.calibration_mm:.2g} mm"
+            f"{figure(self.calibration_mm)} mm"
         )
+
+
+def figure(value: float) -> str:
+    """Two figures, whole numbers in full: 0.33, 14, 328."""
+    return f"{value:.2g}" if abs(value) < _WHOLE else f"{value:.0f}"
 
 
 def quality_of(
@@ -59,20 +69,27 @@ def quality_of(
     turns_rad: Sequence[Array],
     expected: Sequence[Array],
     distance_mm: float,
+    excess: float = 0.0,
 ) -> Quality:
     """shifts_mm, turns_rad: (3,) by which the fit without each sample missed it; empty where unknown.
 
     expected: (6, 6) of the place and turn that this fit expected there, by its covariance, mm and rad.
+    excess: by which the target is larger than given, as a share.
     """
     misses = [C + look for C, look in zip(expected, result.looks, strict=bool(expected))]
     strays = not all(sample.used for sample in result.samples)
     largest = max(result.shares, key=lambda name: result.shares[name], default="")
+    spread_mm = within_95(shifts_mm, [C[:3, :3] for C in misses], strays=strays)
+    size_mm = abs(excess) * distance_mm
+    if size_mm > spread_mm:
+        largest = _SIZE
     return Quality(
-        within_95(shifts_mm, [C[:3, :3] for C in misses], strays=strays),
+        spread_mm + size_mm,  # an offset that is the same in every look adds as it is
         float(np.degrees(within_95(turns_rad, [C[3:, 3:] for C in misses], strays=strays))),
         len(result.samples),
         distance_mm,
         radius95_of_mixture([C[:3, :3] for C in expected]) if expected else np.nan,
+        size_mm,
         largest,
         _ADVICE.get(largest, ""),
     )

@@ -12,7 +12,13 @@ from vgrd.geometry import Array, Pose
 from vgrd.geometry.camera import CameraModel
 from vgrd.model import Mount, Verdict
 from vgrd.solving.datasets.fitting import TargetScale
-from vgrd.solving.datasets.quality import Quality
+from vgrd.solving.datasets.quality import Quality, figure
+
+
+def refusal(verdict: Verdict) -> str:
+    """Why it is not to be used, in words; "" where nothing forbids it."""
+    reasons = [found.message for found in verdict.findings if found.fatal]
+    return f"not to be used: {reasons[0]}" if reasons else ""
 
 
 @dataclass(frozen=True, slots=True)
@@ -79,8 +85,10 @@ class DatasetSolution:
 
     @property
     def sentence(self) -> str:
-        """Whether it is good, in words."""
-        return "" if self.quality is None else self.quality.sentence
+        """Whether it is good, in words; what forbids its use comes first."""
+        refused = refusal(self.verdict)
+        told = "" if self.quality is None else self.quality.sentence
+        return refused or told
 
     @property
     def ok(self) -> bool | None:
@@ -154,6 +162,7 @@ class DatasetSolution:
                 "within_mm": _known(quality.mm),
                 "within_deg": _known(quality.deg),
                 "calibration_mm": _known(quality.calibration_mm),
+                "size_mm": quality.size_mm,
                 "distance_mm": quality.distance_mm,
                 "samples": quality.count,
                 "limited_by": quality.limits,
@@ -176,14 +185,18 @@ class DatasetSolution:
         rows = []
         sigmas = np.sqrt(np.diag(self.covariance))
         for k, name in enumerate(self.transforms()):
-            x, y, z, rx, ry, rz = sigmas[6 * k : 6 * k + 6] * ([1.0] * 3 + [180 / np.pi] * 3)
-            told = f"{x:.2g} {y:.2g} {z:.2g} mm, {rx:.2g} {ry:.2g} {rz:.2g} deg"
+            own = sigmas[6 * k : 6 * k + 6] * ([1.0] * 3 + [180 / np.pi] * 3)
+            x, y, z, rx, ry, rz = (figure(float(value)) for value in own)
+            told = f"{x} {y} {z} mm, {rx} {ry} {rz} deg"
             rows.append((f"sigma of {name}", told))
         for level in self.levels:
             scale, unit = (180 / np.pi, "deg") if level.unit == "rad" else (1.0, level.unit)
             assumed, found = scale * level.stated, scale * level.found
             rows.append(
-                (f"noise: {level.name}", f"assumed {assumed:.2g}, found {found:.2g} {unit}")
+                (
+                    f"noise: {level.name}",
+                    f"assumed {figure(assumed)}, found {figure(found)} {unit}",
+                )
             )
         if self.quality is not None and self.quality.limits:
             rows.append(("limited by", f"{self.quality.limits}; helps: {self.quality.advice}"))

@@ -4,18 +4,17 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-import cv2
 import numpy as np
 
 from vgrd.calibration.hand_eye import HandEyeResult, PointSample, undetermined_in_words
 from vgrd.calibration.observability import Axes, turned_axes
 from vgrd.errors import CalibrationError, ConfigError, InputError, TagNotSeen, TooFewObservations
 from vgrd.geometry import Pose, log_rotation
-from vgrd.geometry.resection import checked_points
-from vgrd.solving.datasets.fitting import Fitter, fitter_of_points, fitter_of_poses
+from vgrd.solving.datasets.fitting import Fitter, TargetScale, fitter_of_points, fitter_of_poses
 from vgrd.solving.datasets.half_turns import turn_alike
 from vgrd.solving.datasets.judging import DatasetEvidence, Miss, doubtful, judge
 from vgrd.solving.datasets.loading import Dataset, load_dataset
+from vgrd.solving.datasets.looking import observe
 from vgrd.solving.datasets.named_method import NamedMethodFitter, check_method
 from vgrd.solving.datasets.point_pairs import PointPairSolution, solve_point_pairs
 from vgrd.solving.datasets.quality import Quality, quality_of
@@ -23,10 +22,7 @@ from vgrd.solving.datasets.reading.sample_reading import DatasetSample, PointInC
 from vgrd.solving.datasets.solution import AsGiven, DatasetSolution, LeaveOneOut, SampleReport
 from vgrd.solving.datasets.suspects import suspects
 from vgrd.solving.flange_poses import MIN_SAMPLES
-from vgrd.vision.images.pictures import check_whole
-from vgrd.vision.print.boards import BoardObservation, TargetSpec, has_direction
-from vgrd.vision.print.targets import TagGrid
-from vgrd.vision.tags.seeing import see_target
+from vgrd.vision.print.boards import BoardObservation, has_direction
 
 Progress = Callable[[int, int], None]
 
@@ -91,6 +87,7 @@ def solve_dataset(
     steps.advance()
     folds = _folds(fitter, sightings, result, steps)
     misses = _misses(fitter, sightings, folds)
+    scale = fitter.scale(result)
     evidence = DatasetEvidence(
         dataset=dataset,
         names=sightings.names,
@@ -99,8 +96,8 @@ def solve_dataset(
         misses=misses,
         unseen=sightings.unseen,
         few_points=_few_points(sightings),
-        scale=fitter.scale(result),
-        quality=_quality(result, sightings, folds, misses, target_poses),
+        scale=scale,
+        quality=_quality(result, sightings, folds, misses, target_poses, scale),
         tolerance_mm=tolerance_mm,
     )
     solution = _solution(evidence, _as_given(fitter, sightings, result, folds), method)
@@ -156,7 +153,7 @@ def _look(dataset: Dataset, steps: _Steps) -> Sightings:
     samples, observations, unseen, faults = [], [], {}, []
     for sample in dataset.samples:
         try:
-            observations.append(observe(sample, dataset.target))
+            observations.append(observe(sample, dataset.target, dataset.picture_px))
             samples.append(sample)
         except TagNotSeen as reason:
             unseen[sample.name] = str(reason)
@@ -194,28 +191,6 @@ def _led_by(hints: Sequence[str], error: CalibrationError) -> CalibrationError:
     led = type(error).__new__(type(error), "\n".join([*hints, str(error)]))
     led.__dict__.update(vars(error))
     return led
-
-
-def observe(sample: DatasetSample, target: TargetSpec | TagGrid | None) -> BoardObservation | Pose:
-    """What one sample shows; raises TagNotSeen, or InputError for what is no picture."""
-    match sample.source:
-        case Pose():
-            return sample.source
-        case PointInCamera():
-            raise InputError("point_in_camera is solved by itself, not with a target")
-        case BoardObservation():
-            try:
-                checked_points(sample.source.points_in_target, sample.source.pixels)
-            except InputError as error:
-                raise TagNotSeen(str(error)) from error
-            return sample.source
-    check_whole(sample.source)
-    image = cv2.imread(str(sample.source), cv2.IMREAD_GRAYSCALE)
-    if image is None:
-        raise InputError(f"{sample.source} is not a picture that OpenCV can read")
-    if target is None:
-        raise InputError("an image needs [target]")
-    return see_target(np.asarray(image, dtype=np.uint8), target)
 
 
 def _fitter(dataset: Dataset, sightings: Sightings, method: str | None) -> Fitter:
@@ -331,6 +306,7 @@ def _quality(
     folds: Sequence[HandEyeResult | None],
     misses: Sequence[Miss | None],
     target_poses: Sequence[Pose],
+    scale: TargetScale,
 ) -> Quality:
     known = [miss for miss in misses if miss is not None]
     expected = [
@@ -347,6 +323,7 @@ def _quality(
         [miss.turn_rad for miss in known],
         expected,
         distance,
+        scale.excess,
     )
 
 

@@ -1,10 +1,13 @@
 """Other readings of a dataset under which its samples agree: formats, mount, units, the order of the pictures."""
 
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
+import numpy as np
+
 from vgrd.calibration.checks import (
+    Agreement,
     Interpretation,
     Poses,
     agreement,
@@ -14,7 +17,14 @@ from vgrd.calibration.checks import (
 from vgrd.calibration.hand_eye import flange_motion_of
 from vgrd.errors import InputError
 from vgrd.geometry import Pose
-from vgrd.geometry.rotation_formats import RotationFormat, pose_from, value_count
+from vgrd.geometry.pose_formats import MATRIX, MATRIX_COLUMNS
+from vgrd.geometry.rotation_formats import (
+    RotationFormat,
+    pose_from,
+    rotation_from,
+    rotation_to,
+    value_count,
+)
 from vgrd.judging.thresholds import CONTRADICTORY_DEG, CONTRADICTORY_MM
 from vgrd.model import Mount
 from vgrd.solving.datasets.loading import Dataset
@@ -22,16 +32,26 @@ from vgrd.solving.datasets.loading import Dataset
 _CLEARLY_BETTER = 0.6  # of the misfit as read: chance explains less
 _SAME_READING_MM = 0.01  # readings that fit as well are all named
 _ORDER_FROM = 5  # samples: fewer agree in some order by chance
+_OTHER_UNIT = 1.5  # between lengths: no arm, lens or print is so far off
+_OTHER_UNIT_FITS = 0.1  # of the misfit with the unit as written
+_QUATERNION = 4  # numbers
+_NEAR = 1.1  # to a usual factor: what a print is off beside it
+_FACTORS: Mapping[float, str] = {
+    1000.0: "metres beside millimetres",
+    25.4: "inches beside millimetres",
+    10.0: "centimetres beside millimetres",
+}
 
 
 def suspects(
     dataset: Dataset, names: Sequence[str], camera_from_target: Sequence[Pose]
 ) -> list[str]:
-    """What may have been meant instead, in words; empty where no other reading fits."""
-    return (
-        unit_mismatch(dataset, names, camera_from_target)
-        or _readings(dataset, names, camera_from_target)
-        or _orders(dataset, names, camera_from_target)
+    """What may have been meant instead, in words; empty where no other reading fits, or the one as written."""
+    mismatch = unit_mismatch(dataset, names, camera_from_target)
+    if mismatch or _agree(dataset, names, camera_from_target):
+        return mismatch
+    return _readings(dataset, names, camera_from_target) or _orders(
+        dataset, names, camera_from_target
     )
 
 
@@ -39,16 +59,37 @@ def unit_mismatch(
     dataset: Dataset, names: Sequence[str], camera_from_target: Sequence[Pose]
 ) -> list[str]:
     """Robot and target told in units that differ: the samples agree but for a factor."""
-    fit = agreement(_moves(dataset, names), Poses.of(camera_from_target))
-    if mistaken_unit(fit) is None or not fit.within(CONTRADICTORY_DEG, CONTRADICTORY_MM):
-        return []
+    moves, cameras = _moves(dataset, names), Poses.of(camera_from_target)
+    fit = agreement(moves, cameras)
     ratio = fit.millimetres
+    if ratio <= 0 or 1 / _OTHER_UNIT < ratio < _OTHER_UNIT:
+        return []
+    # misfits are lengths of the target: where these are told too large, so are the misfits
+    if fit.deg > CONTRADICTORY_DEG or fit.mm / max(1.0, ratio) > CONTRADICTORY_MM:
+        return []
+    if fit.mm > _OTHER_UNIT_FITS * agreement(moves, cameras, unit_known=True).mm:
+        return []
     factor = f"{ratio:.4g}" if ratio > 1 else f"1 / {1 / ratio:.4g}"
     other = "the size of the target or its points" if dataset.camera else "camera_from_target"
     return [
         f"But for the unit of length the samples agree: by {other} one unit of the robot's lengths is "
-        f"{factor} of those of the target (1000: metres beside millimetres, 25.4: inches). Write both in one unit."
+        f"{factor} of those of the target ({_factor_in_words(ratio)}). Write both in one unit."
     ]
+
+
+def _factor_in_words(ratio: float) -> str:
+    larger = max(ratio, 1 / ratio)
+    for factor, words in _FACTORS.items():
+        if 1 / _NEAR < larger / factor < _NEAR:
+            return words
+    return "no usual factor: measure the target too"
+
+
+def _agree(dataset: Dataset, names: Sequence[str], camera_from_target: Sequence[Pose]) -> bool:
+    """Whether the samples agree as they are written: what failed then has another cause."""
+    cameras = Poses.of(camera_from_target)
+    stated = agreement(_moves(dataset, names), cameras, unit_known=True)
+    return stated.within(CONTRADICTORY_DEG, CONTRADICTORY_MM)
 
 
 def _moves(dataset: Dataset, names: Sequence[str]) -> Poses:
@@ -86,7 +127,7 @@ def _orders(
     fit = fits[best]
     if not fit.within(CONTRADICTORY_DEG, CONTRADICTORY_MM):
         return []
-    if fit.deg > _CLEARLY_BETTER * stated.deg:
+    if fit.deg > _CLEARLY_BETTER * stated.deg or fit.mm > _CLEARLY_BETTER * stated.mm:
         return []
     return [
         f"Paired {best}, poses and pictures agree to {fit.mm:.1f} mm: were they listed in "
@@ -107,12 +148,48 @@ def _natural(name: str) -> list[tuple[int, int, str]]:
 def _readings(
     dataset: Dataset, names: Sequence[str], camera_from_target: Sequence[Pose]
 ) -> list[str]:
-    """Other readings of the same numbers (rotation format, mount) under which the samples agree."""
+    """Other readings of the same numbers (rotation formats, mount) under which the samples agree."""
+    written = Poses.of(camera_from_target)
+    moves = _robot_readings(dataset, names)
+    stated = (dataset.rotation, dataset.mount)
+    baseline = _misfit(agreement(moves[stated].poses, written))
+    for camera_format, cameras in _camera_readings(dataset, written).items():
+        is_written = camera_format == dataset.camera_format
+        tried = {key: move for key, move in moves.items() if key != stated or not is_written}
+        candidates = best_of(
+            list(tried.values()),
+            lambda poses, cameras=cameras: agreement(poses, cameras),  # type: ignore[misc] # bound now
+            deg=CONTRADICTORY_DEG,
+            mm=CONTRADICTORY_MM,
+        )
+        if not candidates or _misfit(candidates[0].fit) > _CLEARLY_BETTER * baseline:
+            continue
+        best = candidates[0].fit
+        fitting = {
+            id(candidate.reading)
+            for candidate in candidates
+            if candidate.fit.mm < best.mm + _SAME_READING_MM
+        }
+        alike = [key for key, reading in tried.items() if id(reading) in fitting]
+        return [_in_words(dataset, alike, "" if is_written else camera_format, best)]
+    return []
+
+
+def _misfit(fit: Agreement) -> float:
+    """Of turns and places together: either may fit alone under a wrong reading."""
+    return fit.deg / CONTRADICTORY_DEG + fit.mm / CONTRADICTORY_MM
+
+
+def _robot_readings(
+    dataset: Dataset, names: Sequence[str]
+) -> dict[tuple[RotationFormat, Mount], Interpretation]:
+    """The robot's numbers in every format of as many, for both mounts; of matrices there is one."""
     rows = {s.name: v for s, v in zip(dataset.samples, dataset.pose_values, strict=True)}
-    cameras = Poses.of(camera_from_target)
+    is_matrix = dataset.pose_format in (MATRIX, MATRIX_COLUMNS)
     readings: dict[tuple[RotationFormat, Mount], Interpretation] = {}
     for fmt in RotationFormat:
-        if value_count(fmt) != value_count(dataset.rotation):
+        is_written = fmt is dataset.rotation
+        if value_count(fmt) != value_count(dataset.rotation) or (is_matrix and not is_written):
             continue
         try:
             poses = [pose_from(rows[name], fmt, dataset.unit) for name in names]
@@ -120,32 +197,48 @@ def _readings(
             continue
         for mount in Mount:
             moves = Poses.of([flange_motion_of(mount, pose) for pose in poses])
-            other_format = None if fmt is dataset.rotation else fmt
+            other_format = None if is_written else fmt
             readings[fmt, mount] = Interpretation(
                 moves, meant=other_format, inverted=mount != dataset.mount
             )
-    baseline = agreement(readings.pop((dataset.rotation, dataset.mount)).poses, cameras)
-    candidates = best_of(
-        list(readings.values()),
-        lambda moves: agreement(moves, cameras),
-        deg=CONTRADICTORY_DEG,
-        mm=CONTRADICTORY_MM,
-    )
-    if not candidates or candidates[0].fit.mm > _CLEARLY_BETTER * baseline.mm:
-        return []
-    best = candidates[0].fit
-    fitting = {
-        id(candidate.reading)
-        for candidate in candidates
-        if candidate.fit.mm < best.mm + _SAME_READING_MM
-    }
-    alike = [key for key, reading in readings.items() if id(reading) in fitting]
-    formats = " or ".join(dict.fromkeys(str(fmt) for fmt, _ in alike))
-    mounts = " or ".join(dict.fromkeys(str(mount) for _, mount in alike))
+    return readings
+
+
+def _camera_readings(dataset: Dataset, written: Poses) -> dict[str, Poses]:
+    """The camera's poses as written, and quaternions in the other order."""
+    readings = {dataset.camera_format: written}
+    if dataset.camera_format not in tuple(RotationFormat):
+        return readings
+    stated = RotationFormat(dataset.camera_format)
+    if value_count(stated) == _QUATERNION:
+        numbers = [rotation_to(R, stated) for R in written.rotations]
+        for fmt in (RotationFormat.QUATERNION_WXYZ, RotationFormat.QUATERNION_XYZW):
+            turns = np.array([rotation_from(values, fmt) for values in numbers])
+            readings.setdefault(str(fmt), Poses(turns, written.translations))
+    return readings
+
+
+def _in_words(
+    dataset: Dataset,
+    alike: Sequence[tuple[RotationFormat, Mount]],
+    camera_format: str,
+    best: Agreement,
+) -> str:
+    """camera_format: of the camera's poses where it is another than written, else ""."""
+    is_matrix = dataset.pose_format in (MATRIX, MATRIX_COLUMNS)
+    formats = [dataset.pose_format if is_matrix else str(fmt) for fmt, _ in alike]
+    rotation = " or ".join(dict.fromkeys(formats))
+    mounts = list(dict.fromkeys(str(mount) for _, mount in alike))
+    camera = f", camera_poses.rotation = {camera_format}" if camera_format else ""
     unit = mistaken_unit(best)
     lengths = f", lengths = {unit}" if unit else ""
-    return [
-        f"Read as rotation = {formats}, mount = {mounts}{lengths}, the samples agree to "
-        f"{best.mm:.1f} mm: is that meant? (The other mount also fits poses that were written "
-        "inverted.)"
-    ]
+    words = (
+        f"Read as rotation = {rotation}, mount = {' or '.join(mounts)}{camera}{lengths}, the samples "
+        f"agree to {best.mm:.1f} mm: is that meant?"
+    )
+    if mounts == [str(dataset.mount)]:
+        return words
+    sides = "base_from_wrist as wrist_from_base"
+    if dataset.camera is None:
+        sides += ", or camera_from_target as target_from_camera"
+    return f"{words} (They agree as well if one side was written inverted: {sides}.)"

@@ -1,6 +1,7 @@
 """The camera of a dataset: its numbers in [camera], or the camera file that [camera] names."""
 
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -10,15 +11,30 @@ from vgrd.documents.tables import parse
 from vgrd.errors import InputError
 from vgrd.geometry.camera import CameraModel, implausible_distortion, implausible_matrix
 from vgrd.solving.datasets.reading.document import CameraTable
+from vgrd.vision.images.pictures import read_picture
 from vgrd.vision.intrinsics.camera_files import read_camera
 
 
-def read_dataset_camera(
-    data: Mapping[str, Any], kinds: Collection[str], folder: Path, faults: list[str]
-) -> tuple[CameraModel, bool] | None:
-    """The camera and whether it is to be refined; None where the samples need none, or faults are appended.
+@dataclass(frozen=True, slots=True, eq=False)
+class DatasetCamera:
+    """The camera, whether it is to be refined, and (width, height) of its pictures, None where not told."""
 
-    kinds: of what the samples hold; folder: from which the name of a camera file counts.
+    model: CameraModel
+    refine: bool
+    picture_px: tuple[int, int] | None
+
+
+def read_dataset_camera(
+    data: Mapping[str, Any],
+    kinds: Collection[str],
+    folder: Path,
+    pictures: Sequence[Path],
+    faults: list[str],
+) -> DatasetCamera | None:
+    """The camera; None where the samples need none, or faults are appended.
+
+    kinds: of what the samples hold; folder: from which the name of a camera file counts; pictures: of the
+    samples, whose size counts where the camera file tells none.
     """
     if "camera" not in data:
         if {"image", "points"} & set(kinds):
@@ -32,18 +48,22 @@ def read_dataset_camera(
     if table.refine and not {"image", "points"} & set(kinds):
         faults.append("camera.refine: poses hold no pixels to refine from; set it to false")
     try:
-        model = _model(table, folder)
+        model = _model(table, folder, pictures)
     except InputError as error:
         faults.append(f"camera: {error}")
         return None
-    return (model, table.refine) if {"image", "points"} & set(kinds) else None
+    if not {"image", "points"} & set(kinds):
+        return None
+    is_told = table.file is not None or table.size_px is not None
+    return DatasetCamera(model, table.refine, model.size_px if is_told else None)
 
 
-def _model(table: CameraTable, folder: Path) -> CameraModel:
+def _model(table: CameraTable, folder: Path, pictures: Sequence[Path]) -> CameraModel:
     if table.file is not None:
         if table.matrix is not None or table.distortion is not None:
             raise InputError(f"file '{table.file}' and matrix or distortion: keep one of them")
-        return read_camera(folder / table.file, _size(table), table.name)
+        size = _size(table) or _size_of(pictures)
+        return read_camera(folder / table.file, size, table.name)
     if table.name is not None:
         raise InputError(f"name '{table.name}' is of a camera in a file: add file, or remove it")
     if table.matrix is None:
@@ -65,3 +85,14 @@ def _model(table: CameraTable, folder: Path) -> CameraModel:
 
 def _size(table: CameraTable) -> tuple[int, int] | None:
     return None if table.size_px is None else (table.size_px[0], table.size_px[1])
+
+
+def _size_of(pictures: Sequence[Path]) -> tuple[int, int] | None:
+    """(width, height) of the first picture that can be read; the others are held against it."""
+    for path in pictures:
+        try:
+            height, width = read_picture(path).pixels.shape
+        except InputError:
+            continue  # told with the sample
+        return width, height
+    return None
