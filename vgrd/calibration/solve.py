@@ -5,7 +5,7 @@ from dataclasses import replace
 
 from vgrd.calibration.calibration import Calibration, Solution
 from vgrd.calibration.checks import cannot_tell, check_plan, examine
-from vgrd.calibration.joint import HolePixel, calibrate_jointly
+from vgrd.calibration.joint import HolePixel, JointFit, calibrate_jointly
 from vgrd.calibration.outcome import Outcome
 from vgrd.calibration.stepwise import calibrate_in_steps
 from vgrd.calibration.verification import verify
@@ -21,13 +21,24 @@ def calibrate_system(
     sightings: Sequence[HolePixel] = (),
     stability: Array | None = None,
 ) -> Calibration:
+    """The calibration of `calibrate_with_fit`."""
+    return calibrate_with_fit(recording, tolerance_mm, policy, sightings, stability)[0]
+
+
+def calibrate_with_fit(
+    recording: Recording,
+    tolerance_mm: float | None = None,
+    policy: Policy = Policy.FIXED,
+    sightings: Sequence[HolePixel] = (),
+    stability: Array | None = None,
+) -> tuple[Calibration, JointFit | None]:
     """Solve everything that the recording tells; id is "" and the time 0, for the caller to set.
 
     Plan joint: everything in one estimate, holes that the camera saw (`sightings`) included, see
     `calibrate_jointly`. The other plans are the paper's methods, step by step: universal where the
     wrists varied, else special from CAD-fitted flange positions; the holes then tell the rotation
     centre, see `find_hole_center`. Doubts are findings of the verdict. stability: (6,) of the camera,
-    for the held-out touches, see `verify`.
+    for the held-out touches, see `verify`. The fit is that of plan joint, None in the others.
     Raises TooFewObservations, NotObservable (what is missing, in words), InputError or
     DidNotConverge.
     """
@@ -41,8 +52,9 @@ def calibrate_system(
     findings = examine(recording, policy)
     try:
         outcome: Outcome[Solution]
+        fit: JointFit | None = None
         if recording.plan is Plan.JOINT:
-            outcome = calibrate_jointly(recording, tolerance_mm, policy, sightings)
+            outcome, fit = calibrate_jointly(recording, tolerance_mm, policy, sightings)
         else:
             outcome = calibrate_in_steps(recording, sightings)
     except DidNotConverge as err:
@@ -62,8 +74,9 @@ def calibrate_system(
         verdict=Verdict(),
     )
     verified, misses = verify(calibration, recording.verifications, stability)
-    return replace(
+    calibration = replace(
         calibration,
         residuals={**outcome.residuals, **misses},
         verdict=Verdict((*findings, *cannot_tell(facts), *outcome.findings, *verified)),
     )
+    return calibration, fit

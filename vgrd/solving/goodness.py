@@ -1,17 +1,17 @@
 """Is a calibration of a session good? In words, what limits it, what to add; poses with their sigmas."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from types import MappingProxyType
 
 import numpy as np
 
 from vgrd.calibration.calibration import Calibration
-from vgrd.calibration.joint import HolePixel, JointSolution, StepLayout, fit_session
+from vgrd.calibration.joint import JointFit, JointSolution, StepLayout
 from vgrd.calibration.levels import Level
 from vgrd.calibration.planning import Budget, Source, error_budget, picture_of
 from vgrd.errors import CalibrationError
 from vgrd.geometry import Array, Pose
-from vgrd.model import Plan, Policy, Recording
+from vgrd.model import Policy, Recording
 
 _MATTERS = 1.1  # times the error with an exact centre, from which on it is worth a sentence
 _TO_ADD: Mapping[Source, str] = MappingProxyType(
@@ -33,16 +33,16 @@ _TO_ADD: Mapping[Source, str] = MappingProxyType(
 
 def goodness(
     calibration: Calibration,
+    fit: JointFit | None,
     recording: Recording,
-    sightings: Sequence[HolePixel],
     tolerance_mm: float | None,
     policy: Policy,
 ) -> dict[str, object]:
     """The first line of `vgrd solve`, and what limits the calibration; JSON-able.
 
-    recording, sightings: what it was solved by.
+    fit: that it was taken from, None in the paper's plans.
     """
-    budget = _budget(recording, sightings, policy)
+    budget = None if fit is None else _budget(fit, policy)
     said = _sentence(calibration, recording, tolerance_mm)
     if budget is None:
         return {"good": said, "limits": "", "add": ""}
@@ -75,12 +75,9 @@ def _sentence(calibration: Calibration, recording: Recording, tolerance_mm: floa
     return said if tolerance_mm is not None else f"{said}; no tolerance given"
 
 
-def _budget(recording: Recording, sightings: Sequence[HolePixel], policy: Policy) -> Budget | None:
+def _budget(fit: JointFit, policy: Policy) -> Budget | None:
     """Of the picture in which the targets were touched; only what the session's own samples leave."""
-    if recording.plan is not Plan.JOINT:
-        return None
     try:
-        fit, _ = fit_session(recording, sightings)
         return error_budget(fit, picture_of(fit, 0.0), policy)
     except CalibrationError:
         return None  # what cannot be predicted is in the verdict

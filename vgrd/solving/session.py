@@ -19,7 +19,7 @@ from vgrd import logs
 from vgrd.calibration.blind_spots import sentences
 from vgrd.calibration.calibration import Calibration
 from vgrd.calibration.joint import JointSolution
-from vgrd.calibration.solve import calibrate_system
+from vgrd.calibration.solve import calibrate_with_fit
 from vgrd.clock import Clock, SystemClock
 from vgrd.errors import CalibrationError, InternalError, StoreError, VgrdError
 from vgrd.geometry import Array
@@ -57,7 +57,7 @@ def solve_session(
     served under it at all is rejected. stability: (6,) of the camera, as in `CameraPlace`; None: not
     known. Plans joint and special: holes of the object in the stored
     pictures are evidence too; report: called with (done, total) of these; draw: folder for a picture
-    of each of these. Raises what `calibrate_system` does, StoreError, and InputError for a folder
+    of each of these. Raises what `calibrate_with_fit` does, StoreError, and InputError for a folder
     that cannot be written.
     """
     clock = clock or SystemClock()
@@ -66,7 +66,7 @@ def solve_session(
         stored = load_session(folder)
         holes, warnings = _holes_in(folder, stored.recording, report)
         drawn = {} if pictures is None else _drawn(folder, holes, pictures)
-        calibration = calibrate_system(
+        calibration, fit = calibrate_with_fit(
             stored.recording, tolerance_mm, policy, holes.sightings, stability
         )
         offset = time_offset_of(folder, stored.recording, calibration)
@@ -81,7 +81,7 @@ def solve_session(
         if state_dir is not None and calibration.verdict.ok:
             name = CalibrationStore(state_dir, clock).save(calibration)
     return {
-        **goodness(calibration, stored.recording, holes.sightings, tolerance_mm, policy),
+        **goodness(calibration, fit, stored.recording, tolerance_mm, policy),
         "calibration": name,
         **summary(calibration),
         "transforms": transforms_of(calibration),

@@ -15,7 +15,7 @@ from vgrd.calibration.joint.noise.priors import priors_of
 from vgrd.calibration.joint.noise.remarks import level_findings
 from vgrd.calibration.joint.rows import linearize
 from vgrd.calibration.levels import Level
-from vgrd.calibration.solve import calibrate_system
+from vgrd.calibration.solve import calibrate_system, calibrate_with_fit
 from vgrd.geometry import Pose
 from vgrd.model import Observation, Plan, Policy, Recording, TagObservation, Touch
 from vgrd.solving.goodness import goodness, levels_in_words, transforms_of
@@ -247,13 +247,13 @@ def test_what_was_found_is_stored_and_counts_in_pictures(tmp_path) -> None:
 
 def test_the_first_line_says_how_good_it_is_and_what_limits_it() -> None:
     _, recording = taught(310, center_sigma_mm=0.2)
-    calibration = calibrate_system(recording, tolerance_mm=5.0)
-    told = goodness(calibration, recording, (), 5.0, Policy.FIXED)
+    calibration, fit = calibrate_with_fit(recording, tolerance_mm=5.0)
+    told = goodness(calibration, fit, recording, 5.0, Policy.FIXED)
     assert "at 95 % a target is met within" in str(told["good"])
     assert "10 touches, 10 spins, 8 looks" in str(told["good"])
     assert "no tolerance given" not in str(told["good"])
     assert "no tolerance given" in str(
-        goodness(calibration, recording, (), None, Policy.FIXED)["good"]
+        goodness(calibration, fit, recording, None, Policy.FIXED)["good"]
     )
     assert "an exact centre would leave" in str(told["limits"])
     assert "holes" in str(told["limits"])

@@ -4,7 +4,7 @@ May import touches, hand_eye, universal and turntable.
 """
 
 from vgrd.calibration.joint.answers import Prediction
-from vgrd.calibration.joint.calibration import calibrate_jointly, contradicted_targets, fit_session
+from vgrd.calibration.joint.calibration import calibrate_jointly, contradicted_targets
 from vgrd.calibration.joint.camera_corrections import (
     PRINTED,
     TAG_A,
@@ -71,7 +71,6 @@ __all__ = [
     "contradicted_targets",
     "displacement_jacobian",
     "expected_by_joint",
-    "fit_session",
     "inexact_of",
     "information_inverse",
     "linearize",

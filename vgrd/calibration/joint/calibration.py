@@ -53,15 +53,17 @@ def calibrate_jointly(
     tolerance_mm: float | None = None,
     policy: Policy = Policy.FIXED,
     sightings: Sequence[HolePixel] = (),
-) -> Outcome[JointSolution]:
-    """Everything in one maximum-likelihood problem.
+) -> tuple[Outcome[JointSolution], JointFit]:
+    """Everything in one maximum-likelihood problem, and the fit that the outcome was taken from.
 
     tolerance_mm: what 95 % of the misses must stay within under the policy, else the calibration is
     rejected. sightings: holes that the camera saw; those in spins that tell no axis are passed over.
     Raises TooFewObservations, NotObservable (what is missing, in words), InputError or
     DidNotConverge.
     """
-    fit, doubts = fit_session(recording, sightings)
+    usable, doubts = without_useless_spins(recording)
+    holes = [hole for hole in sightings if hole.spin is None or usable.spins]
+    fit = calibrate_joint(usable, holes)
     solution = solution_of(fit)
     targets = recording.facts.object.targets
     taught = {
@@ -78,16 +80,7 @@ def calibrate_jointly(
     if (knowing := _knowing_center(fit, solution)) is not None:
         exact = _served(knowing, used, hardest, policy)
         residuals["predicted_u95_exact_center_mm"] = exact.u95_mm
-    return Outcome(solution, taught, residuals, findings, seen)
-
-
-def fit_session(
-    recording: Recording, sightings: Sequence[HolePixel] = ()
-) -> tuple[JointFit, tuple[Finding, ...]]:
-    """The estimate that a session is solved by, and what was passed over for it."""
-    usable, doubts = without_useless_spins(recording)
-    holes = [hole for hole in sightings if hole.spin is None or usable.spins]
-    return calibrate_joint(usable, holes), doubts
+    return Outcome(solution, taught, residuals, findings, seen), fit
 
 
 def _knowing_center(fit: JointFit, solution: JointSolution) -> JointSolution | None:
