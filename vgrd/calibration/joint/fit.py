@@ -62,7 +62,7 @@ class JointFit:
     undetermined: (n, z),
     the step that 500 mm or 1 rad along each of them is. whitened (r,), jacobian (r, n): residuals and
     derivative at the optimum, in sigmas, noise of the arm included by `arm_factor` (lower triangle
-    of I + G S G^T, G being `J_deviations`), of `arm_rows`.
+    of I + G S G^T, G being `deviation_jacobian`), of `arm_rows`.
     """
 
     data: JointData
@@ -88,7 +88,7 @@ class JointFit:
         )
 
     @property
-    def J_deviations(self) -> Array:  # noqa: N802
+    def deviation_jacobian(self) -> Array:
         """Derivative (k, 6 s) of the rows that feel the arm by its deviation at every stand; none if it is exact."""
         return _NONE if self.arm_rows is None else self.arm_rows.jacobian(len(self.data.flange_at))
 

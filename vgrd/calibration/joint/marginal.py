@@ -70,7 +70,7 @@ def _arm_knowledge(fit: JointFit, columns: Columns) -> ArmKnowledge:
             frozen_copy(np.zeros((0, len(columns)))),
             frozen_copy(np.zeros((0, 0))),
         )
-    G = whiten_arm(fit.arm_factor, fit.J_deviations)
+    G = whiten_arm(fit.arm_factor, fit.deviation_jacobian)
     k = len(G)
     if fit.layout.places:
         G, k = _beside_displacements(G, fit, columns), len(fit.whitened)

@@ -230,7 +230,9 @@ class _Chain:
         cross_covariance = arm.field(
             prediction.base_from_wrist.translation[None], result.data.flange_at
         )
-        shared = np.kron(cross_covariance, np.diag(arm.scales() ** 2)) @ result.J_deviations.T
+        shared = (
+            np.kron(cross_covariance, np.diag(arm.scales() ** 2)) @ result.deviation_jacobian.T
+        )
         return np.asarray(whiten_arm(result.arm_factor, shared.T).T)
 
     def _of_arm(self, prediction: Prediction, gain: Array) -> dict[Source, Array]:
@@ -242,7 +244,7 @@ class _Chain:
         stations = result.data.flange_at
         J = np.concatenate(
             [
-                (-gain[:, :k] @ result.J_deviations)
+                (-gain[:, :k] @ result.deviation_jacobian)
                 .reshape(3, len(stations), 6)
                 .transpose(1, 0, 2),
                 -prediction.J_arm[None],

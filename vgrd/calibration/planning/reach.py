@@ -231,12 +231,10 @@ def turned_touches_within(result: JointFit, reach: Reach) -> list[Touching]:
         or result.recording.plan is not Plan.JOINT
     ):
         return []
-    turn_rad = min(turns_rad, key=lambda turn: abs(np.cos(turn) + 1))
-    every = []
-    for name in known_targets(result):
-        straight = usual_wrist(result.recording, name)
-        every.append((Touching(name, straight, turn_rad), straight))
-    return [touch for touch, straight in every if _is_allowed(result, reach, touch, straight)]
+    turn_rad = min(turns_rad, key=np.cos)
+    wrists = {name: usual_wrist(result.recording, name) for name in known_targets(result)}
+    touches = [Touching(name, straight, turn_rad) for name, straight in wrists.items()]
+    return [one for one in touches if _is_allowed(result, reach, one, one.base_from_wrist)]
 
 
 def samples_within(result: JointFit, reach: Reach) -> list[Candidate]:

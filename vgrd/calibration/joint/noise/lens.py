@@ -51,9 +51,7 @@ def focal_of(fit: JointFit) -> tuple[float, float]:
 
 def _doubts(fit: JointFit) -> int:
     """Pictures left out, moves of a fixed camera, and levels of pictures and arm beyond chance."""
-    left_out = sum(
-        not s.used and s.kind in {kind.value for kind in _PICTURES} for s in fit.samples
-    )
+    left_out = sum(not sample.used and sample.kind in _PICTURES for sample in fit.samples)
     is_fixed = fit.recording.facts.camera_stability is Stability.FIXED
     coarse = [level for level in fit.levels if level.name in _SHOWN_BY]
     return left_out + is_fixed * fit.data.places.displaced + len(list(level_findings(coarse)))

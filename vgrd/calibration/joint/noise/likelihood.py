@@ -201,10 +201,9 @@ class _Sums:
             self.taken[k] += moved[k].reshape(-1) @ flat
             seen = (np.sqrt(sizes[k]) * root.transpose(0, 2, 1) @ U).reshape(-1, U.shape[2])
             self.of_unknowns[k] += np.matmul(seen.T, seen, out=self.part)
-            pull, left = inverse @ moved[k], outer @ S[k]
+            pull, both = inverse @ moved[k], weighed[k] - 2 * (outer @ S[k])
             for j in samples.own:
                 self.pulls[k, j] += np.sum(pull * moved[j])
-                both = weighed[k] - 2 * left
                 self.alike[k, j] += np.sum(both * np.swapaxes(weighed[j], 1, 2))
 
     def share(self, k: int, K: Array, by_unknowns: Array) -> None:

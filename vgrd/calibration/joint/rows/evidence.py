@@ -133,12 +133,7 @@ def _put_offsets(J: Array, by_point: Array, inexact_of: Indices, layout: StepLay
 
 def touched_places(state: JointState, data: JointData) -> Array:
     """Where the target of every touch stood, (m, 3) base: by CAD or a place of its own, and by the turn."""
-    places, turned = _still_places(state, data), data.touch_spins >= 0
-    if turned.any():
-        R, t = turns_of(state.camera_from_axis, state.table_motion[data.touch_spins[turned]])
-        in_camera = state.base_from_camera.inverse() @ places[turned]
-        places[turned] = state.base_from_camera @ (np.einsum("nij,nj->ni", R, in_camera) + t)
-    return places
+    return _turned(_still_places(state, data), state, data)
 
 
 def _still_places(state: JointState, data: JointData) -> Array:
@@ -148,36 +143,56 @@ def _still_places(state: JointState, data: JointData) -> Array:
     return places
 
 
+def _turned(places: Array, state: JointState, data: JointData) -> Array:
+    """Places (m, 3) in the base as the object stood in each touch."""
+    turned = data.touch_spins >= 0
+    if not turned.any():
+        return places
+    R, t = turns_of(state.camera_from_axis, state.table_motion[data.touch_spins[turned]])
+    in_camera = state.base_from_camera.inverse() @ places[turned]
+    moved = places.copy()
+    moved[turned] = state.base_from_camera @ (np.einsum("nij,nj->ni", R, in_camera) + t)
+    return moved
+
+
 def _touches(state: JointState, data: JointData, layout: StepLayout) -> tuple[Array, Array]:
     touches = data.touches
     W = touches.base_sqrt_informations()
     places, in_cad = _still_places(state, data), data.bare_of < 0
+    moved = _turned(places, state, data)
     J = _rows(len(W), 3, layout)
-    by_place = W if (data.touch_spins < 0).all() else W @ _put_turns(J, -W, state, data, layout)
+    by_place = W
+    if moved is not places:
+        by_place = W @ _put_turns(J, -W, (places, moved), state, data, layout)
     J[:, :, layout.TCP] = W @ touches.rotations
     J[in_cad, :, layout.OBJECT] = -by_place[in_cad] @ left_jacobian(places[in_cad])
     for i in np.flatnonzero(~in_cad):
         J[i][:, layout.bare_columns()[data.bare_of[i]]] = -by_place[i]
     _put_offsets(J, -by_place @ state.base_from_object.rotation, data.inexact_of, layout)
-    misses = _tips(state, touches) - touched_places(state, data)
+    misses = _tips(state, touches) - moved
     return _flat(np.einsum("nij,nj->ni", W, misses), J)
 
 
 def _put_turns(
-    J: Array, W: Array, state: JointState, data: JointData, layout: StepLayout
+    J: Array,
+    W: Array,
+    places: tuple[Array, Array],
+    state: JointState,
+    data: JointData,
+    layout: StepLayout,
 ) -> Array:
     """Derivatives of the touches' places by what turned the object into J, weighted by W (n, 3, 3).
 
-    A place p stands at p' = X N X^-1 p with X = base_from_camera and N the motion of the spin. Returns
-    the rotation (n, 3, 3) of that, the derivative by p.
+    places: p and p', (n, 3) each; p stands at p' = X N X^-1 p with X = base_from_camera and N the motion of the
+    spin. Returns the rotation (n, 3, 3) of that, the derivative by p.
     """
     by_place = np.broadcast_to(_EYE, W.shape).copy()
     turned = np.flatnonzero(data.touch_spins >= 0)
     spins, X = data.touch_spins[turned], state.base_from_camera
     motions = object_motions(state.camera_from_axis, state.table_motion, layout)
     R = X.rotation @ motions.rotations[spins] @ X.rotation.T
-    places, moved = _still_places(state, data)[turned], touched_places(state, data)[turned]
-    by_camera = left_jacobian(moved) - R @ left_jacobian(places)
+    still, moved = (p[turned] for p in places)
+    by_camera = left_jacobian(moved) - R @ left_jacobian(still)
     by_motion = X.rotation @ left_jacobian(X.inverse() @ moved)
     part = _rows(len(turned), 3, layout)
     part[:, :, layout.CAMERA] = by_camera
