@@ -116,6 +116,16 @@ def fit_hand_eye(
     return engine.finish(engine.fit_weighted(weighted.state, inliers, robust=False), inliers)
 
 
+def observed_covariance(jacobian: Array, remedy: str) -> Array:
+    """As `covariance_from`; remedy: what to do about unknowns that the samples leave open."""
+    try:
+        return covariance_from(jacobian)
+    except NotObservable as fault:
+        raise NotObservable(
+            f"hand-eye: {fault}; {remedy}", rank=fault.rank, unknowns=fault.unknowns
+        ) from fault
+
+
 class _Engine:
     def __init__(
         self, mount: Mount, samples: Sequence[PoseSample], sigma_mm: float, sigma_rad: float
@@ -182,14 +192,7 @@ class _Engine:
         variance = (
             float(misfits[inliers].sum()) / degrees_of_freedom if degrees_of_freedom > 0 else 1.0
         )
-        try:
-            covariance = covariance_from(minimum.jacobian)
-        except NotObservable as fault:
-            raise NotObservable(
-                f"hand-eye: {fault}; look from more distances and tilts",
-                rank=fault.rank,
-                unknowns=fault.unknowns,
-            ) from fault
+        covariance = observed_covariance(minimum.jacobian, "look from more distances and tilts")
         return Fit(
             state,
             self.basis @ covariance @ self.basis.T * max(1.0, variance),

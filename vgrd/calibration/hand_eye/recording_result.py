@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from vgrd.calibration.hand_eye.fit import observed_covariance
 from vgrd.calibration.hand_eye.likelihood import Likelihood
 from vgrd.calibration.hand_eye.null_space import without_part_along
 from vgrd.calibration.hand_eye.pose_pairs import HandEyeResult, SampleResidual
@@ -12,9 +13,7 @@ from vgrd.calibration.hand_eye.recording_problem import RecordingProblem
 from vgrd.calibration.hand_eye.recording_search import Found
 from vgrd.calibration.hand_eye.state import HandEye
 from vgrd.calibration.levels import Levels, wider_by_freedom
-from vgrd.errors import NotObservable
 from vgrd.geometry import Array, Pose
-from vgrd.geometry.covariance import covariance_from
 
 
 def result_of(
@@ -74,14 +73,7 @@ def _misfit(likelihood: Likelihood, state: HandEye, levels: Levels) -> float:
 def _covariance(likelihood: Likelihood, state: HandEye, levels: Levels) -> tuple[Array, float]:
     """Of all unknowns, with the spread of the levels; degrees of freedom at the target's place."""
     here = likelihood.weighted(state, levels.log_variances)
-    try:
-        inner = covariance_from(here.J)
-    except NotObservable as fault:
-        raise NotObservable(
-            f"hand-eye: {fault}; look from more distances and tilts, or refine less",
-            rank=fault.rank,
-            unknowns=fault.unknowns,
-        ) from fault
+    inner = observed_covariance(here.J, "look from more distances and tilts, or refine less")
     gain = likelihood.basis @ inner @ here.J[: here.size].T
     n = len(here.d2)
     by_sample = gain[:3].reshape(3, n, -1)

@@ -124,7 +124,7 @@ def turned_touches(recording: Recording) -> tuple[int, ...]:
     tags = _seen(recording.touches)
     if not tags:
         return ()
-    R = tags[_most_central([tag.camera_from_tag for _, tag in tags])][1].camera_from_tag.rotation
+    R = _most_central([tag for _, tag in tags]).camera_from_tag.rotation
     turns = {i: log_rotation(tag.camera_from_tag.rotation @ R.T) for i, tag in tags}
     axis = _axis_of(recording.spins)
     return tuple(
@@ -149,7 +149,7 @@ def moved_touches(touches: Sequence[Touch]) -> tuple[int, ...]:
     tags = _seen(touches)
     if not tags:
         return ()
-    middle = tags[_most_central([tag.camera_from_tag for _, tag in tags])][1]
+    middle = _most_central([tag for _, tag in tags])
     near = [
         tag
         for _, tag in tags
@@ -190,11 +190,11 @@ def _seen(touches: Sequence[Touch]) -> list[tuple[int, TagObservation]]:
     ]
 
 
-def _most_central(poses: Sequence[Pose]) -> int:
-    """Index of the pose nearest to most others; 100 mm count as 1 rad."""
-    t = np.array([pose.translation for pose in poses])
-    R = np.array([pose.rotation for pose in poses])
+def _most_central(tags: Sequence[TagObservation]) -> TagObservation:
+    """The one seen nearest to most others; 100 mm count as 1 rad."""
+    t = np.array([tag.camera_from_tag.translation for tag in tags])
+    R = np.array([tag.camera_from_tag.rotation for tag in tags])
     mm = np.linalg.norm(t[:, None] - t, axis=2)
     cosine = (np.einsum("aij,bij->ab", R, R) - 1) / 2
     distance = 0.01 * mm + np.arccos(np.clip(cosine, -1, 1))
-    return int(np.argmin(np.median(distance, axis=1)))
+    return tags[int(np.argmin(np.median(distance, axis=1)))]
