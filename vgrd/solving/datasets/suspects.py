@@ -2,6 +2,7 @@
 
 import re
 from collections.abc import Mapping, Sequence
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -158,7 +159,7 @@ def _readings(
         tried = {key: move for key, move in moves.items() if key != stated or not is_written}
         candidates = best_of(
             list(tried.values()),
-            lambda poses, cameras=cameras: agreement(poses, cameras),  # type: ignore[misc] # bound now
+            partial(agreement, cameras=cameras),
             deg=CONTRADICTORY_DEG,
             mm=CONTRADICTORY_MM,
         )

@@ -57,8 +57,9 @@ def find_contradiction(file: TouchFile, levelled: Levelled, *, noisy: bool) -> F
     doubtful = noisy or not used.all()
     some = file.subset(_evenly(len(file.names), _ENOUGH))
     mistake = (misread(some) or scaled(some) or _mixed_up(some)) if doubtful else None
-    mistake = mistake or _moved(some, noisy=noisy) or find_wrong_target(some)
-    mistake = mistake or find_stated_off(file)
+    mistake = (
+        mistake or _moved(some, noisy=noisy) or find_wrong_target(some) or find_stated_off(file)
+    )
     if mistake:
         return mistake
     rms = levelled.rms_mm
@@ -144,14 +145,16 @@ def scaled(file: TouchFile) -> Finding | None:
     def scale_at(factor: float) -> float:
         return _scale(replace(file, points_in_object=file.points_in_object * factor))
 
-    stated = _scale(file)
-    unit = min(_UNITS, key=scale_at)
-    nearest = minimize_scalar(scale_at, bounds=_FACTORS, method="bounded", options={"xatol": 1e-5})
-    factor, words = (unit, f"the targets are in {_UNITS[unit]}")
-    if not scale_at(unit) < _CLEARLY_BETTER * stated:
-        factor, words = (float(nearest.x), "CAD, part or arm is off in scale")
-    best = scale_at(factor)
-    if not best < _CLEARLY_BETTER * stated or best > _FITS:
+    clearly = _CLEARLY_BETTER * _scale(file)
+    best, factor = min((scale_at(unit), unit) for unit in _UNITS)
+    words = f"the targets are in {_UNITS[factor]}"
+    if not best < clearly:
+        nearest = minimize_scalar(
+            scale_at, bounds=_FACTORS, method="bounded", options={"xatol": 1e-5}
+        )
+        best, factor = float(nearest.fun), float(nearest.x)
+        words = "CAD, part or arm is off in scale"
+    if not best < clearly or best > _FITS:
         return None
     return finding(
         "targets_scaled",
