@@ -1,6 +1,9 @@
 """The drawing of the error tree is the tree."""
 
 import inspect
+import pickle
+
+import pytest
 
 from vgrd import errors
 
@@ -40,3 +43,22 @@ def test_a_refusal_of_the_daemon_ends_with_the_code_of_its_reason() -> None:
     assert errors.ControlError("no", error="InputError").exit_code == errors.InputError.exit_code
     assert errors.ControlError("no", error="never heard of").exit_code == 1
     assert errors.DaemonUnreachable("gone").exit_code == 69
+
+
+EXAMPLES = {
+    errors.ConfigError: errors.ConfigError("cell.toml", ["a fault"]),
+    errors.Contradiction: errors.Contradiction("moved", ["tag A"], 2.0),
+    errors.NotObservable: errors.NotObservable("more", rank=5, unknowns=6),
+    errors.ControlError: errors.ControlError("no", error="NotSteady"),
+}
+"""Errors that are made from more than a message."""
+
+
+@pytest.mark.parametrize("name", sorted(drawn()))
+def test_an_error_is_the_same_after_its_way_from_a_worker(name: str) -> None:
+    kind = getattr(errors, name)
+    error = EXAMPLES.get(kind) or kind("told")
+    again = pickle.loads(pickle.dumps(error))  # noqa: S301 - our own bytes
+    assert type(again) is kind
+    assert str(again) == str(error)
+    assert vars(again) == vars(error)

@@ -36,14 +36,20 @@ Retrying is decided by type. Messages name what, where and the remedy.
 """
 
 import os
-from collections.abc import Iterator, Sequence
-from typing import Self
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Self, TypeVar
+
+_Kind = TypeVar("_Kind", bound="VgrdError")
 
 
 class VgrdError(Exception):
     """Root of the tree; `exit_code` is what the command line returns (sysexits.h)."""
 
     exit_code = 1
+
+    def __reduce__(self) -> tuple[object, ...]:
+        """For workers: an error is made anew from its message and facts, whatever its constructor asks for."""
+        return _made_again, (type(self), self.args, vars(self))
 
 
 class ConfigError(VgrdError):
@@ -127,9 +133,7 @@ class CalibrationError(VgrdError):
 
     def with_hints(self, hints: Sequence[str]) -> Self:
         """The same error, its message followed by what may have caused it, a line each."""
-        hinted = type(self).__new__(type(self), "\n".join([str(self), *hints]))
-        hinted.__dict__.update(vars(self))
-        return hinted
+        return _made_again(type(self), ("\n".join([str(self), *hints]),), vars(self))
 
 
 class TooFewObservations(CalibrationError):
@@ -219,6 +223,13 @@ class DaemonUnreachable(ControlError):
 
     def __init__(self, message: str) -> None:
         super().__init__(message, error=type(self).__name__)
+
+
+def _made_again(kind: type[_Kind], args: tuple[object, ...], facts: Mapping[str, object]) -> _Kind:
+    """An error of a kind with these arguments and facts; its constructor is not called."""
+    error = kind.__new__(kind, *args)
+    vars(error).update(facts)
+    return error
 
 
 def _family(root: type[VgrdError]) -> Iterator[type[VgrdError]]:

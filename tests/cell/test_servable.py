@@ -9,9 +9,13 @@ import pytest
 from fakes.cell.rehearsal import Rehearsal, facts_of
 from fakes.world.layout import Layout
 from fakes.world.world import CellNoise, World
+from vgrd.calibration.joint import JointSolution
+from vgrd.calibration.joint.camera_corrections import STRETCH_B
 from vgrd.calibration.solve import calibrate_system
 from vgrd.clock import SystemClock
+from vgrd.errors import Contradiction
 from vgrd.model import Plan, Policy, Recording
+from vgrd.solving import servable
 from vgrd.solving import session as solver
 from vgrd.solving.servable import unservable
 from vgrd.solving.session import solve_session
@@ -61,6 +65,29 @@ def test_a_whole_session_can_be_served(recording: Recording, plan: Plan) -> None
     assert unservable(calibration, Policy.FOLLOW) == ()
 
 
+def test_a_tag_that_was_found_to_be_wider_than_high_can_be_served(recording: Recording) -> None:
+    """What is asked is how tag B would be measured, its stretch included: without it, it contradicts itself."""
+    calibration = calibrate_system(replace(recording, plan=Plan.JOINT))
+    solution = calibration.solution
+    assert isinstance(solution, JointSolution)
+    found = replace(solution.refined[STRETCH_B], value=0.6)  # sigmas
+    stretched = replace(solution, refined={**solution.refined, STRETCH_B: found})
+    assert unservable(replace(calibration, solution=stretched), Policy.FIXED) == ()
+
+
+def test_a_contradiction_is_a_reason_not_to_serve(
+    recording: Recording, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def contradicted(*_: object) -> None:
+        raise Contradiction("tag B moved", ["tag B"], 2.0)
+
+    calibration = calibrate_system(replace(recording, plan=Plan.JOINT))
+    monkeypatch.setattr(servable, "expected_coordinate", contradicted)
+    (told,) = unservable(calibration, Policy.FIXED)
+    assert told.fatal
+    assert "cannot be served under policy fixed: tag B moved" in told.message
+
+
 def test_a_fault_of_ours_in_the_solver_is_told_as_one(
     recording: Recording,
     tmp_path: Path,
@@ -70,7 +97,7 @@ def test_a_fault_of_ours_in_the_solver_is_told_as_one(
     def faulty(*_: object) -> None:
         raise ZeroDivisionError("a bug")
 
-    monkeypatch.setattr(solver, "calibrate_system", faulty)
+    monkeypatch.setattr(solver, "calibrate_with_fit", faulty)
     monkeypatch.setattr(solver, "die_with", lambda _: None)
     monkeypatch.setattr(solver.logs, "configure", lambda _: None)
     folder = stored(replace(recording, plan=Plan.UNIVERSAL), tmp_path)

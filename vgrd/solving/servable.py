@@ -6,7 +6,7 @@ import numpy as np
 
 from vgrd.calibration.calibration import Calibration, expected_coordinate
 from vgrd.calibration.joint import JointSolution
-from vgrd.errors import CalibrationError, CalibrationMismatch, InputError
+from vgrd.errors import CalibrationError, CalibrationMismatch, Contradiction, InputError
 from vgrd.geometry import Pose
 from vgrd.judging.findings import finding
 from vgrd.model import CellFacts, Finding, Policy, TagObservation, frozen_array
@@ -68,7 +68,7 @@ def _refusal(calibration: Calibration, name: str, policy: Policy) -> str:
     for tag_b in _pictures(calibration):
         try:
             expected_coordinate(calibration, name, tag_b, policy)
-        except (CalibrationError, InputError) as err:
+        except (CalibrationError, Contradiction, InputError) as err:
             return str(err)
     return ""
 

@@ -64,15 +64,25 @@ def test_what_cannot_be_solved_with_the_lens_stays_as_it_was():
 def test_a_corrected_tag_is_measured_where_it_was(tag):
     facts = Simulation(5).facts()
     corrections = CameraCorrections.of(
-        facts, PriorSigmas(tag_a_mm=0.1, tag_b_mm=0.1, focal_px=20.0, center_px=3.0)
+        facts,
+        PriorSigmas(
+            tag_a_mm=0.1,
+            tag_b_mm=0.1,
+            focal_px=20.0,
+            center_px=3.0,
+            stretch_a_mm=0.05,
+            stretch_b_mm=0.05,
+        ),
     )
-    refined = RefinedCorrections(corrections, np.array([2.0, -1.5, 1.0, 0.7, -2.0]))
+    refined = RefinedCorrections(corrections, np.array([2.0, -1.5, 1.0, 0.7, -2.0, 2.0, -2.0]))
     pose = Pose.from_rotvec((2.9, 0.3, 0.4), (40.0, -30.0, 500.0))
     seen = TagObservation(
         facts.tag_b, pose, frozen_array(np.eye(6), 6, 6), frozen_array(np.zeros((4, 2)), 4, 2), 0.0
     )
     corrected = refined.corrected(seen, tag).camera_from_tag
     assert corrected.distance(pose)[0] > 1
-    again = refined.measured(corrected, tag)
+    stretched = Pose.exp(refined.tangent(corrected, tag) @ refined.stretches) @ corrected
+    assert stretched.distance(corrected)[1] > 0.005
+    again = refined.measured(stretched, tag)
     assert again.distance(pose)[0] < 1e-3
     assert again.distance(pose)[1] < 1e-5

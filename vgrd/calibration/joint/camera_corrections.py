@@ -29,6 +29,7 @@ _SQUARE = np.array([(-0.5, -0.5, 0.0), (0.5, -0.5, 0.0), (0.5, 0.5, 0.0), (-0.5,
 _FRONTAL_RAD = (
     0.02  # a tag seen under less is seen from the front: perspective alone tells its tilt
 )
+_TURNS = 5  # fixed-point steps; each leaves a stretch over an angle of sight, so a tenth or less
 _RESECTIONS = 4  # Gauss-Newton steps from a pose that is right to a pixel
 _INTRINSIC: Mapping[str, tuple[int, ...]] = MappingProxyType(
     {FOCAL: (0, 1), CENTER_X: (2,), CENTER_Y: (3,), K1: (4,)}
@@ -246,8 +247,14 @@ class RefinedCorrections:
         return np.asarray(self.values - self.corrections.applied(self.values))
 
     def measured(self, camera_from_tag: Pose, name: str) -> Pose:
-        """The other way round: how a corrected pose is measured by who trusts the cell file."""
-        return self.corrections.measured(camera_from_tag, name, self.values)
+        """The other way round: how a tag that is there is measured by who trusts the cell file.
+
+        Its stretch turns it first, by the tangent where it is then seen, as pictures are judged.
+        """
+        turned = camera_from_tag
+        for _ in range(_TURNS):
+            turned = Pose.exp(-self.tangent(turned, name) @ self.stretches) @ camera_from_tag
+        return self.corrections.measured(turned, name, self.values)
 
     def tangent(self, camera_from_tag: Pose, name: str) -> Array:
         """(6, e): left tangent by which a corrected pose moves, per sigma of every number."""
