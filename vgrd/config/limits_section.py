@@ -3,20 +3,36 @@
 import math
 from typing import Annotated, Self
 
-from pydantic import Field, model_validator
+from pydantic import AfterValidator, Field, model_validator
 
-from vgrd.config.quantities import Positive, Vector
+from vgrd.config.quantities import Positive
 from vgrd.documents.tables import Table
 from vgrd.model.limits import CONE_RAD, MARGIN_MM
+
+
+def _no_nan(value: float) -> float:
+    if math.isnan(value):
+        msg = (
+            "nan is no number: leave the key out, or write inf or -inf where an axis has no limit"
+        )
+        raise ValueError(msg)
+    return value
+
+
+Coordinate = Annotated[float, AfterValidator(_no_nan)]
+Corner = Annotated[list[Coordinate], Field(min_length=3, max_length=3)]
 
 
 class LimitsSection(Table):
     """Where answers may send the arm, base frame (docs/limits.md); a target's keys count before the cell's."""
 
-    lowest_mm: Vector | None = Field(
-        default=None, description="corner x y z of a box for flange and tip; none: no such limit"
+    lowest_mm: Corner | None = Field(
+        default=None,
+        description="corner x y z of a box for flange and tip, -inf where an axis has none; none: no such limit",
     )
-    highest_mm: Vector | None = Field(default=None, description="its other corner")
+    highest_mm: Corner | None = Field(
+        default=None, description="its other corner, inf where an axis has none"
+    )
     inner_radius_mm: Annotated[float, Field(ge=0, allow_inf_nan=False)] | None = Field(
         default=None, description="flange and tip are no nearer to the base's z axis; none: 0"
     )

@@ -57,8 +57,8 @@ class Status(_Described):
     )
     OUT_OF_WORKSPACE = 601, "flange or tip would leave the workspace; DETAIL tells the limit"
     ENCODING_OVERFLOW = 602, "the coordinate does not fit this block; DETAIL holds the axis"
-    WRONG_SIDE = 603, "the tool would come from behind; DETAIL tells the limit"
-    OUTSIDE_TARGET_WINDOW = 604, "too far from how the target was taught; DETAIL tells the limit"
+    POINT_NOT_VISIBLE = 603, "the tool would come from the wrong side; DETAIL tells the limit"
+    UNREACHABLE = 604, "outside of the target's window; DETAIL tells the limit"
     INTERNAL_ERROR = 900, "the measuring process was lost"
     STARTING = 901, "the daemon is starting"
     SHUTTING_DOWN = 902, "the daemon is stopping"

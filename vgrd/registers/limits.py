@@ -31,7 +31,7 @@ class LimitCode(IntEnum):
     PLACE_RADIUS = 11, "volume_margin_mm", "the target, from the axis of its object"
     PLACE_HEIGHT = 12, "volume_margin_mm", "the target, along the axis of its object"
     PLACE_IN_TAG = 13, "volume_margin_mm", "the target, from where the tag in the picture has it"
-    SIDE = 21, "cone_deg", "the tool's axis by more than 90 degrees: it comes from behind"
+    SIDE = 21, "cone_deg", "the tool's axis, by more than 90 degrees: the wrong side"
     CONE = 22, "cone_deg", "the tool's axis, against the taught approach"
     STEP = 23, "step_mm", "the flange, from where it was taught"
     TURN = 24, "step_deg", "the wrist, from how it was taught"
@@ -42,8 +42,8 @@ LIMIT_STATUS: Final[Mapping[LimitCode, Status]] = {
     LimitCode.PLACE_RADIUS: Status.OUTSIDE_CALIBRATED_VOLUME,
     LimitCode.PLACE_HEIGHT: Status.OUTSIDE_CALIBRATED_VOLUME,
     LimitCode.PLACE_IN_TAG: Status.OUTSIDE_CALIBRATED_VOLUME,
-    LimitCode.SIDE: Status.WRONG_SIDE,
-    LimitCode.CONE: Status.OUTSIDE_TARGET_WINDOW,
-    LimitCode.STEP: Status.OUTSIDE_TARGET_WINDOW,
-    LimitCode.TURN: Status.OUTSIDE_TARGET_WINDOW,
+    LimitCode.SIDE: Status.POINT_NOT_VISIBLE,
+    LimitCode.CONE: Status.UNREACHABLE,
+    LimitCode.STEP: Status.UNREACHABLE,
+    LimitCode.TURN: Status.UNREACHABLE,
 }

@@ -49,7 +49,7 @@ def test_an_orientation_of_nothing_puts_no_tool_upside_down(bench: Bench) -> Non
     """The tip would be on the target, the flange below the table."""
     image = bench.ask(OPT=REQUESTED)
     read = registers(image, request(OPT=REQUESTED), bench.clock.monotonic())
-    assert (read["STATUS"], read["DETAIL"]) == (Status.WRONG_SIDE, LimitCode.SIDE)
+    assert (read["STATUS"], read["DETAIL"]) == (Status.POINT_NOT_VISIBLE, LimitCode.SIDE)
     assert math.isnan(read["ECF_Z"])
     assert read["EC32_Z"] == -(2**31)
     assert read["EC16_Z"] == -(2**15)

@@ -149,12 +149,10 @@ def answer_request(
     if not _is_finite(expected):
         return replace(answer, status=Status.UNCERTAINTY_TOO_HIGH), None
     encoded = _encode(request, answer, expected, calibration, limits)
-    if not encoded.status.is_ok:
-        return encoded, expected
     tag_pose = base_from_tag(calibration, sight.tag_b, expected.taught_from_camera)
     flange = told_flange(encoded, calibration)
     excess = excess_of(calibration, target.name, flange, policy, limits.bounds, tag_pose)
-    return encoded if excess is None else beyond(encoded, excess), expected
+    return _within(encoded, excess), expected
 
 
 def policy_of(request: Request, limits: Limits) -> Policy:
@@ -162,9 +160,14 @@ def policy_of(request: Request, limits: Limits) -> Policy:
     return _POLICIES.get(request.policy, limits.policy)
 
 
-def beyond(answer: Answer, excess: Excess) -> Answer:
-    """The answer turned into the refusal of what is beyond a limit."""
-    return replace(answer, status=LIMIT_STATUS[excess.code], detail=excess.code)
+def _within(answer: Answer, excess: Excess | None) -> Answer:
+    """The answer, or the refusal of one that breaks a limit; a place that is too uncertain is not called wrong."""
+    if excess is None:
+        return answer
+    status = LIMIT_STATUS[excess.code]
+    if status is Status.OUTSIDE_CALIBRATED_VOLUME and not answer.status.is_ok:
+        return answer
+    return replace(answer, status=status, detail=excess.code)
 
 
 def told_flange(answer: Answer, calibration: Calibration) -> Pose:
