@@ -148,7 +148,7 @@ def test_no_register_image_is_valid_beyond_the_limits(taught: Taught, data: st.D
     }
     asked = request(POINT=data.draw(st.integers(1, 6)), OPT=options, **ori)
     center = np.array([450.0, 0.0, 140.0])
-    half = np.array([data.draw(st.floats(5.0, 400.0)) for _ in range(3)])
+    half = np.array([data.draw(st.floats(60.0, 400.0)) for _ in range(3)])
     limits = Bounds(
         lowest=frozen_array(center - half, 3),
         highest=frozen_array(center + half, 3),

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from fakes.world.poses import WORK_ROTATION
 from tests.cell.serving.bench import Taught
 from tests.invariant.simulation.plant import Plant
-from tests.invariant.simulation.teaching import VISION, calibrations
+from tests.invariant.simulation.teaching import VISION, calibration_by, calibrations
 from vgrd.calibration.calibration import Calibration, expected_coordinate
 from vgrd.calibration.places import base_from_tag, followed_point, work_tip
 from vgrd.cell.serving.limits import Excess, excess_of, excesses_of, summary, taught_pose
@@ -24,6 +24,7 @@ from vgrd.model import (
     CellBounds,
     ExpectedCoordinate,
     Motion,
+    Plan,
     Policy,
     TagObservation,
     frozen_array,
@@ -41,9 +42,11 @@ EPSILON_MM, EPSILON_RAD = 2e-3, 1e-6  # far above the rounding that is let pass
 class Room:
     """A taught cell and its truth; tags are seen with noise, not in pictures."""
 
-    def __init__(self, motion: Motion = Motion.TURNTABLE) -> None:
+    def __init__(
+        self, motion: Motion = Motion.TURNTABLE, calibration: Calibration | None = None
+    ) -> None:
         self.motion = motion
-        self.calibration = calibrations(motion)[0]
+        self.calibration = calibration or calibrations(motion)[0]
         self.plant = Plant()
         self.rng = np.random.default_rng(4)
 
@@ -100,7 +103,29 @@ def leaning(rng: np.random.Generator, most_deg: float) -> Array:
 def test_no_right_answer_is_refused_at_any_angle(
     motion: Motion, count: int, policy: Policy
 ) -> None:
-    room = Room(motion)
+    _refuse_nothing(Room(motion), policy, count)
+
+
+@pytest.mark.parametrize("policy", [Policy.FIXED, Policy.FOLLOW])
+@pytest.mark.parametrize("plan", [Plan.UNIVERSAL, Plan.SPECIAL])
+def test_no_right_answer_of_the_plans_of_the_paper_is_refused(plan: Plan, policy: Policy) -> None:
+    _refuse_nothing(Room(calibration=calibration_by(plan)), policy, 60)
+
+
+@pytest.mark.parametrize("plan", [Plan.UNIVERSAL, Plan.SPECIAL])
+def test_plans_of_the_paper_keep_the_distance_from_the_centre(plan: Plan) -> None:
+    room, angle = Room(calibration=calibration_by(plan)), 1.0
+    pose = room.expected("P1", room.tag(room.object_at(angle)), Policy.FIXED).base_from_wrist
+    outwards = exp_rotation((0, 0, angle)) @ room.plant.layout.targets["P1"].cad
+    outwards = outwards / np.linalg.norm(outwards)
+    for sign in (1, -1):
+        moved = Pose(pose.rotation, pose.translation + sign * 1.2 * MARGIN_MM * outwards)
+        excess = excess_of(room.calibration, "P1", moved, Policy.FIXED, CellBounds())
+        assert excess is not None
+        assert excess.code is LimitCode.PLACE_RADIUS
+
+
+def _refuse_nothing(room: Room, policy: Policy, count: int) -> None:
     for i in range(count):
         target, base_from_object = f"P{i % 6 + 1}", room.object_at(2 * np.pi * i / count)
         tag = room.tag(base_from_object)

@@ -27,7 +27,7 @@ from vgrd.cell.measuring import Measuring
 from vgrd.cell.recording.teaching import PICTURE_TIMEOUT_S, Teaching
 from vgrd.cell.serving.activation import Activation
 from vgrd.cell.serving.latches import LatchBook
-from vgrd.cell.serving.limits import excess_of, summary
+from vgrd.cell.serving.limits import excess_of, summary, words_of
 from vgrd.cell.serving.service import Serving
 from vgrd.clock import Clock
 from vgrd.config.resolved import Resolved
@@ -234,6 +234,7 @@ class Operations:
             "u95_mm": expected.u95_mm,
             "age_s": round(self.clock.monotonic() - sight.stamp_s, 3),
             "calibration": calibration.id,
+            "limits": words_of(bounds.of(target)),
             **({} if odds is None else {"insertion": odds.to_json()}),
         }
 

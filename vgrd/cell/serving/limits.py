@@ -191,12 +191,14 @@ def summary(calibration: Calibration, bounds: CellBounds) -> dict[str, object]:
         for name, taught in calibration.taught.items()
         if (excess := excess_of(calibration, name, taught_pose(taught), Policy.FIXED, bounds))
     }
-    own = {name: _words(bounds.of(name)) for name in bounds.targets if name in calibration.taught}
-    return {"cell": _words(bounds.cell), **own, **({"beyond": beyond} if beyond else {})}
+    own = {
+        name: words_of(bounds.of(name)) for name in bounds.targets if name in calibration.taught
+    }
+    return {"cell": words_of(bounds.cell), **own, **({"beyond": beyond} if beyond else {})}
 
 
-def _words(limits: Bounds) -> str:
-    """One line of all that is limited."""
+def words_of(limits: Bounds) -> str:
+    """One line of all that is limited, for people."""
     box = (
         f"{low:g} to {high:g} mm in {axis}"
         for axis, low, high in zip(_AXES, limits.lowest, limits.highest, strict=True)
