@@ -15,6 +15,8 @@ from vgrd.calibration.calibration import Calibration, Solution
 from vgrd.calibration.joint import TAG_B, JointSolution
 from vgrd.calibration.stepwise import SpecialSolution
 from vgrd.geometry import Array, Pose, hat
+from vgrd.geometry.covariance import radius95
+from vgrd.judging.thresholds import SAME_ORIENTATION_RAD, WEAK_TCP_MM
 from vgrd.model import Motion, Policy, TagObservation
 
 SIGMAS = 3.0  # of the axis: one calibration in 400 knows it worse
@@ -28,15 +30,32 @@ class Lasting(StrEnum):
 
 
 def work_tip(calibration: Calibration) -> Array | None:
-    """(3,) in the wrist, None where the TCP is not known."""
-    touch = calibration.tcp_in_wrist
-    return None if touch is None else touch + calibration.facts.tool.work_from_touch_mm
+    """(3,) in the wrist, None where the TCP is not known, or too badly to say where the tip is.
+
+    An arm of four axes tells little of its TCP along the axis of its wrist, and its answers need none of it.
+    """
+    tcp = calibration.tcp
+    if tcp is None or radius95(tcp.covariance) > WEAK_TCP_MM:
+        return None
+    return tcp.in_wrist + calibration.facts.tool.work_from_touch_mm
 
 
 def followed_point(calibration: Calibration, base_from_wrist: Pose) -> Array:
     """What moves as the target does, (3,) base: the tip, or the flange where the tip is not known."""
     tip = work_tip(calibration)
     return base_from_wrist.translation if tip is None else base_from_wrist @ tip
+
+
+def is_followed(
+    calibration: Calibration, base_from_wrist: Pose, taught: Pose, policy: Policy
+) -> bool:
+    """Whether the followed point of a wrist tells of the target; taught: base_from_wrist, as taught.
+
+    Without a tip it is the flange, which does as long as the wrist stands as it was taught, or turns along.
+    """
+    if work_tip(calibration) is not None or policy is Policy.FOLLOW:
+        return True
+    return taught.distance(base_from_wrist)[1] <= SAME_ORIENTATION_RAD
 
 
 def lasting_numbers(

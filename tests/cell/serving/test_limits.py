@@ -360,19 +360,20 @@ def test_a_target_with_limits_of_its_own_has_those_and_no_other_has_them(room: R
         assert (None if excess is None else excess.code) is code
 
 
-@pytest.mark.parametrize("tip_is_known", [True, False])
+@pytest.mark.parametrize("tip", ["known", "open", "badly known"])
 def test_without_a_tip_the_flange_is_held_against_what_stays_the_same_of_it(
-    taught: Taught, tip_is_known: bool
+    taught: Taught, tip: str
 ) -> None:
     solution = taught.calibration.solution
-    left_open = np.zeros((len(solution.covariance), 1))
-    left_open[solution.layout.TCP] = 500.0
-    calibration = (
-        taught.calibration
-        if tip_is_known
-        else replace(taught.calibration, solution=replace(solution, undetermined=left_open))
-    )
-    assert (work_tip(calibration) is not None) is tip_is_known
+    part = solution.layout.TCP
+    left_open, covariance = np.zeros((len(solution.covariance), 1)), solution.covariance.copy()
+    if tip == "open":
+        left_open[part] = 500.0
+    elif tip == "badly known":  # as an arm of four axes leaves it
+        covariance[part, part] += np.diag([0.0, 0.0, 50.0**2])
+    changed = replace(solution, undetermined=left_open, covariance=covariance)
+    calibration = replace(taught.calibration, solution=changed)
+    assert (work_tip(calibration) is not None) is (tip == "known")
     axis = (solution.base_from_camera @ solution.camera_from_axis).rotation[:, 2]
     pose = taught_pose(calibration.taught["P1"])
     for policy in (Policy.FIXED, Policy.FOLLOW):
@@ -381,6 +382,9 @@ def test_without_a_tip_the_flange_is_held_against_what_stays_the_same_of_it(
         excess = excess_of(calibration, "P1", raised, policy, CellBounds())
         assert excess is not None
         assert excess.code is LimitCode.PLACE_HEIGHT
+    turned = Pose(exp_rotation((0.3, 0, 0)) @ pose.rotation, pose.translation + 99 * axis)
+    excess = excess_of(calibration, "P1", turned, Policy.REQUESTED, CellBounds())
+    assert (excess is not None) is (tip == "known")  # where a tip is, a flange alone does not tell
 
 
 def test_words_tell_what_by_how_much_and_the_remedy(room: Room) -> None:

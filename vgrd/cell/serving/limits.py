@@ -16,6 +16,7 @@ from vgrd.calibration.places import (
     away_from_tag_mm,
     doubt_mm,
     followed_point,
+    is_followed,
     lasting_numbers,
     lean_rad,
     work_tip,
@@ -127,6 +128,8 @@ def _of_place(
     limits: Bounds,
 ) -> Iterator[Excess]:
     """The calibrated volume: where the target can be as its object moves, and a margin."""
+    if not is_followed(calibration, base_from_wrist, taught_pose(taught), policy):
+        return
     then = followed_point(calibration, taught_pose(taught))
     as_taught = lasting_numbers(calibration, then, policy)
     now = lasting_numbers(calibration, followed_point(calibration, base_from_wrist), policy)
