@@ -345,7 +345,7 @@ class ServingSection(Table):
     int16_scale: Literal["mrad", "centidegree", "fine"] = Field(
         default="mrad",
         description="steps of the int16 registers: 0.1 mm and 1 mrad, 0.1 mm and 0.01 deg, or"
-        " 0.05 mm and 0.1 mrad (no farther than 1.638 m from the base)",
+        " 0.05 mm and 0.1 mrad (no farther than 1.638 m from the base, rotation vectors up to 187 degrees)",
     )
 
 
