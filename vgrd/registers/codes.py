@@ -142,7 +142,7 @@ RESERVED: Final[Mapping[type[Status | Command], Mapping[int, str]]] = {
         304: "REPROJECTION_HIGH: a tag that does not fit its pose is not taken as seen; 302",
         306: "TAG_CLIPPED: a clipped tag is not seen; 302",
         402: "POSE_STALE: a robot whose poses stop is offline; 401",
-        406: "POSE_IMPLAUSIBLE: poses are not compared with limits or steps",
+        406: "POSE_IMPLAUSIBLE: what the robot tells of its pose is compared with no limit or step",
         502: "CALIBRATION_EXPIRED: a calibration has no greatest age",
         904: "SIMULATED: bit SIMULATION of STATE tells it beside every status",
     },
