@@ -129,7 +129,8 @@ def test_a_coordinate_beyond_a_limit_is_refused_in_words(ask) -> None:
     assert done.code != 0
     for words in ("the wrong side", "beyond the limit", "cone_deg", "STATUS 603"):
         assert words in done.err
-    assert "deg of the taught approach" in ask("status").out
+    limits = ask("status", "--json", "-").result["limits"]
+    assert "deg of the taught approach" in limits["cell"]
 
 
 @pytest.mark.parametrize(

@@ -55,7 +55,7 @@ def is_followed(
     """
     if work_tip(calibration) is not None or policy is Policy.FOLLOW:
         return True
-    return taught.distance(base_from_wrist)[1] <= SAME_ORIENTATION_RAD
+    return bool(taught.distance(base_from_wrist)[1] <= SAME_ORIENTATION_RAD)
 
 
 def lasting_numbers(
