@@ -13,15 +13,14 @@ from typing import Annotated, Any, Literal, Self
 import numpy as np
 from pydantic import AfterValidator, Field, ValidationError, model_validator
 
+from vgrd.config.limits_section import LimitsSection
+from vgrd.config.quantities import Positive, Vector
 from vgrd.documents.tables import Table, faults_of
 from vgrd.documents.toml import hint, read_toml
 from vgrd.errors import ConfigError
 from vgrd.geometry.camera import implausible_matrix
 from vgrd.geometry.coincidence import are_in_line
 from vgrd.judging.thresholds import LINE
-
-Vector = Annotated[list[float], Field(min_length=3, max_length=3)]
-Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
 
 
 def _json_able(settings: dict[str, Any]) -> dict[str, Any]:
@@ -199,6 +198,7 @@ class TargetSection(Table):
         default=None,
         description="diameter of the hole minus that of what goes in: how often it goes in is then told",
     )
+    limits: LimitsSection = LimitsSection()
 
     @model_validator(mode="after")
     def _hole_in_cad(self) -> Self:
@@ -345,7 +345,7 @@ class ServingSection(Table):
     int16_scale: Literal["mrad", "centidegree", "fine"] = Field(
         default="mrad",
         description="steps of the int16 registers: 0.1 mm and 1 mrad, 0.1 mm and 0.01 deg, or"
-        " 0.05 mm and 0.1 mrad (no farther than 1.638 m from the base)",
+        " 0.05 mm and 0.1 mrad (no farther than 1.638 m from the base, rotation vectors up to 187 degrees)",
     )
 
 
@@ -362,6 +362,7 @@ class CellConfig(Table):
     pedal: PedalSection = PedalSection()
     recording: RecordingSection = RecordingSection()
     serving: ServingSection = ServingSection()
+    limits: LimitsSection = LimitsSection()
 
 
 def load_config(path: Path) -> CellConfig:

@@ -22,6 +22,8 @@ OPTIONS = Among(
     )
 )
 TURNED_DOWN = (3_000_000, 100_000, 0)  # urad: a wrist that stands nearly as at the touches
+UPSIDE_DOWN = (0, 0, 0)  # the tool points up, the flange is below the table
+LYING = (1_800_000, 0, 0)
 
 
 @rule(
@@ -64,10 +66,17 @@ def odd_request(rig: Rig, client: int, point: int, command: int) -> None:
     rig.ask(client, Asked(0, command, point))
 
 
-@rule(client=CLIENTS, point=POINTS, again=Among((False, True)))
-def oriented_request(rig: Rig, client: int, point: int, again: bool) -> None:
+@rule(
+    client=CLIENTS,
+    point=POINTS,
+    again=Among((False, True)),
+    orientation=Among((TURNED_DOWN, UPSIDE_DOWN, LYING)),
+)
+def oriented_request(
+    rig: Rig, client: int, point: int, again: bool, orientation: tuple[int, int, int]
+) -> None:
     """Policy 3: the orientation goes with the request, or is left over from the one before."""
-    asked = Asked(0, Command.EC_FRESH, point, 0x300, orientation=TURNED_DOWN)
+    asked = Asked(0, Command.EC_FRESH, point, 0x300, orientation=orientation)
     rig.ask(client, asked)
     rig.wait(1.0)
     if again:
