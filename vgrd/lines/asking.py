@@ -16,9 +16,9 @@ LONGEST_LINE: Final = 80  # characters with the end: a string of ABB's RAPID hol
 LONGEST_DOCUMENT: Final = 256  # characters: twice what EthernetKRL makes of all attributes
 LARGEST: Final = 0xFFFF  # as a register
 FIELDS: Final = ("POINT", "TRIG", "CMD", "OBJECT", "OPT", "MAXAGE", "MAXU95")  # in their order
-_DEFAULTS: Final = {"CMD": int(Command.EC_FRESH), "OBJECT": 0, "OPT": 0, "MAXAGE": 0, "MAXU95": 0}
-_KUKA_DEFAULTS: Final = {**_DEFAULTS, "OPT": RotationCode.KUKA_ABC << 4}  # OPT b4-7
-_NEEDED: Final = 2  # POINT and TRIG have no default
+DEFAULTS: Final = {"CMD": int(Command.EC_FRESH), "OBJECT": 0, "OPT": 0, "MAXAGE": 0, "MAXU95": 0}
+KUKA_DEFAULTS: Final = {**DEFAULTS, "OPT": RotationCode.KUKA_ABC << 4}  # OPT b4-7
+NEEDED: Final = 2  # POINT and TRIG have no default
 BLANKS: Final = b" \t\r\n"  # before a request: no request
 _UNPRINTABLE: Final = re.compile(rb"[^\t\r\n -~]")
 _END: Final = re.compile(rb"\r\n|\r|\n")
@@ -95,16 +95,16 @@ def cut(received: bytes) -> Piece | None:
 def read(piece: Piece) -> Asked:
     """What it asks for. Raises RefusedError."""
     if piece.frame is Frame.XML:
-        return _asked(_attributes(piece.text), _KUKA_DEFAULTS)
+        return _asked(_attributes(piece.text), KUKA_DEFAULTS)
     words = piece.text
     if words.startswith("(") and words.endswith(")"):
         words = words[1:-1]
     verb, *texts = (word.strip() for word in words.split(","))
     if verb != VERB:
         raise RefusedError(Status.UNKNOWN_COMMAND)
-    if not _NEEDED <= len(texts) <= len(FIELDS):
+    if not NEEDED <= len(texts) <= len(FIELDS):
         raise RefusedError(Status.BAD_PARAMETER)
-    return _asked(dict(zip(FIELDS, texts, strict=False)), _DEFAULTS)
+    return _asked(dict(zip(FIELDS, texts, strict=False)), DEFAULTS)
 
 
 def _frame(words: str) -> Frame:

@@ -1,4 +1,4 @@
-"""The Modbus server in a thread of its own, and sockets that talk to it."""
+"""A server in a thread of its own, and sockets that talk to it."""
 
 import asyncio
 import contextlib
@@ -20,13 +20,13 @@ LIMITS = ConnectionLimits(
 class ServerThread:
     """The server with a desk behind it, in an event loop of its own."""
 
-    def __init__(self, runtime_dir, limits=LIMITS):
+    def __init__(self, runtime_dir, limits=LIMITS, language=MODBUS):
         clock = SystemClock()
         feed = ImageFeed(runtime_dir, clock)
         self.bank = RegisterBank(
             feed, clock, deadline_s=0.25, forward=lambda _: True, abort=lambda: None
         )
-        self.server = Server(MODBUS, self.bank, clock, limits)
+        self.server = Server(language, self.bank, clock, limits)
         self.loop = asyncio.new_event_loop()
         self.port = self.loop.run_until_complete(self.server.listen("127.0.0.1", 0))
         self.sweep()
