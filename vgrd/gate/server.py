@@ -73,8 +73,7 @@ class Server(Generic[D]):
     ) -> None:
         self._language = language
         self.data, self.clock, self.limits = data, clock, limits
-        per_turn = language.per_turn
-        self._enter = at_once if per_turn is None else Turns(per_turn).enter
+        self._turns = None if language.per_turn is None else Turns(language.per_turn)
         self.counters: Counter[str] = Counter()
         self._allow = [ipaddress.ip_network(entry) for entry in limits.allow]
         self._is_allowed = lru_cache(_PEERS)(self._is_listed)
@@ -176,7 +175,7 @@ class Server(Generic[D]):
                 self.clock,
                 self.counters,
                 self._links.discard,
-                self._enter,
+                self._turns.enter if self._turns else at_once,
                 self._language.buffer_bytes,
             )
         except OSError:
