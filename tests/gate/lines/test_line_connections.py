@@ -1,51 +1,37 @@
 """Lines over real sockets: one answer for one request, and who misbehaves loses its own connection only."""
 
+import asyncio
 import random
 import socket
 import threading
 import time
-from contextlib import closing, suppress
+from contextlib import suppress
 
 import pytest
 
-from tests.gate.modbus.server import ServerThread, connect_from
+from fakes.controllers.raw_lines import RawLines
+from tests.gate.modbus.server import LIMITS, ServerThread, connect_from
+from vgrd.clock import SystemClock
+from vgrd.errors import ServingError
 from vgrd.gate.lines import LINES
+from vgrd.gate.server import Server
 from vgrd.registers import Status
 
 STARTING = "99999.00,99999.00,99999.00,999.000,999.000,999.000,9999"
 LINES_OF_A_FLOOD = 20_000
 
 
-class LineClient:
-    """A socket and the bytes that it got."""
-
-    def __init__(self, port: int) -> None:
-        self.socket = socket.create_connection(("127.0.0.1", port), 5)
-        self.socket.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
-        self.close = self.socket.close
-
-    def call(self, request: bytes, end: bytes = b"\n") -> str:
-        """Send, and read to the end of an answer."""
-        self.socket.sendall(request)
-        received = b""
-        while not received.endswith(end):
-            chunk = self.socket.recv(4096)
-            if not chunk:
-                raise ConnectionError("closed")
-            received += chunk
-        return received.decode("ascii")
-
-    def is_closed(self, within_s: float = 3.0) -> bool:
-        """Whether the server closes it; whatever it still says does not count."""
-        self.socket.settimeout(within_s)
-        try:
-            while self.socket.recv(65536):
-                pass
-        except ConnectionResetError:
-            return True
-        except TimeoutError:
-            return False
+def is_closed(client: RawLines, within_s: float = 3.0) -> bool:
+    """Whether the server closes it; whatever it still says does not count."""
+    client.socket.settimeout(within_s)
+    try:
+        while client.socket.recv(65536):
+            pass
+    except ConnectionResetError:
         return True
+    except TimeoutError:
+        return False
+    return True
 
 
 @pytest.fixture
@@ -56,7 +42,7 @@ def serving(tmp_path):
 
 @pytest.fixture
 def client(serving):
-    with closing(LineClient(serving.port)) as made:
+    with RawLines("127.0.0.1", serving.port) as made:
         yield made
 
 
@@ -109,9 +95,9 @@ def test_what_cannot_be_read_is_answered_counted_and_costs_nothing_else(serving,
     [b"EC,1,7\0\n", b"\xff\xfe\n", b"E" * 81, b"EC,1,7" + b" " * 80 + b"\n", b"<" + b"x" * 256, b"\0" * 8],
 )  # fmt: skip
 def test_bytes_that_are_no_line_close_their_connection_and_no_other(serving, client, garbage):
-    with closing(LineClient(serving.port)) as bad:
+    with RawLines("127.0.0.1", serving.port) as bad:
         bad.socket.sendall(garbage)
-        assert bad.is_closed(1.0)
+        assert is_closed(bad, 1.0)
     assert client.call(b"EC,1,7\n").startswith("7,")
     assert serving.server.counters["garbage"] == 1
 
@@ -134,6 +120,12 @@ def test_a_slow_client_that_takes_its_answers_gets_all_of_them(client):
     assert received == received[: len(received) // count] * count
 
 
+def test_a_port_that_is_taken_is_named_with_its_own_key(serving):
+    second = Server(LINES, serving.bank, SystemClock(), LIMITS)
+    with pytest.raises(ServingError, match=r"lines on 127.0.0.1.*change \[serving\] line_port"):
+        asyncio.run(second.listen("127.0.0.1", serving.port))
+
+
 def test_a_peer_that_is_not_listed_is_refused(serving):
     with connect_from("127.9.9.9", serving.port) as stranger:
         stranger.settimeout(3)
@@ -145,7 +137,7 @@ def test_a_peer_that_is_not_listed_is_refused(serving):
 def test_random_bytes_and_mutated_lines_leave_the_server_serving(serving):
     numbers = random.Random(5)
     valid = [b"EC,1,7\n", b"(EC,2,8,2,0,16)\r\n", b'<Ask Point="1" Trig="7"/>', b"EC,1,0\r"]
-    client = LineClient(serving.port)
+    client = RawLines("127.0.0.1", serving.port)
     for _ in range(1500):
         line = bytearray(b"".join(numbers.choices(valid, k=numbers.randrange(1, 4))))
         for _ in range(numbers.randrange(4)):
@@ -160,8 +152,8 @@ def test_random_bytes_and_mutated_lines_leave_the_server_serving(serving):
         except TimeoutError:
             continue
         except ConnectionError:
-            client.close()
-            client = LineClient(serving.port)
-    client.close()
-    with closing(LineClient(serving.port)) as fresh:
+            client.socket.close()
+            client = RawLines("127.0.0.1", serving.port)
+    client.socket.close()
+    with RawLines("127.0.0.1", serving.port) as fresh:
         assert fresh.call(b"EC,1,7\n").startswith("7,901,")
