@@ -307,6 +307,12 @@ class ServingSection(Table):
     port: int = Field(  # Modbus' own 502 and 1000: below 1024 it needs privileges
         default=1502, ge=1, le=65535, description="below 1024: with config/vgrd.socket"
     )
+    line_port: int | None = Field(
+        default=None,
+        ge=1,
+        le=65535,
+        description="of the line server, for controllers without Modbus; without it there is none",
+    )
     allow: list[str] = Field(
         default=["127.0.0.1"], min_length=1, description="robots that may connect"
     )
@@ -347,6 +353,13 @@ class ServingSection(Table):
         description="steps of the int16 registers: 0.1 mm and 1 mrad, 0.1 mm and 0.01 deg, or"
         " 0.05 mm and 0.1 mrad (no farther than 1.638 m from the base, rotation vectors up to 187 degrees)",
     )
+
+    @model_validator(mode="after")
+    def _two_ports(self) -> Self:
+        if self.line_port == self.port:
+            msg = f"port and line_port are both {self.port}: give the lines another one, such as 1503"
+            raise ValueError(msg)
+        return self
 
 
 class CellConfig(Table):
