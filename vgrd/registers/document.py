@@ -168,7 +168,7 @@ def document() -> str:
             *_codes_of_detail(),
             "## STATE bits",
             "",
-            *_table(("bit", "name"), ((bit.value.bit_length() - 1, bit.name) for bit in State)),
+            *table(("bit", "name"), ((bit.value.bit_length() - 1, bit.name) for bit in State)),
             "",
             *_codes("STATUS codes", Status),
             *_codes("CMD", Command),
@@ -181,10 +181,11 @@ def document() -> str:
 
 
 def _codes_of_detail() -> list[str]:
-    return ["## DETAIL", "", *_table(("with STATUS", "DETAIL"), _DETAILS), ""]
+    return ["## DETAIL", "", *table(("with STATUS", "DETAIL"), _DETAILS), ""]
 
 
-def _table(head: tuple[str, ...], rows: Iterable[tuple[object, ...]]) -> list[str]:
+def table(head: tuple[str, ...], rows: Iterable[tuple[object, ...]]) -> list[str]:
+    """Lines of a table in Markdown."""
     lines = [head, ("---",) * len(head), *rows]
     return ["| " + " | ".join(str(cell) for cell in line) + " |" for line in lines]
 
@@ -197,14 +198,14 @@ def _block_table(block: Block, copy_offset: int | None) -> list[str]:
             row.append(_span(field.address + copy_offset, field.count))
         rows.append((*row, field.name, field.kind, field.meaning))
     head = ["register"] if copy_offset is None else ["register", "copy"]
-    return _table((*head, "name", "type", "meaning"), rows)
+    return table((*head, "name", "type", "meaning"), rows)
 
 
 def _codes(
     title: str, codes: type[Status | Command | RotationCode | PolicyCode | Frame | Scale16]
 ) -> list[str]:
     rows = ((int(code), code.name, code.description) for code in codes)
-    return [f"## {title}", "", *_table(("code", "name", "meaning"), rows), ""]
+    return [f"## {title}", "", *table(("code", "name", "meaning"), rows), ""]
 
 
 if __name__ == "__main__":
