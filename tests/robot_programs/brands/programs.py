@@ -1,0 +1,46 @@
+"""The programs of the brands, each with what runs it."""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+from tests.robot_programs.brands.outcome import Outcome, faults_of
+from tests.robot_programs.brands.rapid import DIALECT as RAPID
+from tests.robot_programs.brands.rapid import run_rapid
+from tests.robot_programs.brands.scenarios import LINES, Scenario
+from tests.robot_programs.brands.translation import Dialect
+from tests.robot_programs.brands.world import World
+
+FOLDER = Path(__file__).parents[3] / "config/robot_programs"
+
+
+@dataclass(frozen=True, eq=False)
+class Program:
+    """A program file, and the scenarios that its way of talking has."""
+
+    path: Path
+    dialect: Dialect
+    run: Callable[[str, World, Mapping[str, object]], Outcome]
+    scenarios: list[Scenario]
+    moves: bool = True
+
+    @property
+    def source(self) -> str:
+        return self.path.read_text(encoding="ascii")
+
+    @property
+    def called(self) -> str:
+        """The program in small letters, without blanks before brackets."""
+        return self.source.lower().replace(" (", "(")
+
+    def faults(self, scenario: Scenario, source: str) -> list[str]:
+        """Return what `source` does otherwise than the decision table says."""
+        return faults_of(scenario, lambda world, settings: self.run(source, world, settings))
+
+
+PROGRAMS = {
+    "abb": Program(FOLDER / "abb/Vgrd.mod", RAPID, run_rapid, LINES),
+}
+CASES = [
+    (brand, scenario) for brand, program in PROGRAMS.items() for scenario in program.scenarios
+]
