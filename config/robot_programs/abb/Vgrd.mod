@@ -278,8 +278,10 @@ MODULE Vgrd
     VgrdDecide;
   ENDPROC
 
+  ! A connection for each request: one that was silent for a minute is closed, and nothing old is in a new one.
   PROC VgrdBegin()
     vgrdLost := TRUE;
+    vgrdOpen := FALSE;
     vgrdAsked := vgrdAsk;
     vgrdTrig := vgrdTrig MOD 65535 + 1;
     vgrdStatus := 0;

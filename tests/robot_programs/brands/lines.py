@@ -39,7 +39,7 @@ class LineServer:
             int(ask.attrib["Trig"]), int(ask.attrib["Point"]), int(ask.get("Cmd", "2")), options
         )
         reading = self.world.read()
-        return XML_ANSWER.format(*fields(reading)) if reading.link else ""
+        return self.world.garbled(XML_ANSWER.format(*fields(reading))) if reading.link else ""
 
 
 def fields(reading: Reading) -> list[str]:

@@ -50,7 +50,7 @@ def faults_of(
     scenario: Scenario, program: Callable[[World, Mapping[str, object]], Outcome]
 ) -> list[str]:
     """Return in which ways a robot's program does not do what the decision table says."""
-    world = World(replace(scenario.fault))
+    world = World(replace(scenario.fault), keys=scenario.keys)
     outcome = program(world, scenario.settings)
     found = _lawful(outcome)
     if scenario.word == "USE" and not scenario.again:
@@ -60,6 +60,8 @@ def faults_of(
     number = NUMBERS.get(scenario.word)
     if number and outcome.decisions[:1] != (number,):
         found.append(f"decided {outcome.decisions[:1]}, not {number}")
+    if scenario.keys:
+        return found if outcome.arrived else [*found, "did not begin anew by the key"]
     asked_again = (
         len(world.asks) > outcome.asks_at_decision[0] if outcome.asks_at_decision else False
     )

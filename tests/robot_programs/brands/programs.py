@@ -4,10 +4,14 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
+from tests.robot_programs.brands.karel import DIALECT as KAREL
+from tests.robot_programs.brands.karel import run_fanuc
+from tests.robot_programs.brands.krl import DIALECT as KRL
+from tests.robot_programs.brands.krl import run_krl
 from tests.robot_programs.brands.outcome import Outcome, faults_of
 from tests.robot_programs.brands.rapid import DIALECT as RAPID
 from tests.robot_programs.brands.rapid import run_rapid
-from tests.robot_programs.brands.scenarios import LINES, Scenario
+from tests.robot_programs.brands.scenarios import DOCUMENTS, LINES, Scenario
 from tests.robot_programs.brands.translation import Dialect
 from tests.robot_programs.brands.world import World
 
@@ -16,9 +20,9 @@ FOLDER = Path(__file__).parents[3] / "config/robot_programs"
 
 @dataclass(frozen=True, eq=False)
 class Program:
-    """A program file, and the scenarios that its way of talking has."""
+    """The files of a program, and the scenarios that its way of talking has."""
 
-    path: Path
+    paths: tuple[Path, ...]
     dialect: Dialect
     run: Callable[[str, World, Mapping[str, object]], Outcome]
     scenarios: list[Scenario]
@@ -26,7 +30,7 @@ class Program:
 
     @property
     def source(self) -> str:
-        return self.path.read_text(encoding="ascii")
+        return "\n".join(path.read_text(encoding="ascii") for path in self.paths)
 
     @property
     def called(self) -> str:
@@ -38,8 +42,19 @@ class Program:
         return faults_of(scenario, lambda world, settings: self.run(source, world, settings))
 
 
+def _files(brand: str, *names: str) -> tuple[Path, ...]:
+    return tuple(FOLDER / brand / name for name in names)
+
+
 PROGRAMS = {
-    "abb": Program(FOLDER / "abb/Vgrd.mod", RAPID, run_rapid, LINES),
+    "abb": Program(_files("abb", "Vgrd.mod"), RAPID, run_rapid, LINES),
+    "kuka": Program(
+        _files("kuka", "vgrd.src", "vgrd.dat", "vgrdsub.src", "vgrdsub.dat"),
+        KRL,
+        run_krl,
+        DOCUMENTS,
+    ),
+    "fanuc": Program(_files("fanuc", "vgrd.kl", "vgrd_go.ls"), KAREL, run_fanuc, LINES),
 }
 CASES = [
     (brand, scenario) for brand, program in PROGRAMS.items() for scenario in program.scenarios

@@ -9,6 +9,7 @@ from typing import Any
 
 from tests.robot_programs.brands.lines import LineServer
 from tests.robot_programs.brands.outcome import Outcome, run
+from tests.robot_programs.brands.stand_ins import StandIns
 from tests.robot_programs.brands.translation import ControllerError, Dialect, Place, Rule, load
 from tests.robot_programs.brands.world import TAUGHT, World, quaternion
 
@@ -113,7 +114,7 @@ def _orient(roll: float, pitch: float, yaw: float) -> SimpleNamespace:
     )
 
 
-class Builtins:
+class Builtins(StandIns):
     """Stand-ins for the instructions of the controller."""
 
     def __init__(self, world: World) -> None:
@@ -132,6 +133,8 @@ class Builtins:
         assert host
         assert port
         assert opt_time > 0
+        if self.world.link_is("refused"):
+            raise ControllerError("err_sock_timeout")
         self.connected = True
 
     def socketsend(self, _socket: str, opt_str: str) -> None:
@@ -141,14 +144,17 @@ class Builtins:
 
     def socketreceive(self, _socket: str, opt_str: Place, opt_time: float) -> None:
         assert 0 < opt_time < 1, "a receive without a limit waits for a minute"
+        if self.world.link_is("closed"):
+            raise ControllerError("err_sock_closed")
         if not self.pending:
             self.world.now_s += opt_time
             raise ControllerError("err_sock_timeout")
-        half = max(len(self.pending) // 2, 1)  # TCP is a stream: lines come in pieces
+        half = min(max(len(self.pending) // 2, 1), 80)  # TCP is a stream: lines come in pieces
         opt_str.put(self.pending[:half])
         self.pending = self.pending[half:]
 
     def strmatch(self, text: str, start: int, pattern: str) -> int:
+        self.strlen(text)
         assert 1 <= start <= len(text) + 1
         at = text.find(pattern, start - 1)
         return at + 1 if at >= 0 else len(text) + 1
@@ -156,11 +162,11 @@ class Builtins:
     def strpart(self, text: str, start: int, length: int) -> str:
         assert 1 <= start <= len(text)
         assert start - 1 + length <= len(text)
-        assert len(text) <= 80, "a RAPID string has 80 characters"
         return text[start - 1 : start - 1 + length]
 
     def strlen(self, text: str) -> int:
-        assert len(text) <= 80, "a RAPID string has 80 characters"
+        if len(text) > 80:
+            raise ControllerError("err_strtoolng")
         return len(text)
 
     def strtoval(self, text: str, place: Place) -> bool:
@@ -182,12 +188,6 @@ class Builtins:
     def clkread(self, clock: SimpleNamespace) -> float:
         return self.world.now_s - clock.began_s
 
-    def abs(self, number: float) -> float:
-        return abs(number)
-
-    def cos(self, degrees: float) -> float:
-        return math.cos(math.radians(degrees))
-
     def distance(self, one: SimpleNamespace, other: SimpleNamespace) -> float:
         return math.dist((one.x, one.y, one.z), (other.x, other.y, other.z))
 
@@ -204,9 +204,9 @@ class Builtins:
             trans=SimpleNamespace(**dict(zip("xyz", moved, strict=True))), rot=place.rot
         )
 
-    def calcjointt(self, _place: SimpleNamespace, tool: str, opt_wobj: str) -> str:
+    def calcjointt(self, place: SimpleNamespace, tool: str, opt_wobj: str) -> str:
         assert (tool, opt_wobj) == ("tool0", "wobj0")
-        if not self.world.reachable():
+        if not self.world.reachable(place.trans.z):
             raise ControllerError("err_roblimit")
         return "joints"
 

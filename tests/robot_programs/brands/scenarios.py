@@ -1,8 +1,10 @@
 """What every program is judged by: one fault each, and the decision that it must take."""
 
 import math
+import re
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
+from functools import partial
 
 from tests.robot_programs.brands.world import SERVED, TAUGHT, Fault, Reading
 from vgrd.registers.decisions import DECISIONS, LIMITS, STATUS_REACTIONS, Reaction
@@ -16,8 +18,10 @@ BOX = ((300, 700), (-300, 300), (50, 500))  # as the programs have it before a u
 class Scenario:
     """word: the decision, "USE" where all hold. again: whether the program asks again.
 
-    parts: what the way of talking must have: "registers", "robot" (it moves), "line", "text" (a line in characters).
+    parts: what the way of talking must have: "registers", "robot" (it moves), "line",
+    "text" (a line in characters), "xml".
     settings: what the user chose otherwise.
+    keys: how often the operator presses the key; the fault is gone then.
     """
 
     name: str
@@ -26,6 +30,7 @@ class Scenario:
     fault: Fault
     parts: str = ""
     settings: Mapping[str, object] = field(default_factory=dict)
+    keys: int = 0
 
     def __str__(self) -> str:
         return self.name.replace(" ", "_")
@@ -73,6 +78,10 @@ def _accepting() -> list[Scenario]:
             found.append(
                 Scenario(f"status {status:d}", "STATUS", again, changed(status=int(status)))
             )
+    for state in ("refused", "closed"):
+        found.append(
+            Scenario(f"link {state}", "LINK", False, Fault(link=state), parts="line", keys=1)
+        )
     found.append(Scenario("a status of later", "STATUS", again=False, fault=changed(status=777)))
     allowed = changed(status=2, block_status=2)
     found.append(
@@ -181,13 +190,13 @@ def _moving() -> list[Scenario]:
     hidden = replace(changed(status=302), since="second")
     return [
         Scenario(
-            "unreachable", "REACH", again=False, fault=Fault(unreachable=True), parts="robot"
+            "unreachable", "REACH", again=False, fault=Fault(unreachable="low high"), parts="robot"
         ),
         Scenario(
             "unreachable second",
             "REACH",
             False,
-            Fault(unreachable=True, since="second"),
+            Fault(unreachable="low high", since="second"),
             parts="robot",
         ),
         Scenario("pushed between", "ASK_AGAIN", again=True, fault=pushed, parts="robot"),
@@ -199,7 +208,7 @@ def _moving() -> list[Scenario]:
             "task died, old place out of reach",
             "LINK",
             False,
-            Fault(task_dies=True, unreachable=True),
+            Fault(task_dies=True, unreachable="low high"),
             parts="robot",
         ),
         Scenario(
@@ -213,12 +222,17 @@ def _moving() -> list[Scenario]:
             "hidden, old place out of reach",
             "STATUS",
             True,
-            replace(changed(status=302), unreachable=True),
+            replace(changed(status=302), unreachable="low high"),
         ),
         Scenario(
-            "hidden at the second, out of reach", "STATUS", True, replace(hidden, unreachable=True)
+            "hidden at the second, out of reach",
+            "STATUS",
+            True,
+            replace(hidden, unreachable="low high"),
         ),
-        Scenario("pushed out of reach", "ASK_AGAIN", True, replace(pushed, unreachable=True)),
+        Scenario(
+            "pushed out of reach", "ASK_AGAIN", True, replace(pushed, unreachable="low high")
+        ),
     ]
 
 
@@ -230,6 +244,8 @@ def _garbled() -> list[Scenario]:
         "words": lambda line: line.replace("512.35", "five"),
         "empty field": lambda line: line.replace("512.35", ""),
         "nothing but an end": lambda _line: "\n",
+        "no end": lambda line: line[:-1],
+        "a flood": lambda _line: "7" * 300,
     }
     return [
         Scenario(name, "LINK", False, Fault(garble=garble), "text")
@@ -237,7 +253,17 @@ def _garbled() -> list[Scenario]:
     ]
 
 
+def _lacking() -> list[Scenario]:
+    """Documents of XML without one of their values."""
+    found = []
+    for name in ("Echo", "Status", "Age", "Hb", "U95", "X", "Y", "Z", "A", "B", "C"):
+        garble = partial(re.sub, f' {name}="[^"]*"', "")
+        found.append(Scenario(f"without {name}", "LINK", False, Fault(garble=garble), "xml"))
+    return found
+
+
 ACCEPTING = [*_accepting(), *_placing()]
 REGISTERS = [scenario for scenario in ACCEPTING if scenario.parts != "line"] + _registers()
 ROBOTS = [*ACCEPTING, *_losing()[:-1], *_moving()]
 LINES = [*ROBOTS, *_garbled()]
+DOCUMENTS = [*ROBOTS, *_lacking()]

@@ -81,6 +81,7 @@ class Dialect:
     equal: str = "="
     assign: str = ":="
     ignored: str = r"(?!)"
+    marks: Mapping[str, str] = field(default_factory=dict)
     aliases: Mapping[str, str] = field(default_factory=dict)
 
 
@@ -120,7 +121,11 @@ class Line:
         if kind == "number":
             return _number(text)
         if kind == "mark":
-            return "==" if text == self.dialect.equal else _MARKS.get(text, text)
+            return (
+                "=="
+                if text == self.dialect.equal
+                else {**_MARKS, **self.dialect.marks}.get(text, text)
+            )
         small = text.lower()
         if before == ".":
             return small
@@ -132,7 +137,9 @@ class Line:
         small = self.dialect.aliases.get(name.lower(), name.lower())
         parts = _arguments(tokens)
         if small in self.routines:
-            return f"f.{small}({', '.join(self._expression(part) for part in parts)})"
+            return (
+                f"b.run({', '.join([f'f.{small}', *(self._expression(part) for part in parts)])})"
+            )
         if small not in self.dialect.builtins:
             raise NotUnderstoodError(
                 f"{self.dialect.name}: {name} is neither a routine nor in the table of built-ins"
@@ -228,7 +235,12 @@ def _routine(line: Line, head: re.Match[str], body: list[str]) -> list[str]:
             out.append("    " * depth + "pass")
     if depth != 2:
         raise NotUnderstoodError(f"{line.dialect.name}: {head[0]}: a block is not closed")
-    return out if handled else [*out, "    finally:", "        pass"]
+    return [
+        *out,
+        "    finally:",
+        "        pass",
+        *(f"        delattr(v, {p!r})" for p in parameters),
+    ]
 
 
 def load(
@@ -340,7 +352,9 @@ def without_each_check(source: str, dialect: Dialect) -> Iterator[tuple[str, str
     lines = source.splitlines()
     stack: list[int] = []
     for number, line in enumerate(lines):
-        bare = _without_comment(line, dialect.comment).strip()
+        bare = re.sub(
+            r"^ *\d+: *", "", _without_comment(line, dialect.comment)
+        ).strip()  # lines of TP are numbered
         if re.match(r"IF .+ THEN$", bare, re.IGNORECASE):
             stack.append(number)
         elif re.match(r"IF ", bare, re.IGNORECASE):

@@ -5,7 +5,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 
 ANSWER_AFTER_S = 0.3  # as a fresh picture takes
-LEG_S = 0.8
+LEG_S = 1.2
 TICK_S = 0.025
 LONGEST_S = 200.0  # no program of ours goes on for so long
 TAUGHT = (
@@ -66,12 +66,14 @@ class Fault:
 
     since: "ask", from the first request; "approach", "last", 0.3 s after the first or second leg began; "second", from
     the second request on; "recovered": the first request only; "answered": once a good answer was read.
-    garble: what becomes of the line on its way.
+    unreachable: "low", where the point is, "high", where its approach point is, or "low high".
+    link: "refused" when it is opened, or "closed" by the peer. garble: what becomes of the line on its way.
     """
 
     change: Callable[[Reading], Reading] = lambda reading: reading
     since: str = "ask"
-    unreachable: bool = False
+    unreachable: str = ""
+    link: str = ""
     task_dies: bool = False
     garble: Callable[[str], str] = lambda line: line
 
@@ -96,7 +98,7 @@ class World:
     period_s: float = 0.05
     _next_s: float = 0.0
     _frozen_beat: int | None = None
-    _answered: bool = False
+    _answered_s: float = math.inf
 
     def advance(self, seconds: float) -> None:
         """Let time pass, and the background task do its turns."""
@@ -105,8 +107,9 @@ class World:
         while self.now_s < end_s - 1e-9:
             self.now_s = min(self.now_s + TICK_S, end_s)
             if self.now_s >= self._next_s - 1e-9 and not (self.fault.task_dies and self._faulty()):
-                self._next_s = self.now_s + self.period_s
+                self._next_s = math.inf  # the task does not begin a turn within a turn
                 self.background()
+                self._next_s = self.now_s + self.period_s
 
     def wait(self, holds: Callable[[], bool], limit_s: float) -> bool:
         """Wait until something holds; return whether it did in time."""
@@ -131,7 +134,8 @@ class World:
         busy = self.now_s < ask.at_s + ANSWER_AFTER_S
         reading = Reading(ask.trig, 10 if busy else 1, beat, ask.point, 0, SERVED)
         faulty = self._faulty()
-        self._answered = self._answered or reading.good
+        if reading.good:
+            self._answered_s = min(self._answered_s, self.now_s)
         if not faulty:
             return reading
         self.lost_s = min(self.lost_s, self.now_s)
@@ -170,15 +174,24 @@ class World:
         """Return what arrives of a line."""
         return self.fault.garble(line) if self._faulty() else line
 
-    def reachable(self) -> bool:
-        return not (self.fault.unreachable and self._faulty())
+    def reachable(self, z: float) -> bool:
+        """Whether the arm gets there; it takes a controller time to find out."""
+        self.advance(0.15)
+        return (
+            not self._faulty()
+            or ("high" if z > SERVED[2] + 25 else "low") not in self.fault.unreachable
+        )
+
+    def link_is(self, state: str) -> bool:
+        """Whether the link is "refused" or "closed"."""
+        return self.fault.link == state and self._faulty()
 
     def _faulty(self) -> bool:
         match self.fault.since:
             case "ask":
                 return True
             case "answered":
-                return self._answered
+                return self.now_s > self._answered_s + 0.03  # decided, and before the next look
             case "recovered":
                 return len(self.asks) <= 1
             case "second":
