@@ -290,4 +290,5 @@ def run_krl(source: str, world: World, settings: Mapping[str, object]) -> Outcom
     back.vgrd_setup()
     world.background = back.vgrd_turn
     world.period_s = 0.025
+    world.decides_within_s = 0.045  # it reads in the turn after the one that sends
     return run(world, lambda: front.vgrd_go(7, e6pos(TAUGHT)), lambda: v.vgrd_word)

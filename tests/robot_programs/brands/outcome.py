@@ -16,12 +16,13 @@ NO_BEAT_WITHIN_S = (
 
 @dataclass(frozen=True)
 class Outcome:
-    """decisions: the numbers of those that ended an attempt, in their order."""
+    """decisions: the numbers of those that ended an attempt, in their order. pose: what a block without an arm gave."""
 
     world: World
     arrived: bool
     decisions: tuple[int, ...]
     asks_at_decision: tuple[int, ...]
+    pose: tuple[float, ...] = ()
 
 
 def run(world: World, go: Callable[[], object], word: Callable[[], int]) -> Outcome:
@@ -73,6 +74,33 @@ def faults_of(
         found += _stayed(outcome, scenario)
     if scenario.fault.since in ("approach", "last"):
         found += _stopped(outcome, scenario)
+    return found
+
+
+def faults_of_block(
+    scenario: Scenario, program: Callable[[World, Mapping[str, object]], Outcome]
+) -> list[str]:
+    """Return the same of a block that decides, and moves nothing."""
+    world = World(replace(scenario.fault))
+    outcome = program(world, scenario.settings)
+    found = _lawful(replace(outcome, arrived=False))
+    if any(ask.options != 16 for ask in world.asks):
+        found.append("asked in another rotation format")
+    number = NUMBERS.get(scenario.word)
+    if number and outcome.decisions[:1] != (number,):
+        found.append(f"decided {outcome.decisions[:1]}, not {number}")
+    if (len(world.asks) > 1) != scenario.again:
+        found.append(f"asked {len(world.asks)} times")
+    if outcome.arrived != (scenario.word == "USE"):
+        found.append(f"valid: {outcome.arrived}")
+    if outcome.arrived and math.dist(outcome.pose, world.read().pose) > 0.01:
+        found.append(f"gave {outcome.pose}")
+    if scenario.fault.since == "ask" and scenario.word != "USE" and world.legs:
+        found.append("was valid")
+    if scenario.fault.since == "approach":
+        within = NO_BEAT_WITHIN_S if "heartbeat" in scenario.name else STOPPED_WITHIN_S
+        if not world.stopped_s - world.lost_s <= within:
+            found.append(f"fell after {world.stopped_s - world.lost_s:.3f} s")
     return found
 
 

@@ -8,10 +8,12 @@ from tests.robot_programs.brands.karel import DIALECT as KAREL
 from tests.robot_programs.brands.karel import run_fanuc
 from tests.robot_programs.brands.krl import DIALECT as KRL
 from tests.robot_programs.brands.krl import run_krl
-from tests.robot_programs.brands.outcome import Outcome, faults_of
+from tests.robot_programs.brands.outcome import Outcome, faults_of, faults_of_block
 from tests.robot_programs.brands.rapid import DIALECT as RAPID
 from tests.robot_programs.brands.rapid import run_rapid
-from tests.robot_programs.brands.scenarios import DOCUMENTS, LINES, Scenario
+from tests.robot_programs.brands.scenarios import DOCUMENTS, LINES, REGISTERS, Scenario
+from tests.robot_programs.brands.scl import DIALECT as SCL
+from tests.robot_programs.brands.scl import run_siemens
 from tests.robot_programs.brands.translation import Dialect
 from tests.robot_programs.brands.world import World
 
@@ -26,7 +28,13 @@ class Program:
     dialect: Dialect
     run: Callable[[str, World, Mapping[str, object]], Outcome]
     scenarios: list[Scenario]
-    moves: bool = True
+    judge: Callable[[Scenario, Callable[[World, Mapping[str, object]], Outcome]], list[str]] = (
+        faults_of
+    )
+
+    @property
+    def moves(self) -> bool:
+        return self.judge is faults_of
 
     @property
     def source(self) -> str:
@@ -39,7 +47,7 @@ class Program:
 
     def faults(self, scenario: Scenario, source: str) -> list[str]:
         """Return what `source` does otherwise than the decision table says."""
-        return faults_of(scenario, lambda world, settings: self.run(source, world, settings))
+        return self.judge(scenario, lambda world, settings: self.run(source, world, settings))
 
 
 def _files(brand: str, *names: str) -> tuple[Path, ...]:
@@ -53,6 +61,9 @@ PROGRAMS = {
         KRL,
         run_krl,
         DOCUMENTS,
+    ),
+    "siemens": Program(
+        _files("siemens", "FB_VgrdAsk.scl"), SCL, run_siemens, REGISTERS, judge=faults_of_block
     ),
     "fanuc": Program(_files("fanuc", "vgrd.kl", "vgrd_go.ls"), KAREL, run_fanuc, LINES),
 }

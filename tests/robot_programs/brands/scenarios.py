@@ -18,8 +18,6 @@ BOX = ((300, 700), (-300, 300), (50, 500))  # as the programs have it before a u
 class Scenario:
     """word: the decision, "USE" where all hold. again: whether the program asks again.
 
-    parts: what the way of talking must have: "registers", "robot" (it moves), "line",
-    "text" (a line in characters), "xml".
     settings: what the user chose otherwise.
     keys: how often the operator presses the key; the fault is gone then.
     """
@@ -28,7 +26,6 @@ class Scenario:
     word: str
     again: bool
     fault: Fault
-    parts: str = ""
     settings: Mapping[str, object] = field(default_factory=dict)
     keys: int = 0
 
@@ -79,17 +76,13 @@ def _accepting() -> list[Scenario]:
                 Scenario(f"status {status:d}", "STATUS", again, changed(status=int(status)))
             )
     for state in ("refused", "closed"):
-        found.append(
-            Scenario(f"link {state}", "LINK", False, Fault(link=state), parts="line", keys=1)
-        )
+        found.append(Scenario(f"link {state}", "LINK", False, Fault(link=state), keys=1))
     found.append(Scenario("a status of later", "STATUS", again=False, fault=changed(status=777)))
     allowed = changed(status=2, block_status=2)
     found.append(
         Scenario("degraded allowed", "USE", False, allowed, settings={"vgrd_degraded_ok": True})
     )
-    found.append(
-        Scenario("superseded", "STATUS", again=True, fault=changed(status=104), parts="line")
-    )
+    found.append(Scenario("superseded", "STATUS", again=True, fault=changed(status=104)))
     return found
 
 
@@ -140,10 +133,7 @@ def _registers() -> list[Scenario]:
         ("torn seq", "SEQ", True, {"block_seq": 10}),
         ("echo of the block", "SEQ", True, {"block_echo": 77}),
     )
-    return [
-        Scenario(name, word, again, changed(**fields), "registers")
-        for name, word, again, fields in cases
-    ]
+    return [Scenario(name, word, again, changed(**fields)) for name, word, again, fields in cases]
 
 
 def _losing() -> list[Scenario]:
@@ -164,7 +154,6 @@ def _losing() -> list[Scenario]:
                     "POLL",
                     again=False,
                     fault=Fault(change, leg),
-                    parts="robot",
                 )
             )
     found.append(
@@ -173,7 +162,6 @@ def _losing() -> list[Scenario]:
             "POLL",
             again=False,
             fault=Fault(_another_answer, "approach"),
-            parts="registers",
         )
     )
     return found
@@ -189,34 +177,33 @@ def _moving() -> list[Scenario]:
     near = replace(changed(pose=_pose(0, SERVED[0] + 0.4)), since="second")
     hidden = replace(changed(status=302), since="second")
     return [
+        Scenario("unreachable", "REACH", False, Fault(unreachable="low")),
+        Scenario("approach unreachable", "REACH", False, Fault(unreachable="high")),
         Scenario(
-            "unreachable", "REACH", again=False, fault=Fault(unreachable="low high"), parts="robot"
+            "hidden before it goes", "POLL", False, replace(changed(status=302), since="answered")
         ),
         Scenario(
             "unreachable second",
             "REACH",
             False,
             Fault(unreachable="low high", since="second"),
-            parts="robot",
         ),
-        Scenario("pushed between", "ASK_AGAIN", again=True, fault=pushed, parts="robot"),
-        Scenario("turned between", "ASK_AGAIN", again=True, fault=turned, parts="robot"),
-        Scenario("moved by chance", "USE", again=False, fault=near, parts="robot"),
-        Scenario("hidden at the second", "STATUS", again=True, fault=hidden, parts="robot"),
-        Scenario("task died", "LINK", again=False, fault=Fault(task_dies=True), parts="robot"),
+        Scenario("pushed between", "ASK_AGAIN", again=True, fault=pushed),
+        Scenario("turned between", "ASK_AGAIN", again=True, fault=turned),
+        Scenario("moved by chance", "USE", again=False, fault=near),
+        Scenario("hidden at the second", "STATUS", again=True, fault=hidden),
+        Scenario("task died", "LINK", again=False, fault=Fault(task_dies=True)),
         Scenario(
             "task died, old place out of reach",
             "LINK",
             False,
             Fault(task_dies=True, unreachable="low high"),
-            parts="robot",
         ),
         Scenario(
             "task died once answered",
             "LINK",
             False,
             Fault(since="answered", task_dies=True),
-            parts="robot",
         ),
         Scenario(
             "hidden, old place out of reach",
@@ -248,8 +235,7 @@ def _garbled() -> list[Scenario]:
         "a flood": lambda _line: "7" * 300,
     }
     return [
-        Scenario(name, "LINK", False, Fault(garble=garble), "text")
-        for name, garble in garbles.items()
+        Scenario(name, "LINK", False, Fault(garble=garble)) for name, garble in garbles.items()
     ]
 
 
@@ -258,12 +244,16 @@ def _lacking() -> list[Scenario]:
     found = []
     for name in ("Echo", "Status", "Age", "Hb", "U95", "X", "Y", "Z", "A", "B", "C"):
         garble = partial(re.sub, f' {name}="[^"]*"', "")
-        found.append(Scenario(f"without {name}", "LINK", False, Fault(garble=garble), "xml"))
+        found.append(Scenario(f"without {name}", "LINK", False, Fault(garble=garble)))
     return found
 
 
 ACCEPTING = [*_accepting(), *_placing()]
-REGISTERS = [scenario for scenario in ACCEPTING if scenario.parts != "line"] + _registers()
+REGISTERS = [
+    *(scenario for scenario in ACCEPTING if scenario.name != "superseded"),
+    *_registers(),
+    *(scenario for scenario in _losing() if scenario.fault.since == "approach"),
+]
 ROBOTS = [*ACCEPTING, *_losing()[:-1], *_moving()]
 LINES = [*ROBOTS, *_garbled()]
 DOCUMENTS = [*ROBOTS, *_lacking()]

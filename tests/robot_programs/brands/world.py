@@ -96,6 +96,7 @@ class World:
     told: list[str] = field(default_factory=list)
     background: Callable[[], None] = lambda: None
     period_s: float = 0.05
+    decides_within_s: float = 0.03
     _next_s: float = 0.0
     _frozen_beat: int | None = None
     _answered_s: float = math.inf
@@ -191,7 +192,9 @@ class World:
             case "ask":
                 return True
             case "answered":
-                return self.now_s > self._answered_s + 0.03  # decided, and before the next look
+                return (
+                    self.now_s > self._answered_s + self.decides_within_s
+                )  # decided, and before the next look
             case "recovered":
                 return len(self.asks) <= 1
             case "second":
