@@ -103,6 +103,9 @@ class PythonRun:
         self.program.resume()
         return self._until_rest()
 
+    def close(self) -> None:
+        """Nothing is left."""
+
     def _step(self) -> None:
         self.program.step()
         self.world.advance(self.poll_s)

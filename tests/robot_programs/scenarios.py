@@ -212,7 +212,8 @@ SCENARIOS = (
     Scenario("TRIG", "65535 is followed by 1", last_trigs, arrived()),
     Scenario("TRIG", "an earlier program asked the same", earlier_program, arrived()),
     Scenario("ECHO", "no answer", of_cell(answering=False), stopped("ECHO", 3)),
-    Scenario("ECHO", "of another request", added(ECHO=1), stopped("ECHO", 3)),
+    Scenario("ECHO", "of another request", added(ECHO=7), stopped("ECHO", 3)),
+    Scenario("ECHO", "TRIG 0 does not clear", shown(ECHO=5), stopped("ECHO", 0)),
     Scenario("POINT", "of another point", shown(POINT=9), stopped("POINT", 1)),
     Scenario("POINT", "of another object", shown(OBJECT=2), stopped("POINT", 1)),
     Scenario(
@@ -229,6 +230,12 @@ SCENARIOS = (
     ),
     Scenario("STATUS", "passes", half_good(Status.CAMERA_OFFLINE), arrived(3)),
     Scenario("STATUS", "degraded", of_cell(degraded=True), refused(Status.OK_DEGRADED, 1)),
+    Scenario(
+        "STATUS",
+        "of the header alone",
+        shown(STATUS=Status.CALIBRATION_DRIFT),
+        refused(Status.CALIBRATION_DRIFT, 1),
+    ),
     Scenario(
         "STATUS",
         "of the block alone",

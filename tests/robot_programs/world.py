@@ -101,7 +101,7 @@ class World:
     def outcome(self, word: str, status: int) -> Outcome:
         """What was done since the last outcome."""
         stops = self.arm.stops[self._stops_before :]
-        asks = len(self.cell.trigs) - self._asks_before
+        asks = len(set(self.cell.trigs[self._asks_before :]))  # a signal may write a TRIG again
         self._stops_before, self._asks_before = len(self.arm.stops), len(self.cell.trigs)
         under_way = stops and self._when in (When.APPROACH, When.LAST_LEG)
         told_s = stops[0] - self.fault_s if under_way else None
