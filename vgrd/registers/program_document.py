@@ -23,9 +23,11 @@ are those of [registers.md](registers.md); a program over the line server reads 
 
 **ask again**: nothing moves; it waits PAUSE_S and asks anew with the next TRIG, ATTEMPTS times in all,
 then it stops. **stop**: STOP, then RETREAT, then it tells the word, STATUS and DETAIL, and waits for
-RESUME. A program that cannot decide stops. The arm is told to stop within POLL_S + 0.26 s of the moment
-at which the coordinate became invalid; HEARTBEAT_S where something else answers in the daemon's place.
-vgrd is not a safety function: the robot's own safety limits stay as they are.
+RESUME. A program that cannot decide stops; while the arm moves every doubt is a reason to stop.
+
+The arm is told to stop within POLL_S + 0.26 s of the moment at which the coordinate became invalid, or
+HEARTBEAT_S + POLL_S where something else answers in the daemon's place. vgrd is not a safety function:
+the robot's own safety limits stay as they are.
 """
 
 _LIMITS = """\
