@@ -106,6 +106,17 @@ class Rig:
     def write(self, client: int, address: int, words: list[int]) -> None:
         self._in_loop(lambda: self.robots.write(client, address, words))
 
+    def ask_by_line(self, client: int, asked: Asked) -> None:
+        """A program asks by a line."""
+        self._in_loop(lambda: self.robots.ask_by_line(client, asked))
+
+    def drop_by_line(self, client: int) -> None:
+        self._in_loop(lambda: self.robots.drop_by_line(client))
+
+    def garbage_by_line(self, client: int, data: bytes) -> None:
+        """Bytes that are no line, or one that is refused."""
+        self._in_loop(lambda: self.robots.lines[client].send(data))
+
     def coil(self, client: int, address: int, *, on: bool) -> None:
         self._in_loop(lambda: self.robots.write_coil(client, address, on=on))
 

@@ -307,6 +307,12 @@ class ServingSection(Table):
     port: int = Field(  # Modbus' own 502 and 1000: below 1024 it needs privileges
         default=1502, ge=1, le=65535, description="below 1024: with config/vgrd.socket"
     )
+    line_port: int | None = Field(
+        default=None,
+        ge=1,
+        le=65535,
+        description="of the line server, for controllers without Modbus; without it there is none",
+    )
     allow: list[str] = Field(
         default=["127.0.0.1"], min_length=1, description="robots that may connect"
     )

@@ -135,6 +135,7 @@ def process_table(resolved: Resolved, path: Path) -> dict[str, object]:
         "modbus": {
             "host": config.serving.host,
             "port": config.serving.port,
+            "line_port": config.serving.line_port,
             "allow": list(config.serving.allow),
         },
         "processes": [

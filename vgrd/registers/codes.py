@@ -30,6 +30,10 @@ class Status(_Described):
     UNKNOWN_COMMAND = 101, "CMD is not known"
     UNKNOWN_POINT = 102, "POINT is not taught"
     BAD_PARAMETER = 103, "a parameter cannot be used; DETAIL holds its register"
+    SUPERSEDED = (
+        104,
+        "another request, or a clear, took its place; told by the line server, ECHO tells it here",
+    )
     TIMEOUT = 106, "no answer within TMO"
     CAMERA_OFFLINE = 201, "the camera does not answer"
     GRAB_TIMEOUT = 202, "no picture in time"
@@ -127,7 +131,6 @@ class Scale16(_Described):
 # together with the code that emits or obeys it.
 RESERVED: Final[Mapping[type[Status | Command], Mapping[int, str]]] = {
     Status: {
-        104: "SUPERSEDED: only the newest request is answered, so nobody could read it",
         105: "NOT_ALLOWED: there are no modes that allow and forbid",
         203: "FRAME_INCOMPLETE: a damaged picture is dropped by its driver; 202 follows",
         204: "EXPOSURE_BAD: the brightness is not judged; 302 follows where it hides tag B",

@@ -83,7 +83,7 @@ The addresses are those of before.
   They were ignored.
 * Registers 10-21 and 29-31 are reserved: a request with another value than 0 there is refused with
   103, DETAIL the register. They were ignored.
-* CMD 3, 5 and 6 and the STATUS codes 104, 105, 203, 204, 301, 303-306, 402, 406, 502, 601, 603, 604
+* CMD 3, 5 and 6 and the STATUS codes 105, 203, 204, 301, 303-306, 402, 406, 502, 601, 603, 604
   and 904 are no longer listed: no version obeyed or told them. The commands are refused with 101,
   as before; the numbers are never used for anything else.
 * CLHB (register 22) is reserved. It was never read, and a value in it is not refused.

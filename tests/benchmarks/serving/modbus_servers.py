@@ -14,8 +14,9 @@ from pymodbus.simulator import DataType, SimData, SimDevice
 
 from vgrd.clock import SystemClock
 from vgrd.gate.image_feed import ImageFeed
-from vgrd.gate.modbus import ConnectionLimits, ModbusServer
+from vgrd.gate.pdu import MODBUS
 from vgrd.gate.register_bank import RegisterBank
+from vgrd.gate.server import ConnectionLimits, Server
 from vgrd.ipc.ring import RingWriter
 from vgrd.registers import (
     PACKED_BYTES,
@@ -45,7 +46,7 @@ async def serve_ours(folder: Path) -> None:
     answer = Answer(Status.OK, seq=1, captured_s=start, valid_until_s=start + 3600)
     feed = ImageFeed(folder, clock)
     bank = RegisterBank(feed, clock, deadline_s=0.25, forward=lambda _: True, abort=lambda: None)
-    server = ModbusServer(bank, clock, ConnectionLimits())
+    server = Server(MODBUS, bank, clock, ConnectionLimits())
     tell(await server.listen(HOST, 0))
     while True:
         now = clock.monotonic()

@@ -182,6 +182,7 @@ class Daemon:
                 self._keepers[name].cancel()
             gate._cell_ended(KILLED)
             gate._server.close()
+            gate._lines.close()
             gate._ring.close()
 
     async def _live_cell(self) -> None:

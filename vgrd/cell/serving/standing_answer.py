@@ -72,7 +72,7 @@ class StandingAnswer:
             self.vouch.end()
         else:
             self.vouch.begin(self._clock.monotonic())
-        if answer.echo and not answer.status.is_ok and answer.status is not Status.IDLE:
+        if answer.nonce and not answer.status.is_ok and answer.status is not Status.IDLE:
             log.warning("answer", status=answer.status.name, point=answer.point)
 
     def current(self, fault: Fault | None, now_s: float) -> Answer:
