@@ -9,33 +9,27 @@ MODULE Vgrd
   ! entry. The words LINK, HEARTBEAT, ... are those of the decision table.
   ! Poses are of the flange (tool0) in the base (wobj0). vgrd is not a safety function.
 
-  ! Edit, 1 of 5: where the line server listens.
+  ! 1 ADDRESS: the cell computer, and line_port of its cell file.
   CONST string VGRD_HOST := "192.168.10.5";
   CONST num VGRD_PORT := 1503;
 
-  ! Edit, 2 of 5: the box in which the flange may stand, mm in the base, as taught by hand.
+  ! 2 REQUEST: STATUS 2 (degraded) only where it is precise enough. The point: VgrdExample.
+  CONST bool VGRD_DEGRADED_OK := FALSE;
+
+  ! 3 TAUGHT: in VgrdExample, at the beginning of the motion task.
+
+  ! 4 LIMITS: as in docs/robot-programs.md, which says why; the box is of the flange in the base, mm.
   CONST num VGRD_MIN_X := 300;
   CONST num VGRD_MAX_X := 700;
   CONST num VGRD_MIN_Y := -300;
   CONST num VGRD_MAX_Y := 300;
   CONST num VGRD_MIN_Z := 50;
   CONST num VGRD_MAX_Z := 500;
-
-  ! Edit, 3 of 5: how far the part may lie from where it was taught, how it is approached.
   CONST num VGRD_STEP_MM := 50;
   CONST num VGRD_STEP_DEG := 20;
   CONST num VGRD_APPROACH_MM := 50;
-
-  ! Edit, 4 of 5: limits, and whether STATUS 2 (less certain than the warning limit) will do.
   CONST num VGRD_AGE_MS := 1000;
   CONST num VGRD_U95_UM := 1000;
-  CONST bool VGRD_DEGRADED_OK := FALSE;
-
-  ! Edit, 5 of 5: speeds; and in VgrdExample the points and their taught poses.
-  CONST speeddata VGRD_FAST := v100;
-  CONST speeddata VGRD_SLOW := v50;
-
-  ! The limits of docs/robot-programs.md.
   CONST num VGRD_LINK_S := 0.2;
   CONST num VGRD_HEARTBEAT_S := 0.5;
   CONST num VGRD_ANSWER_S := 3;
@@ -44,6 +38,12 @@ MODULE Vgrd
   CONST num VGRD_AGREE_DEG := 0.5;
   CONST num VGRD_ATTEMPTS := 3;
   CONST num VGRD_PAUSE_S := 0.5;
+
+  ! 5 MOTION: speeds to the approach point, and in the last leg.
+  CONST speeddata VGRD_FAST := v100;
+  CONST speeddata VGRD_SLOW := v50;
+
+  ! From here to VgrdExample nothing is to be edited.
 
   ! The decisions of docs/robot-programs.md; 0: all hold, use it.
   CONST num VGRD_USE := 0;
@@ -114,7 +114,7 @@ MODULE Vgrd
 
   ! ---------------------------------------------------------------- motion task
 
-  ! The points and their taught poses; teach each by hand, with tool0 and wobj0.
+  ! 3 TAUGHT: a point of the cell file, and the flange at the touch, taken there by hand with tool0 and wobj0.
   PROC VgrdExample()
     CONST robtarget taughtP1 := [[500,0,200],[0,0,1,0],[0,0,0,0],[9E9,9E9,9E9,9E9,9E9,9E9]];
     VgrdGo 1, taughtP1;

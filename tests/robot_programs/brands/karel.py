@@ -199,13 +199,11 @@ class Builtins(StandIns):
 
     def write(self, _file: str, text: str) -> None:
         assert self.opened
-        answer = self.server.answer(text + "\n")
-        half = len(answer) // 2
-        tail = (
-            ["\r", "\n"] if answer.endswith("\n") else []
-        )  # CR LF, as CR was written; LF may be late
-        body = answer.rstrip("\n")
-        self.pending = [piece for piece in (body[:half], body[half:], *tail) if piece]
+        answer = self.server.answer(text + "\r\n")  # CR, and what comes with it
+        body = answer.rstrip("\r\n")
+        half = len(body) // 2
+        ends = answer[len(body) :]  # LF may come late
+        self.pending = [piece for piece in (body[:half], body[half:], *ends) if piece]
 
     def bytes_ahead(self, _file: str, ahead: Place, status: Place) -> None:
         status.put(0)

@@ -106,7 +106,7 @@ class Channel:
         document = ET.Element(root)
         for tag in self.sent:
             document.set(tag.removeprefix(f"{root}/@"), str(self.values[tag]))
-        answer = self.server.answer_xml(ET.tostring(document, encoding="unicode"))
+        answer = self.server.answer(ET.tostring(document, encoding="unicode"))
         if not answer:
             return
         for tag, attributes in self.received.items():

@@ -226,12 +226,12 @@ def _moving() -> list[Scenario]:
 def _garbled() -> list[Scenario]:
     garbles: dict[str, Callable[[str], str]] = {
         "cut off": lambda line: line[:7] + "\n",
-        "one field more": lambda line: line[:-1] + ",5\n",
+        "one field more": lambda line: line.rstrip() + ",5\n",
         "one field less": lambda line: line.rpartition(",")[0] + "\n",
         "words": lambda line: line.replace("512.35", "five"),
         "empty field": lambda line: line.replace("512.35", ""),
         "nothing but an end": lambda _line: "\n",
-        "no end": lambda line: line[:-1],
+        "no end": str.rstrip,
         "a flood": lambda _line: "7" * 300,
     }
     return [

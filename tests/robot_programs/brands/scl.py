@@ -128,6 +128,7 @@ class Client:
         self.calls.append(self.world.now_s)
         self.done = self.error = False
         if self.job:
+            assert not req_, "REQ is a pulse"
             assert self.job == (mb_mode_, mb_data_addr_, mb_data_len_), (
                 "parameters changed while BUSY"
             )
