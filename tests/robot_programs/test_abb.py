@@ -36,9 +36,3 @@ def test_a_seeded_fault_is_found(tmp_path, right, wrong):
     source = PROGRAMS["abb"].source
     assert right in source
     assert judged(tmp_path, source.replace(right, wrong, 1)).returncode != 0
-
-
-def test_lines_and_names_are_as_long_as_a_controller_takes():
-    for line in PROGRAMS["abb"].source.splitlines():
-        assert len(line) <= 120
-        assert all(len(word) <= 32 for word in line.split(" ") if word.isidentifier())

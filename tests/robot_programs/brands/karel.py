@@ -98,6 +98,8 @@ class Builtins(StandIns):
         self.world, self.v, self.pendant = world, v, pendant
         self.server = LineServer(world)
         self.tagged = self.opened = False
+        self.closed = False
+        world.closing.append(lambda: setattr(self, "closed", True))
         self.pending: list[str] = []
         self.attributes: set[str] = set()
 
@@ -191,7 +193,7 @@ class Builtins(StandIns):
         assert (usage, tag) == ("RW", "C1:")
         assert self.attributes == {"atr_ia", "atr_timeout"}, "a READ without ATR_TIMEOUT hangs"
         assert self.tagged, "the tag is not connected"
-        self.opened = True
+        self.opened, self.closed = True, False
         self.pending = []
 
     def io_status(self, _file: str) -> int:
@@ -199,6 +201,8 @@ class Builtins(StandIns):
 
     def write(self, _file: str, text: str) -> None:
         assert self.opened
+        assert not self.closed
+        assert not self.world.link_is("closed")
         answer = self.server.answer(text + "\r\n")  # CR, and what comes with it
         body = answer.rstrip("\r\n")
         half = len(body) // 2
@@ -207,7 +211,7 @@ class Builtins(StandIns):
 
     def bytes_ahead(self, _file: str, ahead: Place, status: Place) -> None:
         status.put(0)
-        if self.world.link_is("closed"):
+        if self.closed or self.world.link_is("closed"):
             ahead.put(None)  # the manual's INTP-311 waits there
             status.put(67213)
         elif self.pending:

@@ -23,12 +23,10 @@ BUILTINS = {
     "bas": "in in",
     "eki_init": "in",
     "eki_open": "in",
-    "eki_close": "in",
     "eki_clear": "in",
     "eki_clearbuffer": "in in",
     "eki_send": "in in",
     "eki_setint": "in in in",
-    "eki_setreal": "in in in",
     "eki_getint": "in in out",
     "eki_getreal": "in in out",
 }
@@ -135,6 +133,7 @@ class Builtins(StandIns):
         self.depth, self.declared_at = 0, -1
         self.interrupt: tuple[Callable[[], bool], Callable[[], None]] | None = None
         self.armed = False
+        world.closing.append(lambda: v.sys_flag.update({self.channel.alive: False}))
 
     def run(self, routine: Callable[..., None], *arguments: Any) -> None:
         """Call a routine; RESUME comes back to the level that declared the interrupt."""
@@ -284,7 +283,7 @@ def run_krl(source: str, world: World, settings: Mapping[str, object]) -> Outcom
     """Take the flange to point 7, in a cell of stepped time."""
     v = variables(source, world)
     v.__dict__.update(settings)
-    v.vgrd_trig = world.first_trig
+    v.vgrd_trig_no = world.first_trig
     builtins = [Builtins(world, v) for _ in range(2)]
     front, back = (load(source, DIALECT, v, b) for b in builtins)
     back.vgrd_setup()

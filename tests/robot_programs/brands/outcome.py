@@ -41,6 +41,9 @@ def run(world: World, go: Callable[[], object], word: Callable[[], int]) -> Outc
     world.told = Telling(told)
     try:
         go()
+        for _ in range(world.visits - 1):
+            world.be_silent()
+            go()
         arrived = True
     except StoppedError:
         arrived = False
@@ -81,7 +84,7 @@ def faults_of_block(
     scenario: Scenario, program: Callable[[World, Mapping[str, object]], Outcome]
 ) -> list[str]:
     """Return the same of a block that decides, and moves nothing."""
-    world = World(replace(scenario.fault))
+    world = World(replace(scenario.fault), keys=scenario.keys)
     outcome = program(world, scenario.settings)
     found = _lawful(replace(outcome, arrived=False))
     if any(ask.options != 16 for ask in world.asks):
@@ -89,6 +92,8 @@ def faults_of_block(
     number = NUMBERS.get(scenario.word)
     if number and outcome.decisions[:1] != (number,):
         found.append(f"decided {outcome.decisions[:1]}, not {number}")
+    if scenario.keys:
+        return found if outcome.arrived else [*found, "did not ask anew"]
     if (len(world.asks) > 1) != scenario.again:
         found.append(f"asked {len(world.asks)} times")
     if outcome.arrived != (scenario.word == "USE"):

@@ -38,6 +38,7 @@ class Pendant:
 
     def run(self) -> None:
         """Go from line to line, to the end."""
+        self.at = 0
         while self.at < len(self.lines):
             line = self.lines[self.at]
             self.at += 1

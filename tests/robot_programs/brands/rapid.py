@@ -122,6 +122,7 @@ class Builtins(StandIns):
         self.server = LineServer(world)
         self.connected = False
         self.pending = ""
+        world.closing.append(lambda: self.socketclose(""))
 
     def socketcreate(self, _socket: str) -> None:
         self.connected = False

@@ -9,13 +9,13 @@ from typing import Any
 from tests.robot_programs.brands.outcome import Outcome
 from tests.robot_programs.brands.stand_ins import StandIns
 from tests.robot_programs.brands.translation import Dialect, Rule, load
-from tests.robot_programs.brands.world import TAUGHT, Reading, World
+from tests.robot_programs.brands.world import TAUGHT, Fault, Reading, World
 from vgrd.registers.layout import encode_response
 
 SCAN_S = 0.01
 JOB_S = 0.03  # of one turn of Modbus
 CONNECT_S = 1.0  # of the first
-WATCHED_S = 4.0  # longer than every limit
+WATCHED_S = 6.0  # longer than every limit, and than MB_CLIENT waits
 BLOCKS = {
     "ton_time": ("in", "pt"),
     "mb_client": (
@@ -287,6 +287,9 @@ def run_siemens(source: str, world: World, settings: Mapping[str, object]) -> Ou
         decisions.append(v.word)
         if not v.again:
             break
+    if world.keys and not arrived:
+        world.fault = Fault()
+        arrived = _attempt(v, block.fb_vgrdask, world)
     pose = (v.x, v.y, v.z, v.roll, v.pitch, v.yaw)
     return Outcome(world, arrived, tuple(decisions), (), pose)
 

@@ -85,9 +85,9 @@ class Dialect:
     aliases: Mapping[str, str] = field(default_factory=dict)
 
 
-@dataclass
+@dataclass(frozen=True)
 class Line:
-    """Translates the expressions of one line."""
+    """Translates the expressions of a line of a program that has these routines."""
 
     dialect: Dialect
     routines: frozenset[str]
@@ -277,6 +277,7 @@ def _copy(value: Any) -> Any:
     return copy.deepcopy(value) if isinstance(value, SimpleNamespace) else value
 
 
+@lru_cache(maxsize=4096)
 def _statement(line: Line, text: str) -> tuple[str, int, int]:
     for rule in line.dialect.rules:
         if match := re.fullmatch(rule.pattern, text, re.IGNORECASE):

@@ -80,7 +80,10 @@ class Fault:
 
 @dataclass
 class World:
-    """Time, the daemon, the arm. `background` is what the controller's other task does each `period_s`."""
+    """Time, the daemon, the arm. `background` is what the controller's other task does each `period_s`.
+
+    visits: how often the arm goes there, a minute of silence between. closing: what ends the connections.
+    """
 
     fault: Fault = field(default_factory=Fault)
     keys: int = 0
@@ -94,6 +97,8 @@ class World:
     lost_s: float = math.inf
     stopped_s: float = math.inf
     told: list[str] = field(default_factory=list)
+    visits: int = 1
+    closing: list[Callable[[], None]] = field(default_factory=list)
     background: Callable[[], None] = lambda: None
     period_s: float = 0.05
     decides_within_s: float = 0.03
@@ -162,6 +167,12 @@ class World:
                 return False
             self.advance(TICK_S)
         return True
+
+    def be_silent(self) -> None:
+        """Let more than a minute pass: the daemon closes connections."""
+        self.now_s += 70.0
+        for close in self.closing:
+            close()
 
     def halt(self) -> None:
         """Wait for the operator's key."""
