@@ -1,5 +1,6 @@
 """Runs config/robot_programs/urscript/vgrd.script in a world, frame by frame."""
 
+import re
 from pathlib import Path
 from typing import Any
 
@@ -9,7 +10,15 @@ from tests.robot_programs.python_run import flat
 from tests.robot_programs.urscript import translate
 from tests.robot_programs.world import BOX_MM, TAUGHT, Outcome, World
 
-FILE = Path(__file__).parents[2] / "config" / "robot_programs" / "urscript" / "vgrd.script"
+FOLDER = Path(__file__).parents[2] / "config" / "robot_programs" / "urscript"
+FILE = FOLDER / "vgrd.script"
+_TRANSPORT = re.compile(r"^# --- transport.*?^# --- end of transport\n", re.DOTALL | re.MULTILINE)
+
+
+def script_for_cb3() -> str:
+    """The script with the other transport, as its user puts it together."""
+    transport = _TRANSPORT.search((FOLDER / "transport_cb3.script").read_text())
+    return _TRANSPORT.sub(lambda _: transport[0], FILE.read_text())
 
 
 class UrscriptRun:

@@ -291,7 +291,10 @@ STATUS_REACTIONS: Final[Mapping[int, tuple[Reaction, str]]] = {
     ),
     Status.CAMERA_OFFLINE: (_AGAIN, "look at cable and power of the camera"),
     Status.GRAB_TIMEOUT: (_AGAIN, "often: look at the network of the camera"),
-    Status.IMAGE_TOO_OLD: (_AGAIN, "the answer expired; often: go sooner, or give max_age_s more"),
+    Status.IMAGE_TOO_OLD: (
+        _AGAIN,
+        "the answer expired; under way: each leg must take less than max_age_s",
+    ),
     Status.OBJECT_MOVED: (_AGAIN, "let the part come to rest, clamp it"),
     Status.TAG_A_NOT_FOUND: (
         _STOP,
