@@ -32,7 +32,7 @@ def test_a_program_without_a_decision_is_found_out(tmp_path, language, mutant):
     assert is_found(tmp_path, language, mutant)
 
 
-@pytest.mark.parametrize("language", TEXTS)
+@pytest.mark.parametrize("language", ["python", "urscript"])
 def test_every_row_has_a_mutant(language):
     assert {mutant.row for of, mutant in MUTANTS if of == language} == {
         row.word for row in DECISIONS
