@@ -5,9 +5,9 @@ import re
 import pytest
 
 from tests.robot_programs import python_run
-from tests.robot_programs.controller import Controller
 from tests.robot_programs.python_run import module_of
 from tests.robot_programs.trying import RUNS, TEXTS
+from tests.robot_programs.urscript.controller import Controller
 from tests.robot_programs.world import Rest, When, World
 from vgrd.registers import MAP_VERSION, REQUEST, RESPONSE, Command, Status
 from vgrd.registers.decisions import DECISIONS, LIMITS, STATUS_REACTIONS, Reaction

@@ -5,10 +5,11 @@ from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
-from tests.robot_programs import python_run, urscript_run
+from tests.robot_programs import python_run
 from tests.robot_programs.python_run import PythonRun, module_of
 from tests.robot_programs.scenarios import Scenario, arrived
-from tests.robot_programs.urscript_run import UrscriptRun
+from tests.robot_programs.urscript import urscript_run
+from tests.robot_programs.urscript.urscript_run import UrscriptRun
 from tests.robot_programs.world import Outcome, When, World
 from vgrd.registers.decisions import LIMITS
 

@@ -4,13 +4,13 @@ import re
 from pathlib import Path
 from typing import Any
 
-from tests.robot_programs.built_ins import BUILT_INS
-from tests.robot_programs.controller import Controller, PoseValue
 from tests.robot_programs.python_run import flat
-from tests.robot_programs.urscript import translate
+from tests.robot_programs.urscript.built_ins import BUILT_INS
+from tests.robot_programs.urscript.controller import Controller, PoseValue
+from tests.robot_programs.urscript.translation import translate
 from tests.robot_programs.world import BOX_MM, TAUGHT, Outcome, World
 
-FOLDER = Path(__file__).parents[2] / "config" / "robot_programs" / "urscript"
+FOLDER = Path(__file__).parents[3] / "config" / "robot_programs" / "urscript"
 FILE = FOLDER / "vgrd.script"
 _TRANSPORT = re.compile(r"^# --- transport.*?^# --- end of transport\n", re.DOTALL | re.MULTILINE)
 
