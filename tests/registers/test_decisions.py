@@ -18,11 +18,11 @@ def test_every_limit_is_named_by_a_row_or_the_introduction():
     assert [limit.word for limit in LIMITS if limit.word not in text] == []
 
 
-def test_every_status_without_a_coordinate_has_a_reaction_and_a_remedy():
+def test_every_status_without_a_coordinate_has_a_reaction():
     assert {status for status in Status if not status.is_ok} <= STATUS_REACTIONS.keys()
-    for reaction, remedy in STATUS_REACTIONS.values():
+    for reaction, why in STATUS_REACTIONS.values():
         assert reaction in {Reaction.ASK_AGAIN, Reaction.STOP}
-        assert remedy
+        assert why
 
 
 def test_the_documentation_of_robot_programs_is_up_to_date():

@@ -42,7 +42,7 @@ class Cell(Bench):
         self.seq = 7
         self._due: tuple[float, Request] | None = None
         self._published_s = 0.0
-        self._last_read = b""
+        self._copy: bytes | None = None
         self.start_cell()
         self.heal()
 
@@ -50,7 +50,7 @@ class Cell(Bench):
         """Nothing is wrong any more."""
         self.__dict__.pop("found", None)  # a scenario may find other answers
         self.alive = self.link = self.answering = True
-        self.impostor = False
+        self.impostor, self._copy = False, None
         self.tamper: Tamper | None = None
         self.refuse_with: Status | None = None
         self.picture_age_s = PICTURE_AGE_S
@@ -81,33 +81,50 @@ class Cell(Bench):
     def answer_anew(self) -> None:
         """Another answer takes its place, to the same request."""
         self.seq += 1
-        self.standing = replace(self.standing, seq=self.seq)
+        position, rotation = self._shown()
+        self.standing = replace(
+            self.standing, seq=self.seq, position_um=position, rotation=rotation
+        )
 
     def exchange(self, pdu: bytes) -> bytes | None:
         """What a client's request is answered with; None: nothing comes."""
         if not self.link:
             return None
-        answer = self._last_read if self.impostor else respond(self.bank, pdu)
+        answer = self._remembered(pdu) if self.impostor else respond(self.bank, pdu)
         if pdu[0] not in READS or answer[0] != pdu[0]:
             return answer
-        self._last_read = answer
         words = list(struct.unpack(f">{answer[1] // 2}H", answer[2:]))
         if self.tamper:
             self.tamper(words, struct.unpack(">H", pdu[1:3])[0])
         return answer[:2] + struct.pack(f">{len(words)}H", *words)
 
+    def _remembered(self, pdu: bytes) -> bytes:
+        """As the server would answer whose registers stand still since the first time."""
+        if self._copy is None:
+            self._copy = self.bank.read_registers(RESPONSE.start, RESPONSE.end - RESPONSE.start)
+        if pdu[0] not in READS:
+            return pdu[:5]
+        first, count = struct.unpack(">HH", pdu[1:5])
+        at = 2 * (first - RESPONSE.start)
+        return bytes((pdu[0], 2 * count)) + self._copy[at : at + 2 * count]
+
     def found(self, request: Request, now_s: float) -> Answer:
         self.seq += 1
         if self.refuse_with is not None:
             return replace(reply(request, self.refuse_with), seq=self.seq)
-        self.standing_coordinate = self.coordinate
+        position, rotation = self._shown()
         captured_s = now_s - self.picture_age_s
         return replace(
             reply(request, Status.OK_DEGRADED if self.degraded else Status.OK),
             seq=self.seq,
             captured_s=captured_s,
             valid_until_s=captured_s + EXPIRES_S,
-            position_um=self.coordinate[:3],
-            rotation=tuple(urad * 1e-6 for urad in self.coordinate[3:]),
+            position_um=position,
+            rotation=rotation,
             u95_um=self.u95_um,
         )
+
+    def _shown(self) -> tuple[tuple[int, ...], tuple[float, ...]]:
+        """The coordinate that an answer holds from now on."""
+        self.standing_coordinate = self.coordinate
+        return self.coordinate[:3], tuple(urad * 1e-6 for urad in self.coordinate[3:])

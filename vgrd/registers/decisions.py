@@ -274,55 +274,40 @@ LIMITS: Final = (
     Limit("PAUSE_S", 0.5, "s", "leaves the daemon the time of an answer before it is asked again"),
 )
 
-# Which STATUS passes by itself, and what to do about each. A status that is not in STATUS_REACTIONS
-# stops a program: a later version may use it. Keys are numbers, as programs hold them.
+# Which STATUS passes by itself, and why it does or does not; what people do is told elsewhere. A
+# status that is not here stops a program: a later version may use it. Keys are numbers, as programs
+# hold them; 305, 601, 603 and 604 are told by a daemon that knows limits of its cell.
 STATUS_REACTIONS: Final[Mapping[int, tuple[Reaction, str]]] = {
-    Status.IDLE: (_AGAIN, "the answer was dropped, or the daemon started anew; ask again"),
-    Status.BUSY: (_AGAIN, "still working; beyond ANSWER_S ask again"),
-    Status.UNKNOWN_COMMAND: (_STOP, "write CMD 2 (or 1, 4)"),
-    Status.UNKNOWN_POINT: (_STOP, "give the number of a target of the cell file; DETAIL holds it"),
-    Status.BAD_PARAMETER: (
-        _STOP,
-        "correct the register that DETAIL names; 0: TRIG was used before",
-    ),
-    Status.TIMEOUT: (
+    Status.IDLE: (_AGAIN, "the answer was dropped, or the daemon started anew"),
+    Status.BUSY: (_AGAIN, "an answer that takes longer than ANSWER_S may come next time"),
+    Status.UNKNOWN_COMMAND: (_STOP, "the program asks for what is not there"),
+    Status.UNKNOWN_POINT: (_STOP, "the program asks for what is not there"),
+    Status.BAD_PARAMETER: (_STOP, "the program asks wrongly; DETAIL names the register"),
+    Status.TIMEOUT: (_AGAIN, "a busy machine has time again"),
+    Status.CAMERA_OFFLINE: (_AGAIN, "a camera or its process comes back within seconds"),
+    Status.GRAB_TIMEOUT: (_AGAIN, "the next picture may come through"),
+    Status.IMAGE_TOO_OLD: (
         _AGAIN,
-        "passes on a busy machine; often: give TMO more, or look at `vgrd status`",
+        "a newer picture comes; each leg must take less than max_age_s",
     ),
-    Status.CAMERA_OFFLINE: (_AGAIN, "look at cable and power of the camera"),
-    Status.GRAB_TIMEOUT: (_AGAIN, "often: look at the network of the camera"),
-    Status.IMAGE_TOO_OLD: (_AGAIN, "the answer expired; often: go sooner, or give max_age_s more"),
-    Status.OBJECT_MOVED: (_AGAIN, "let the part come to rest, clamp it"),
-    Status.TAG_A_NOT_FOUND: (
-        _STOP,
-        "turn the wrist so that the camera sees the tag on the flange",
-    ),
-    Status.TAG_B_NOT_FOUND: (
-        _AGAIN,
-        "uncover the tag on the part (DETAIL: its id); clean it, light it",
-    ),
-    305: (_STOP, "bring the part to where it was taught, or teach there too"),
-    Status.ROBOT_OFFLINE: (_AGAIN, "look at the cell computer's connection to the robot"),
-    Status.ROBOT_MOVING: (_AGAIN, "let the arm stand when it asks"),
-    Status.TCP_OFFSET_CHANGED: (_STOP, "choose the TCP that was calibrated, then confirm"),
-    Status.ROBOT_SAFETY_STOP: (_STOP, "clear the safety stop at the robot"),
-    Status.NOT_CALIBRATED: (_STOP, "calibrate, or activate a calibration"),
-    Status.CALIBRATION_DRIFT: (
-        _STOP,
-        "look what moved (DETAIL, MOVED), put it back or calibrate anew",
-    ),
-    Status.UNCERTAINTY_TOO_HIGH: (
-        _STOP,
-        "bring the part nearer to where it was taught; ask `vgrd advise`",
-    ),
-    Status.CALIBRATION_MISMATCH: (_STOP, "activate a calibration of this cell file"),
-    Status.ENCODING_OVERFLOW: (_STOP, "read another block (EC32, ECF); DETAIL names the axis"),
-    # Told by a daemon that knows limits of the cell: until then no status has these numbers.
-    601: (_STOP, "bring the part back into the limits of the cell file"),
-    603: (_STOP, "lay the part down the right way up"),
-    604: (_STOP, "bring the part nearer to how it was taught"),
-    Status.INTERNAL_ERROR: (_AGAIN, "comes back by itself within seconds; else read the journal"),
-    Status.STARTING: (_AGAIN, "wait until the daemon has started"),
-    Status.SHUTTING_DOWN: (_STOP, "start the daemon"),
-    Status.CONFIG_ERROR: (_STOP, "run `vgrd check`"),
+    Status.OBJECT_MOVED: (_AGAIN, "the next answer is for where it is now"),
+    Status.TAG_A_NOT_FOUND: (_STOP, "the wrist hides its tag until it is turned"),
+    Status.TAG_B_NOT_FOUND: (_AGAIN, "a hand or a chip goes away"),
+    305: (_STOP, "the part stays where it is"),
+    Status.ROBOT_OFFLINE: (_AGAIN, "a connection comes back within seconds"),
+    Status.ROBOT_MOVING: (_AGAIN, "the arm comes to rest"),
+    Status.TCP_OFFSET_CHANGED: (_STOP, "a person has to say which TCP is right"),
+    Status.ROBOT_SAFETY_STOP: (_STOP, "a person has to clear it"),
+    Status.NOT_CALIBRATED: (_STOP, "a person has to calibrate"),
+    Status.CALIBRATION_DRIFT: (_STOP, "a person has to look what moved"),
+    Status.UNCERTAINTY_TOO_HIGH: (_STOP, "asking again does not make it more certain"),
+    Status.CALIBRATION_MISMATCH: (_STOP, "a person has to choose a calibration"),
+    601: (_STOP, "the part stays where it is"),
+    Status.ENCODING_OVERFLOW: (_STOP, "the number stays too large for this block"),
+    603: (_STOP, "the part stays how it lies"),
+    604: (_STOP, "the part stays how it lies"),
+    Status.INTERNAL_ERROR: (_AGAIN, "the process is started again within seconds"),
+    Status.STARTING: (_AGAIN, "it passes within seconds"),
+    Status.SHUTTING_DOWN: (_STOP, "somebody stops the daemon"),
+    Status.CONFIG_ERROR: (_STOP, "a person has to correct the cell file"),
 }

@@ -37,7 +37,7 @@ Each program has these numbers at its top, under the same names; a user changes 
 """
 
 _STATUSES = """\
-## STATUS: what a program does, and what a person does
+## STATUS: what a program does
 
 A STATUS that is not here stops the program: a later version may use it.
 """
@@ -59,7 +59,7 @@ def document() -> str:
             ),
             "",
             _STATUSES,
-            *table(("code", "name", "program", "person"), map(_status_row, Status)),
+            *table(("code", "name", "program", "why"), map(_status_row, Status)),
             "",
         ]
     )
@@ -76,10 +76,12 @@ def _decisions(phase: Phase) -> list[str]:
 
 
 def _status_row(status: Status) -> tuple[object, ...]:
-    if status.is_ok:
-        return int(status), status.name, "use it", "nothing"
-    reaction, remedy = STATUS_REACTIONS.get(status, (Reaction.STOP, status.description))
-    return int(status), status.name, reaction, remedy
+    if status is Status.OK_DEGRADED:
+        return int(status), status.name, "use it, or stop", f"{status.description}: the user says"
+    if status is Status.OK:
+        return int(status), status.name, "use it", status.description
+    reaction, why = STATUS_REACTIONS.get(status, (Reaction.STOP, status.description))
+    return int(status), status.name, reaction, why
 
 
 if __name__ == "__main__":

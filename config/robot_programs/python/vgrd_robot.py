@@ -72,7 +72,7 @@ class Limits:
     box_low: tuple[float, float, float] = (350.0, -50.0, 150.0)
     box_high: tuple[float, float, float] = (450.0, 50.0, 300.0)
     speed_mm_s: float = 100.0  # to the approach point
-    last_leg_mm_s: float = 20.0  # to the coordinate, and back
+    last_leg_mm_s: float = 50.0  # to the coordinate, and back
 
 
 # --- 5 ARM ------------------------------------------------------------------------------------------

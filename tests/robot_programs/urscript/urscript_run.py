@@ -1,15 +1,24 @@
 """Runs config/robot_programs/urscript/vgrd.script in a world, frame by frame."""
 
+import re
 from pathlib import Path
 from typing import Any
 
-from tests.robot_programs.built_ins import BUILT_INS
-from tests.robot_programs.controller import Controller, PoseValue
 from tests.robot_programs.python_run import flat
-from tests.robot_programs.urscript import translate
+from tests.robot_programs.urscript.built_ins import BUILT_INS
+from tests.robot_programs.urscript.controller import Controller, PoseValue
+from tests.robot_programs.urscript.translation import translate
 from tests.robot_programs.world import BOX_MM, TAUGHT, Outcome, World
 
-FILE = Path(__file__).parents[2] / "config" / "robot_programs" / "urscript" / "vgrd.script"
+FOLDER = Path(__file__).parents[3] / "config" / "robot_programs" / "urscript"
+FILE = FOLDER / "vgrd.script"
+_TRANSPORT = re.compile(r"^# --- transport.*?^# --- end of transport\n", re.DOTALL | re.MULTILINE)
+
+
+def script_for_cb3() -> str:
+    """The script with the other transport, as its user puts it together."""
+    transport = _TRANSPORT.search((FOLDER / "transport_cb3.script").read_text())
+    return _TRANSPORT.sub(lambda _: transport[0], FILE.read_text())
 
 
 class UrscriptRun:

@@ -11,7 +11,7 @@ import re
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 
-from tests.robot_programs.built_ins import BUILT_INS
+from tests.robot_programs.urscript.built_ins import BUILT_INS
 
 _HEAD = re.compile(r"(def|thread) (\w+)\((.*)\):$")
 _BLOCK = re.compile(r"(if|while) (.+):$")

@@ -2,8 +2,8 @@
 
 import pytest
 
-from tests.robot_programs.controller import Int32
-from tests.robot_programs.urscript import translate
+from tests.robot_programs.urscript.controller import Int32
+from tests.robot_programs.urscript.translation import translate
 
 
 def body(*lines: str) -> str:

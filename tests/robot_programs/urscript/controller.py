@@ -1,5 +1,6 @@
 """A Universal Robots controller in stepped time: threads in frames, Modbus signals, an arm, a pendant."""
 
+import math
 import struct
 import threading
 from collections.abc import Callable
@@ -7,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from tests.robot_programs.cell import READS
 from tests.robot_programs.world import World, approach_of, pose_of
 from vgrd.geometry import Pose
 
@@ -14,7 +16,11 @@ FRAME_S = 0.008  # of a CB3, the longest; 0.002 on newer ones
 TCP = Pose.from_rotvec((0.0, 0.0, 0.3), (10.0, -5.0, 120.0))  # mm: active all the time
 MM = 1e3
 LARGEST = 2**31
+TURN_S = 0.003  # between two signals: each has its own moment within the period
 HAND_OVER_S = 30.0  # for one frame of a thread; far more than it takes
+
+
+Span = tuple[int, int]  # first register and how many
 
 
 class KilledError(BaseException):
@@ -111,7 +117,7 @@ class Controller:
         self.waits_for_key = False
         self._tasks: list[Task] = []
         self._now: Task | None = None
-        self._signal: _Signal | None = None
+        self._signals: dict[str, _Signal] = {}
 
     def start(self, main: Callable[[], None]) -> Task:
         """A program begins with `main`."""
@@ -135,8 +141,8 @@ class Controller:
     def advance(self, seconds: float) -> None:
         """Time passes, and signals are exchanged."""
         self.world.advance(seconds)
-        if self._signal:
-            self._signal.exchange_if_due()
+        for signal in self._signals.values():
+            signal.exchange_if_due()
 
     # --- flow
 
@@ -235,58 +241,68 @@ class Controller:
 
     # --- Modbus
 
-    def modbus_add_rw_signal(self, *arguments: object) -> None:
-        self._signal = _Signal(self.world, *arguments)
+    def modbus_add_rw_signal(self, ip, unit, first, reads, to, writes, name, in_turn) -> None:
+        self._add(name, _Signal(self.world, (first, reads), (to, writes), (3, 23)), in_turn)
+
+    def modbus_add_signal(self, ip, unit, address, kind, name, in_turn) -> None:
+        functions = {2: (4, 0), 3: (3, 6)}[kind]
+        self._add(name, _Signal(self.world, (address, 1), (address, 1), functions), in_turn)
 
     def modbus_set_signal_update_frequency(self, name: str, hertz: int) -> None:
-        self._signal.named(name).period_s = 1 / hertz
+        self._signals[name].period_s = 1 / hertz
 
     def modbus_set_signal_watchdog(self, name: str, seconds: float) -> None:
-        self._signal.named(name).watchdog_s = seconds
+        self._signals[name].watchdog_s = seconds
 
     def modbus_get_error(self, name: str) -> int:
-        return self._signal.named(name).error
+        return self._signals[name].error
 
     def modbus_get_time_since_signal_invalid(self, name: str) -> float:
-        return self._signal.named(name).age_s
+        return self._signals[name].age_s
 
-    def modbus_get_signal_status(self, name: str, secondary: bool) -> list[Int32]:
+    def modbus_get_signal_status(self, name: str, secondary: bool) -> Int32 | list[Int32]:
         assert not secondary
-        signal = self._signal.named(name)
+        signal = self._signals[name]
         assert signal.age_s < signal.watchdog_s, "the controller stops the program"
-        return [Int32(word) for word in signal.words]
+        words = [Int32(word) for word in signal.words]
+        return words if len(words) > 1 else words[0]
 
-    def modbus_set_output_register(self, name: str, words: list[int], secondary: bool) -> None:
+    def modbus_set_output_register(self, name: str, value: object, secondary: bool) -> None:
         assert not secondary
-        signal = self._signal.named(name)
-        assert len(words) == signal.writes
-        signal.output = struct.pack(f">{len(words)}H", *words)
+        words = value if isinstance(value, list) else [value]
+        self._signals[name].write(words)
+
+    def _add(self, name: str, signal: "_Signal", in_turn: bool) -> None:
+        assert 1 <= len(name) <= 20
+        assert in_turn, "requests are not to be sent before the last is answered"
+        signal.delay(TURN_S * len(self._signals))
+        self._signals[name] = signal
 
 
 class _Signal:
-    """Function 3 until something is to be written, then function 23; old words stay when nothing comes."""
+    """Reads; from the first write on it writes each time. Old words stay when nothing comes."""
 
-    def __init__(self, world, ip, unit, first, reads, write_first, writes, name, sequential):
-        assert 1 <= len(name) <= 20
-        assert sequential
-        self.name, self.writes = name, writes
-        self.period_s, self.watchdog_s = 0.1, 2.0
-        self.words: tuple[int, ...] = (0,) * reads
-        self.output: bytes | None = None
+    def __init__(self, world: World, reads: Span, writes: Span, functions: tuple[int, int]):
+        self.period_s, self.watchdog_s = 0.1, math.inf
+        self.words: tuple[int, ...] = (0,) * reads[1]
         self.error = -2  # disconnected
-        self._world, self._reads = world, (first, reads)
-        self._write_first = write_first
+        self._world, self._reads, self._writes, self._functions = world, reads, writes, functions
+        self._output: bytes | None = None
         self._due_s = self._good_s = world.clock.monotonic()
-
-    def named(self, name: str) -> "_Signal":
-        """It, if that is its name."""
-        assert name == self.name
-        return self
 
     @property
     def age_s(self) -> float:
         """Since the last good answer."""
         return self._world.clock.monotonic() - self._good_s
+
+    def delay(self, seconds: float) -> None:
+        """Its turn comes later."""
+        self._due_s += seconds
+
+    def write(self, words: list[int]) -> None:
+        """To be sent from now on."""
+        assert len(words) == self._writes[1]
+        self._output = struct.pack(f">{len(words)}H", *words)
 
     def exchange_if_due(self) -> None:
         """One request and its answer."""
@@ -294,17 +310,23 @@ class _Signal:
         if now_s < self._due_s:
             return
         self._due_s = now_s + self.period_s
-        if self.output is None:
-            pdu = struct.pack(">BHH", 3, *self._reads)
-        else:
-            written = (self._write_first, self.writes, 2 * self.writes)
-            pdu = struct.pack(">BHHHHB", 23, *self._reads, *written) + self.output
+        pdu = self._request()
         answer = self._world.cell.exchange(pdu)
         if answer is None or answer[0] != pdu[0]:
             self.error = -2 if answer is None else answer[1]
             return
         self.error, self._good_s = 0, now_s
-        self.words = struct.unpack(f">{self._reads[1]}H", answer[2:])
+        if pdu[0] in READS:
+            self.words = struct.unpack(f">{self._reads[1]}H", answer[2:])
+
+    def _request(self) -> bytes:
+        reads, writes = self._functions
+        if self._output is None:
+            return struct.pack(">BHH", reads, *self._reads)
+        if writes == 6:
+            return struct.pack(">BH", writes, self._writes[0]) + self._output
+        size = len(self._output)
+        return struct.pack(">BHHHHB", writes, *self._reads, *self._writes, size) + self._output
 
 
 def _pose(value: list) -> Pose:

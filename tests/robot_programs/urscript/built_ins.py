@@ -13,6 +13,7 @@ BUILT_INS: Final = {
     "get_tcp_offset": (0, 0),
     "integer_to_binary_list": (1, 1),
     "modbus_add_rw_signal": (7, 8),
+    "modbus_add_signal": (5, 7),
     "modbus_get_error": (1, 2),
     "modbus_get_signal_status": (1, 2),
     "modbus_get_time_since_signal_invalid": (1, 1),
