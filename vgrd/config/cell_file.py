@@ -354,6 +354,13 @@ class ServingSection(Table):
         " 0.05 mm and 0.1 mrad (no farther than 1.638 m from the base)",
     )
 
+    @model_validator(mode="after")
+    def _two_ports(self) -> Self:
+        if self.line_port == self.port:
+            msg = f"port and line_port are both {self.port}: give the lines another one, such as 1503"
+            raise ValueError(msg)
+        return self
+
 
 class CellConfig(Table):
     """The whole file."""

@@ -79,16 +79,10 @@ class Turns:
             asyncio.get_running_loop().call_soon(self._turn)
 
 
-def at_once(work: Callable[[], bool]) -> None:
-    """Let a connection work off all that it has."""
-    while work():
-        pass
-
-
 class Connection:
     """Talks with one peer. `counters` are the server's; `forget` takes it off its list.
 
-    enter: `at_once`, or the server's `Turns`. buffer_bytes: worked off before more is read.
+    turns: None to answer whatever is there at once. buffer_bytes: answered before more is read.
     """
 
     def __init__(
@@ -99,15 +93,15 @@ class Connection:
         clock: Clock,
         counters: Counter[str],
         forget: Callable[["Connection"], None],
-        enter: Callable[[Callable[[], bool]], None],
+        turns: Turns | None,
         buffer_bytes: int,
     ) -> None:
         self.peer, self.talk = peer, talk
         self.last_read_s = self._frame_s = clock.monotonic()
         self._socket, self._clock = link, clock
-        self._counters, self._forget, self._enter = counters, forget, enter
-        self._buffer = memoryview(bytearray(buffer_bytes))
-        self._filled = 0
+        self._counters, self._forget, self._turns = counters, forget, turns
+        self._buffer_bytes = buffer_bytes
+        self._received = b""
         self._unsent = b""
         self._waits = False  # for its turn
         link.setblocking(False)
@@ -128,7 +122,7 @@ class Connection:
 
     def is_overdue(self, now_s: float, times: Times) -> bool:
         """Whether a frame stays cut, answers are not taken, or nothing was said for too long."""
-        if self._filled or self._unsent:
+        if self._received or self._unsent:
             return now_s - self._frame_s > times.partial_s
         return now_s - self.last_read_s > times.idle_s
 
@@ -142,49 +136,55 @@ class Connection:
             self._loop.remove_reader(self._socket)
             self._loop.remove_writer(self._socket)
             self._socket.close()
-        self._filled = 0
+        self._received = b""
         self._forget(self)
 
     def _read(self) -> None:
+        """Every read of a register comes here: few calls, and no copy unless a request came in pieces."""
         try:
-            received = self._socket.recv_into(self._buffer[self._filled :])
+            received = self._socket.recv(self._buffer_bytes - len(self._received))
         except BlockingIOError:
             return
         except OSError:
-            received = 0
+            received = b""
         if not received:
             self._close()
             return
         self.last_read_s = self._clock.monotonic()
-        if not self._filled:
+        if self._received:
+            received = self._received + received
+        else:
             self._frame_s = self.last_read_s
-        self._filled += received
-        self._ask_for_turn()
-        self._read_if_wanted()
+        self._received = received
+        if self._turns is None:
+            self._work()
+        else:
+            self._wait_for_turn(self._turns)
+            self._read_if_wanted()
 
-    def _ask_for_turn(self) -> None:
-        if self._filled and not self._waits:
+    def _wait_for_turn(self, turns: Turns) -> None:
+        if self._received and not self._waits:
             self._waits = True
-            self._enter(self._work)
+            turns.enter(self._work)
 
     def _work(self) -> bool:
         """Answer requests; whether there may be more of them."""
         self._waits = False
-        if not self._filled or self._unsent:
+        received = self._received
+        if not received or self._unsent:
             return False
         try:
-            answers, length = self.talk.answer(bytes(self._buffer[: self._filled]))
+            answers, length = self.talk.answer(received)
         except GarbageError:
             self.drop("garbage")
             return False
         if not length:
             return False
-        rest = self._filled - length
-        self._buffer[:rest] = bytes(self._buffer[length : self._filled])
-        self._filled, self._frame_s = rest, self._clock.monotonic()
+        self._received = received[length:]
+        self._frame_s = self.last_read_s if self._turns is None else self._clock.monotonic()
         if answers:
             self._send(answers)
-        self._waits = self._filled > 0 and not self._unsent
+        self._waits = bool(self._received) and not self._unsent
         return self._waits
 
     def _send(self, answers: bytes) -> None:
@@ -196,9 +196,9 @@ class Connection:
         except OSError:
             self._close()
             return
-        if self._unsent and sent == len(answers):
-            self._loop.remove_writer(self._socket)
-        elif not self._unsent and sent < len(answers):
+        if sent == len(answers) and self._reads:
+            return
+        if sent < len(answers) and not self._unsent:
             self._frame_s = self._clock.monotonic()
             self._loop.add_writer(self._socket, self._send_rest)
         self._unsent = answers[sent:]
@@ -206,12 +206,16 @@ class Connection:
 
     def _send_rest(self) -> None:
         self._send(self._unsent)
-        if not self._unsent:
-            self._ask_for_turn()
+        if not self._unsent and self._socket.fileno() >= 0:
+            self._loop.remove_writer(self._socket)
+            if self._turns is None:
+                self._work()
+            else:
+                self._wait_for_turn(self._turns)
 
     def _read_if_wanted(self) -> None:
         """Be told what comes, unless the peer does not take its answers or the buffer is full."""
-        wanted = not self._unsent and self._filled < len(self._buffer)
+        wanted = not self._unsent and len(self._received) < self._buffer_bytes
         if wanted is self._reads or self._socket.fileno() < 0:
             return
         self._reads = wanted

@@ -90,9 +90,10 @@ class RegisterBank:
     def read_registers(self, address: int, count: int) -> bytes | None:
         """Read registers of one block, None outside."""
         self.refresh()
-        if not any(start <= address and address + count <= end for start, end in _BLOCKS):
-            return None
-        return self._space[2 * address : 2 * (address + count)]
+        for start, end in _BLOCKS:
+            if start <= address and address + count <= end:
+                return self._space[2 * address : 2 * (address + count)]
+        return None
 
     def write_registers(self, address: int, data: bytes) -> bool:
         """Write into the request block, then look at TRIG."""

@@ -20,7 +20,7 @@ import structlog
 
 from vgrd.clock import Clock
 from vgrd.errors import ServingError
-from vgrd.gate.connection import Connection, Talk, Turns, at_once
+from vgrd.gate.connection import Connection, Talk, Turns
 
 ACCEPTS_PER_TURN: Final = 64  # under 1 ms of refusals, then the connections have their turn
 _BACKLOG: Final = 4096  # Linux's own limit (net.core.somaxconn) since 5.4
@@ -175,7 +175,7 @@ class Server(Generic[D]):
                 self.clock,
                 self.counters,
                 self._links.discard,
-                self._turns.enter if self._turns else at_once,
+                self._turns,
                 self._language.buffer_bytes,
             )
         except OSError:

@@ -43,7 +43,7 @@ class WantedTable:
 
 def _check_address(wanted: GateSettings, present: GateSettings) -> None:
     if _address(wanted) != _address(present):
-        raise ConfigError(WANTED_TABLE, ["a new host or port needs a restart"])
+        raise ConfigError(WANTED_TABLE, ["a new host, port or line_port needs a restart"])
 
 
 def _address(settings: GateSettings) -> tuple[str, int, int | None]:

@@ -28,7 +28,8 @@ copy at 300-367** (CDAB): choose the word order by the address.
    CMD, POINT, OPT and all other registers keep what was written, with one exception: policy 3
    (REQUESTED) wants registers 23-28 written anew for each request, after TRIG changed the last
    time. Else it is refused with STATUS 103, DETAIL 23: an old orientation, or none, is no wish.
-2. Read 100-167 until ECHO is TRIG. While BUSY, ECHO is 0.
+2. Read 100-167 until ECHO is TRIG. While BUSY, ECHO is 0; so it is beside what was asked by a line of
+   the [line server](line-server.md).
 3. Use the coordinate only if STATUS is 1 (or 2), AGE is small enough, and HB has moved since a
    second ago: a client that goes on showing old registers after the daemon died shows a standing
    HB.

@@ -110,7 +110,7 @@ class Robots:
 
     async def _poll_line(self, line: LineRobot) -> None:
         while True:
-            await asyncio.sleep(self.rng.uniform(1.0, 3.0) * self.read_s)
+            await asyncio.sleep(self.rng.uniform(2.0, 6.0) * self.read_s)
             if not self.pause:
                 self._look_at_desk()
                 self._judge_line(line)

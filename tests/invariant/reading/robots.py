@@ -33,13 +33,11 @@ class Line:
     def fileno(self) -> int:
         return 1 if self.is_open else -1
 
-    def recv_into(self, buffer: memoryview) -> int:
-        count = min(len(buffer), len(self.asked))
-        if not count:
+    def recv(self, count: int) -> bytes:
+        if not self.asked:
             raise BlockingIOError
-        buffer[:count] = self.asked[:count]
-        self.asked = self.asked[count:]
-        return count
+        received, self.asked = self.asked[:count], self.asked[count:]
+        return received
 
     def send(self, data: bytes) -> int:
         self.answered += data
