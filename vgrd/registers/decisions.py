@@ -283,6 +283,7 @@ STATUS_REACTIONS: Final[Mapping[int, tuple[Reaction, str]]] = {
     Status.UNKNOWN_COMMAND: (_STOP, "the program asks for what is not there"),
     Status.UNKNOWN_POINT: (_STOP, "the program asks for what is not there"),
     Status.BAD_PARAMETER: (_STOP, "the program asks wrongly; DETAIL names the register"),
+    Status.SUPERSEDED: (_STOP, "another client asks the same daemon: somebody looks which may"),
     Status.TIMEOUT: (_AGAIN, "a busy machine has time again"),
     Status.CAMERA_OFFLINE: (_AGAIN, "a camera or its process comes back within seconds"),
     Status.GRAB_TIMEOUT: (_AGAIN, "the next picture may come through"),

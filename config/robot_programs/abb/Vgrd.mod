@@ -372,7 +372,6 @@ MODULE Vgrd
   PROC VgrdJudgePassing()
     vgrdPasses := FALSE;
     IF vgrdStatus = 0 vgrdPasses := TRUE;
-    IF vgrdStatus = 104 vgrdPasses := TRUE;
     IF vgrdStatus = 106 vgrdPasses := TRUE;
     IF vgrdStatus = 201 vgrdPasses := TRUE;
     IF vgrdStatus = 202 vgrdPasses := TRUE;

@@ -82,7 +82,6 @@ def _accepting() -> list[Scenario]:
     found.append(
         Scenario("degraded allowed", "USE", False, allowed, settings={"vgrd_degraded_ok": True})
     )
-    found.append(Scenario("superseded", "STATUS", again=True, fault=changed(status=104)))
     return found
 
 
@@ -250,7 +249,7 @@ def _lacking() -> list[Scenario]:
 
 ACCEPTING = [*_accepting(), *_placing()]
 REGISTERS = [
-    *(scenario for scenario in ACCEPTING if scenario.name != "superseded"),
+    *ACCEPTING,
     *_registers(),
     *(scenario for scenario in _losing() if scenario.fault.since == "approach"),
 ]
