@@ -232,7 +232,9 @@ def _routine(line: Line, head: re.Match[str], body: list[str]) -> list[str]:
         if depth < 1 or (depth == 1 and not handled):
             raise NotUnderstoodError(f"{line.dialect.name}: {text}: closes what was not opened")
         if after:
-            out.append("    " * depth + "pass")
+            out.append(
+                "    " * depth + ("b.turn_of_loop()" if python.startswith("while") else "pass")
+            )
     if depth != 2:
         raise NotUnderstoodError(f"{line.dialect.name}: {head[0]}: a block is not closed")
     return [
