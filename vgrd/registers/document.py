@@ -190,7 +190,7 @@ def document() -> str:
             *_limits(),
             "## STATE bits",
             "",
-            *_table(("bit", "name"), ((bit.value.bit_length() - 1, bit.name) for bit in State)),
+            *table(("bit", "name"), ((bit.value.bit_length() - 1, bit.name) for bit in State)),
             "",
             *_codes("STATUS codes", Status),
             *_codes("CMD", Command),
@@ -204,7 +204,7 @@ def document() -> str:
 
 
 def _codes_of_detail() -> list[str]:
-    return ["## DETAIL", "", *_table(("with STATUS", "DETAIL"), _DETAILS), ""]
+    return ["## DETAIL", "", *table(("with STATUS", "DETAIL"), _DETAILS), ""]
 
 
 def _limits() -> list[str]:
@@ -213,7 +213,7 @@ def _limits() -> list[str]:
         for code in LimitCode
     )
     head = ("DETAIL", "name", "STATUS", "what is beyond", "keys of the limits")
-    return ["## Limits (DETAIL of 305, 601, 603, 604)", "", *_table(head, rows), ""]
+    return ["## Limits (DETAIL of 305, 601, 603, 604)", "", *table(head, rows), ""]
 
 
 def _reserved() -> list[str]:
@@ -225,10 +225,11 @@ def _reserved() -> list[str]:
     )
     head = ("register", "number", "old name", "reserved, because")
     text = "A reserved STATUS is never sent, a reserved CMD is refused with 101."
-    return ["## Reserved numbers", "", text, "", *_table(head, rows), ""]
+    return ["## Reserved numbers", "", text, "", *table(head, rows), ""]
 
 
-def _table(head: tuple[str, ...], rows: Iterable[tuple[object, ...]]) -> list[str]:
+def table(head: tuple[str, ...], rows: Iterable[tuple[object, ...]]) -> list[str]:
+    """Lines of a table in Markdown."""
     lines = [head, ("---",) * len(head), *rows]
     return ["| " + " | ".join(str(cell) for cell in line) + " |" for line in lines]
 
@@ -241,14 +242,14 @@ def _block_table(block: Block, copy_offset: int | None) -> list[str]:
             row.append(_span(field.address + copy_offset, field.count))
         rows.append((*row, field.name, field.kind, field.meaning))
     head = ["register"] if copy_offset is None else ["register", "copy"]
-    return _table((*head, "name", "type", "meaning"), rows)
+    return table((*head, "name", "type", "meaning"), rows)
 
 
 def _codes(
     title: str, codes: type[Status | Command | RotationCode | PolicyCode | Frame | Scale16]
 ) -> list[str]:
     rows = ((int(code), code.name, code.description) for code in codes)
-    return [f"## {title}", "", *_table(("code", "name", "meaning"), rows), ""]
+    return [f"## {title}", "", *table(("code", "name", "meaning"), rows), ""]
 
 
 if __name__ == "__main__":

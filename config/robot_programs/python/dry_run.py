@@ -1,0 +1,108 @@
+"""A dry run of `vgrd_robot`: asks the daemon and moves an arm that is only numbers.
+
+    make cell                                 # in the project: a simulated cell on port 1502
+    python config/robot_programs/python/dry_run.py --point 1
+
+Without --taught the program stops at BOX or STEP and tells where the point is.
+"""
+
+import argparse
+import sys
+import time
+
+from vgrd_robot import (
+    RESTING,
+    Address,
+    Limits,
+    ModbusLink,
+    Pose,
+    Program,
+    Request,
+    State,
+    Taught,
+    distance_mm,
+)
+
+
+class DryArm:
+    """Flies straight to where it is sent, in numbers; reaches everything."""
+
+    def __init__(self, pose: Pose) -> None:
+        self._from = self._to = pose
+        self._start_s = self._end_s = 0.0
+
+    def move_to(self, pose: Pose, speed_mm_s: float) -> None:
+        """Start a straight move."""
+        self._from, self._to = self.flange_pose(), pose
+        self._start_s = time.monotonic()
+        self._end_s = self._start_s + distance_mm(self._from, pose) / speed_mm_s
+        print(f"move to {_words(pose)} at {speed_mm_s:g} mm/s")
+
+    def moving(self) -> bool:
+        """Whether it is on its way."""
+        return time.monotonic() < self._end_s
+
+    def stop(self) -> None:
+        """Stand where it is."""
+        self._from = self._to = self.flange_pose()
+        self._end_s = 0.0
+        print(f"stop at {_words(self._to)}")
+
+    def flange_pose(self) -> Pose:
+        """Between start and end as the time is."""
+        if not self.moving():
+            return self._to
+        part = (time.monotonic() - self._start_s) / (self._end_s - self._start_s)
+        x, y, z = (a + part * (b - a) for a, b in zip(self._from[:3], self._to[:3], strict=True))
+        return (x, y, z, *self._to[3:])
+
+    def reachable(self, pose: Pose) -> bool:  # noqa: ARG002
+        """It has no joints."""
+        return True
+
+
+def _words(pose: Pose) -> str:
+    x, y, z, rx, ry, rz = pose
+    return f"{x:.3f} {y:.3f} {z:.3f} mm, {rx:.4f} {ry:.4f} {rz:.4f} rad"
+
+
+def _run(program: Program) -> State:
+    """Poll until the program rests, and tell each new state."""
+    state = None
+    while program.state not in RESTING or state is None:
+        if program.state is not state:
+            state = program.state
+            print(state.value)
+        program.step()
+        time.sleep(program.limits.poll_s)
+    print(program.report or program.state.value)
+    return program.state
+
+
+def main() -> int:
+    """Go to a point and back."""
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawTextHelpFormatter
+    )
+    parser.add_argument("--host", default="127.0.0.1")
+    parser.add_argument("--port", type=int, default=1502)
+    parser.add_argument("--point", type=int, default=1)
+    parser.add_argument(
+        "--taught", type=float, nargs=6, help="x y z (mm) rx ry rz (rad) of the flange"
+    )
+    given = parser.parse_args()
+    x, y, z, rx, ry, rz = given.taught or Taught().pose
+    taught = Taught((x, y, z, rx, ry, rz))
+    limits = Limits(box_low=(x - 100, y - 100, z - 100), box_high=(x + 100, y + 100, z + 100))
+    link = ModbusLink(Address(given.host, given.port), limits.link_s)
+    start = (x, y, z + 150, rx, ry, rz)
+    program = Program(DryArm(start), link, Request(given.point), taught, limits)
+    program.start()
+    if _run(program) is State.AT_POINT:
+        program.leave()
+        _run(program)
+    return 0 if program.state is State.DONE else 1
+
+
+if __name__ == "__main__":
+    sys.exit(main())

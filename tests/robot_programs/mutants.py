@@ -1,0 +1,110 @@
+"""Robot programs with one decision taken out: each must fail a scenario of its row."""
+
+import ast
+import copy
+import re
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+_FOR_CB3 = "not vgrd_is_whole"  # always whole but there: test_single_registers.py
+_MARKED = re.compile(r"^(\s*)(.+?) # ([A-Z0-9_]+)$")
+
+
+@dataclass(frozen=True)
+class Mutant:
+    """A program without one decision."""
+
+    row: str
+    what: str
+    source: str
+
+    def __str__(self) -> str:
+        return f"{self.row} {self.what}"
+
+
+def urscript_mutants(text: str) -> Iterator[Mutant]:
+    """Each line that a word marks: statements left out, conditions never, always, and partly."""
+    lines = text.splitlines()
+    for index, line in enumerate(lines):
+        if marked := _MARKED.match(line):
+            indent, code, row = marked.groups()
+            for other in _others(code):
+                source = "\n".join([*lines[:index], indent + other, *lines[index + 1 :]])
+                yield Mutant(row, f"{index + 1}: {other}", source)
+
+
+def _others(code: str) -> Iterator[str]:
+    if not code.startswith("if "):
+        yield "sync()"
+        return
+    yield "if False:"
+    yield "if True:"
+    parts = code.removeprefix("if ").removesuffix(":").split(" or ")
+    if len(parts) > 1:
+        for left_out in set(parts) - {_FOR_CB3}:
+            yield f"if {' or '.join(part for part in parts if part != left_out)}:"
+
+
+def python_mutants(text: str) -> Iterator[Mutant]:
+    """Each doubt is not raised."""
+    tree = ast.parse(text)
+    for index, node in enumerate(ast.walk(tree)):
+        match node:
+            case ast.Raise(
+                exc=ast.Call(func=ast.Name(id="Doubt"), args=[ast.Constant(value=str(row)), *_])
+            ):
+                mutated = copy.deepcopy(tree)
+                raised = list(ast.walk(mutated))[index]
+                source = ast.unparse(_WithoutRaise(raised).visit(mutated))
+                yield Mutant(row, f"{node.lineno}: no doubt", source)
+
+
+class _WithoutRaise(ast.NodeTransformer):
+    def __init__(self, raised: ast.AST) -> None:
+        self._raised = raised
+
+    def visit_Raise(self, node: ast.Raise) -> ast.stmt:
+        return ast.Pass() if node is self._raised else node
+
+
+_STATEMENTS = (  # of the client: what stands there, and what is left of it
+    ("LINK", 'self._react(Doubt("LINK", Reaction.STOP, str(lost)), now_s)', "pass"),
+    ("TRIG", "self.trig % LAST_TRIG + 1", "self.trig + 1"),
+    ("TRIG", "self.link.write([0] * REQUEST_WORDS)", "pass"),
+    (
+        "ASK_AGAIN",
+        "self._at_approach, self._asked, self.state = True, 0, State.ASK",
+        "self._at_approach, self._asked, self.state = True, 0, State.AT_POINT",
+    ),
+    ("STOP", "            self.arm.stop()\n", ""),
+    (
+        "RETREAT",
+        "        if self._at_approach:\n            self._go_back()\n        else:\n",
+        "        if True:\n",
+    ),
+    (
+        "RESUME",
+        "        if self.state is State.STOPPED:\n            self.start()",
+        "        pass",
+    ),
+    (
+        "POLL",
+        "    def _last_leg(self, words: Sequence[int], _: float) -> None:\n        self._poll(words)\n",
+        "    def _last_leg(self, words: Sequence[int], _: float) -> None:\n",
+    ),
+    (
+        "POLL",
+        "    def _to_approach(self, words: Sequence[int], _: float) -> None:\n        self._poll(words)\n",
+        "    def _to_approach(self, words: Sequence[int], _: float) -> None:\n",
+    ),
+    ("APPROACH", "-self.limits.approach_mm", "0.0"),
+)
+
+
+def statement_mutants(text: str) -> Iterator[Mutant]:
+    """Each action of the client is left out."""
+    for row, there, left in _STATEMENTS:
+        assert text.count(there) == 1, there
+        yield Mutant(
+            row, f"without {there.strip().splitlines()[-1].strip()}", text.replace(there, left)
+        )

@@ -1,0 +1,39 @@
+"""A program that leaves a decision out fails a scenario of that row: no check stands there for nothing."""
+
+import pytest
+
+from tests.robot_programs.mutants import python_mutants, statement_mutants, urscript_mutants
+from tests.robot_programs.scenarios import SCENARIOS
+from tests.robot_programs.trying import TEXTS, react
+from vgrd.registers.decisions import DECISIONS
+
+MUTANTS = [
+    *(("python", mutant) for mutant in python_mutants(TEXTS["python"])),
+    *(("python", mutant) for mutant in statement_mutants(TEXTS["python"])),
+    *(("urscript", mutant) for mutant in urscript_mutants(TEXTS["urscript"])),
+]
+
+
+def is_found(directory, language, mutant):
+    """Whether a scenario of its row, or one in which all is well, fails."""
+    own = [scenario for scenario in SCENARIOS if scenario.row == mutant.row]
+    well = [scenario for scenario in SCENARIOS if scenario.row == "ASK_AGAIN"]
+    for number, scenario in enumerate([*own, *well]):
+        (directory / str(number)).mkdir()
+        try:
+            react(directory / str(number), scenario, language, mutant.source)
+        except Exception:  # noqa: BLE001 - whatever goes wrong shows it
+            return True
+    return False
+
+
+@pytest.mark.parametrize(("language", "mutant"), MUTANTS, ids=str)
+def test_a_program_without_a_decision_is_found_out(tmp_path, language, mutant):
+    assert is_found(tmp_path, language, mutant)
+
+
+@pytest.mark.parametrize("language", ["python", "urscript"])
+def test_every_row_has_a_mutant(language):
+    assert {mutant.row for of, mutant in MUTANTS if of == language} == {
+        row.word for row in DECISIONS
+    }
