@@ -14,7 +14,7 @@ class Arm:
         self.clock = clock
         self.goals: list[Pose] = []
         self.stops: list[float] = []
-        self.stuck = False  # moves end half-way, as when somebody else stops them
+        self.stuck = False  # the next move ends half-way, as when somebody else stops it
         self.out_of_reach: list[str] = []  # "coordinate", "approach"
         self._from = self._to = flange
         self._start_s = self._end_s = 0.0
@@ -44,6 +44,7 @@ class Arm:
         self.goals.append(goal)
         start = self.flange
         if self.stuck:
+            self.stuck = False
             goal = Pose(goal.rotation, (start.translation + goal.translation) / 2)
         self._from, self._to = start, goal
         self._start_s = self.clock.monotonic()

@@ -267,6 +267,13 @@ SCENARIOS = (
     Scenario("REACH", "not the coordinate", out_of_reach("coordinate"), stopped("REACH", 1)),
     Scenario("REACH", "not the approach point", out_of_reach("approach"), stopped("REACH", 1)),
     Scenario("APPROACH", "not reached", stuck, stopped("APPROACH", 1, Rest.BETWEEN)),
+    Scenario(
+        "APPROACH",
+        "the coordinate is not reached",
+        stuck,
+        stopped("APPROACH", 2, Rest.APPROACH),
+        When.AT_APPROACH,
+    ),
     Scenario("ASK_AGAIN", "it is where it was", nothing, arrived()),
     Scenario(
         "ASK_AGAIN",

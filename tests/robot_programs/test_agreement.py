@@ -128,4 +128,5 @@ def test_the_expression_of_until_becomes_true_within_a_poll(tmp_path):
         controller.frame()
     run.close()
     assert run.names["went"] == "stopped"
+    assert run.names["vgrd_word"] == "STATUS"
     assert world.clock.monotonic() - ended_s <= 0.05 + 0.02 + 2 * 0.008  # poll, publishing, frames

@@ -198,9 +198,9 @@ DECISIONS: Final = (
         "APPROACH",
         _MOVE,
         "the coordinate shifted back along tool z by APPROACH_MM",
-        "the arm stands at the approach point, by POLL all the way",
+        "the arm stands there when the leg has ended, and at the coordinate after the last",
         _STOP,
-        "the last leg is along the tool, slow and straight, whatever came before",
+        "the last leg is along the tool; something else may have ended a motion",
     ),
     Decision(
         17,

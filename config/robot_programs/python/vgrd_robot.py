@@ -333,12 +333,26 @@ class Program:
         now_s = self.clock()
         try:
             words = self._read(now_s) if self.state in READING else ()
-            _DUE[self.state](self, words, now_s)
+            self._due()(words, now_s)
         except LinkLost as lost:
             self._react(Doubt("LINK", Reaction.STOP, str(lost)), now_s)
         except Doubt as doubt:
             self._react(doubt, now_s)
         return self.state
+
+    def _due(self) -> Callable[[Sequence[int], float], None]:
+        due = {
+            State.CONNECT: self._connect,
+            State.CLEAR: self._clear,
+            State.ASK: self._ask,
+            State.WAIT: self._wait,
+            State.PAUSE: self._pause,
+            State.TO_APPROACH: self._to_approach,
+            State.LAST_LEG: self._last_leg,
+            State.BRAKE: self._brake,
+            State.RETREAT: self._retreat,
+        }
+        return due.get(self.state, self._rest)
 
     # --- one function per state
 
@@ -377,14 +391,13 @@ class Program:
     def _to_approach(self, words: Sequence[int], _: float) -> None:
         self._poll(words)
         if not self.arm.moving():
-            off_mm = distance_mm(self.arm.flange_pose(), self._approach())
-            if off_mm > self.limits.agree_mm:
-                raise Doubt("APPROACH", Reaction.STOP, f"the arm stands {off_mm:.1f} mm off")
+            self._check_arrival(self._approach())
             self._at_approach, self._asked, self.state = True, 0, State.ASK
 
     def _last_leg(self, words: Sequence[int], _: float) -> None:
         self._poll(words)
-        if not self.arm.moving():
+        if not self.arm.moving() and self._answer:
+            self._check_arrival(self._answer.pose)
             self.state = State.AT_POINT
 
     def _brake(self, _: Sequence[int], __: float) -> None:
@@ -483,6 +496,12 @@ class Program:
         if (value(words, "ECHO"), value(words, "EC32_SEQ")) != (self.trig, seq):
             raise Doubt("POLL", Reaction.STOP, "another answer took the place of the one accepted")
 
+    def _check_arrival(self, pose: Pose) -> None:
+        """APPROACH, for both legs: something else may have ended the motion."""
+        off_mm = distance_mm(self.arm.flange_pose(), pose)
+        if off_mm > self.limits.agree_mm:
+            raise Doubt("APPROACH", Reaction.STOP, f"the arm stands {off_mm:.1f} mm off")
+
     # --- motion
 
     def _approach(self, pose: Pose | None = None) -> Pose:
@@ -510,20 +529,6 @@ class Program:
             self.state = State.BRAKE
         else:
             self.state = State.STOPPED
-
-
-_DUE: Final[Mapping[State, Callable[[Program, Sequence[int], float], None]]] = {
-    State.CONNECT: Program._connect,  # noqa: SLF001
-    State.CLEAR: Program._clear,  # noqa: SLF001
-    State.ASK: Program._ask,  # noqa: SLF001
-    State.WAIT: Program._wait,  # noqa: SLF001
-    State.PAUSE: Program._pause,  # noqa: SLF001
-    State.TO_APPROACH: Program._to_approach,  # noqa: SLF001
-    State.LAST_LEG: Program._last_leg,  # noqa: SLF001
-    State.BRAKE: Program._brake,  # noqa: SLF001
-    State.RETREAT: Program._retreat,  # noqa: SLF001
-    **dict.fromkeys(RESTING, Program._rest),  # noqa: SLF001
-}
 
 
 def value(words: Sequence[int], name: str) -> int:
