@@ -174,6 +174,34 @@ def test_undo_takes_back_what_was_asked_for_unless_another_kind_is_named(tmp_pat
     assert len(session.recording.looks) == 2
 
 
+def test_samples_are_undone_and_named_anew_by_the_number_of_their_reply(tmp_path):
+    bench = Bench(tmp_path)
+
+    async def steps():
+        first = await bench.touch("P1")
+        second = await bench.touch("P2")
+        bench.stop(bench.above("P4", WORK_ROTATION))
+        await bench.counts()
+        listed = bench.teaching.samples()["samples"]
+        (harvested,) = [n for n, words in listed.items() if words == "look, harvested"][-1:]
+        undone = await bench.teaching.undo(number=int(harvested))
+        assert (undone["undone"], undone["was_harvested"]) == ("look", True)
+        undone = await bench.teaching.undo(number=first["sample"])
+        assert (undone["undone"], undone["target"], undone["have"]["touch"]) == ("touch", "P1", 1)
+        renamed = await bench.teaching.retag(second["sample"], "P6")
+        assert (renamed["retagged"], renamed["target"]) == ("touch", "P6")
+        assert bench.teaching.samples()["samples"][str(second["sample"])] == "touch P6"
+        with pytest.raises(InputError, match="there is no sample"):
+            await bench.teaching.retag(first["sample"], "P6")
+        with pytest.raises(InputError, match="unknown target 'P9'; the cell file has: P1"):
+            await bench.teaching.retag(second["sample"], "P9")
+        with pytest.raises(InputError, match="either the last touch or sample 3"):
+            await bench.teaching.undo("touch", 3)
+
+    session = load_session(session_of(bench, steps))
+    assert [touch.target for touch in session.recording.touches] == ["P6"]
+
+
 def test_whether_to_harvest_is_true_or_false():
     assert flag_argument({}, "harvest", default=True) is True
     assert flag_argument({"harvest": False}, "harvest", default=True) is False

@@ -18,7 +18,9 @@ from vgrd.cell.control.lines import (
     flag_argument,
     optional_number,
     optional_text,
+    optional_whole,
     text_argument,
+    whole_argument,
 )
 from vgrd.cell.control.server import Operation
 from vgrd.cell.feeds import GateFeed
@@ -93,7 +95,15 @@ class Operations:
             ),
             "verify": Operation(self._verify, ("target",)),
             "point": Operation(lambda a: teaching.point(text_argument(a, "name")), ("name",)),
-            "undo": Operation(lambda a: teaching.undo(optional_text(a, "kind")), ("kind",)),
+            "undo": Operation(
+                lambda a: teaching.undo(optional_text(a, "kind"), optional_whole(a, "sample")),
+                ("kind", "sample"),
+            ),
+            "retag": Operation(
+                lambda a: teaching.retag(whole_argument(a, "sample"), text_argument(a, "target")),
+                ("sample", "target"),
+            ),
+            "record.samples": Operation(self._samples),
             "advise": Operation(self._advise, ("policy", "tilt_deg", "yaw_deg")),
             "solve": Operation(self._solve, ("session",)),
             "activate": Operation(self._activate, ("calibration", "by")),
@@ -216,6 +226,9 @@ class Operations:
             "calibration": calibration.id,
             **({} if odds is None else {"insertion": odds.to_json()}),
         }
+
+    async def _samples(self, _: Arguments) -> Mapping[str, Any]:
+        return self.teaching.samples()
 
     async def _verify(self, arguments: Arguments) -> Mapping[str, Any]:
         target = text_argument(arguments, "target")

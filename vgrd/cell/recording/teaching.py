@@ -132,9 +132,7 @@ class Teaching:
 
         by_foot: nobody named the target, so two touches of one rest of the arm are one press too many.
         """
-        if target not in self.facts.object.targets:
-            names = ", ".join(self.facts.object.targets)
-            raise InputError(f"unknown target {target!r}; the cell file has: {names}")
+        self._check_target(target)
         with self._asked():
             touch = self._touch(target, await self._observe())
             if by_foot and _same_rest(touch, self.last_touch):
@@ -162,14 +160,24 @@ class Teaching:
         if harvested is not None:
             self.recorder.harvest(harvested)
 
-    async def undo(self, which: str | None = None) -> dict[str, object]:
-        """Take back the last sample that was asked for, of a kind if one is named, or harvested."""
-        undone = await self.recorder.call(_undoing(which))
+    async def undo(self, which: str | None = None, number: int | None = None) -> dict[str, object]:
+        """Take back the last sample that was asked for, of a kind, or harvested; number: that sample."""
+        undone = await self.recorder.call(_undoing(which, number))
         seen = undone.value if isinstance(undone.value, Observation) else undone.value.observation
         if self.harvest is not None and seen is not None:
             self.harvest.refuse(seen)
-        result = {"undone": undone.kind.value, "was_harvested": undone.harvested}
-        return {**result, "sample": undone.sequence, **self._counts(), **await self._advice()}
+        return {**_described(undone, "undone"), **self._counts(), **await self._advice()}
+
+    async def retag(self, number: int, target: str) -> dict[str, object]:
+        """Book a touch under the target that was meant; its number stays."""
+        self._check_target(target)
+        renamed = await self.recorder.call(lambda writer: writer.retag(number, target))
+        return {**_described(renamed, "retagged"), **self._counts(), **await self._advice()}
+
+    def samples(self) -> dict[str, object]:
+        """Every sample of the open session by its number, undone ones left out."""
+        taught = self._session().taught
+        return {"samples": {str(sample.sequence): sample_in_words(sample) for sample in taught}}
 
     async def advise(self, **limits: str | float) -> Mapping[str, object]:
         """What the session, open or last, is worth and needs; limits: policy, tilt_deg, yaw_deg."""
@@ -193,6 +201,11 @@ class Teaching:
             "dropped": self.recorder.dropped + sum(self._session().dropped),
             **self._counts(),
         }
+
+    def _check_target(self, name: str) -> None:
+        if name not in self.facts.object.targets:
+            names = ", ".join(self.facts.object.targets)
+            raise InputError(f"unknown target {name!r}; the cell file has: {names}")
 
     def _touch(self, target: str, observation: Observation) -> Touch:
         sigma = self.touch_sigma
@@ -311,15 +324,32 @@ def _same_rest(touch: Touch, last: Touch | None) -> bool:
     return since_s is not None and since_s <= last.observation.stamp_s
 
 
-def _undoing(which: str | None) -> Callable[[SessionWriter], Taught]:
-    """What takes back the last sample of that name; InputError for a name that there is not."""
+def _undoing(which: str | None, number: int | None) -> Callable[[SessionWriter], Taught]:
+    """What takes back that sample; InputError for one that there is not."""
+    if number is not None:
+        if which is not None:
+            raise InputError(f"undo either the last {which} or sample {number}, not both")
+        return lambda writer: writer.undo_sample(number)
     if which is None:
         return lambda writer: writer.undo(harvested=False)
     if which == HARVESTED:
         return lambda writer: writer.undo(harvested=True)
     if which not in list(SampleKind):
         raise InputError(
-            f"nothing undone: {which!r} is no kind of sample: choose one of "
-            f"{', '.join(SampleKind)}, {HARVESTED}"
+            f"nothing undone: {which!r} is neither the number of a sample nor a kind of it: choose "
+            f"one of {', '.join(SampleKind)}, {HARVESTED}"
         )
     return lambda writer: writer.undo(SampleKind(which))
+
+
+def sample_in_words(sample: Taught) -> str:
+    """Its kind, what it is of, and whether nobody asked for it."""
+    of = f" {sample.value.target}" if isinstance(sample.value, Touch) else ""
+    return f"{sample.kind.value}{of}{', harvested' if sample.harvested else ''}"
+
+
+def _described(sample: Taught, done: str) -> dict[str, object]:
+    """A sample that was changed, for a reply; done: what was done to it."""
+    target = {"target": sample.value.target} if isinstance(sample.value, Touch) else {}
+    told = {done: sample.kind.value, "sample": sample.sequence, **target}
+    return {**told, "was_harvested": sample.harvested}
