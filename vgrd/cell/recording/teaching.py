@@ -1,7 +1,6 @@
 """Teaching: samples become durable one by one; each reply says what is there and what is missing."""
 
 import time
-from collections import Counter
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import replace
@@ -13,11 +12,13 @@ import structlog
 from vgrd.calibration.checks import check_plan
 from vgrd.calibration.harvest import STEADY_PX, Harvest, shift_px
 from vgrd.cell.measuring import ROBOT_LOST_S, Measuring, Sight
+from vgrd.cell.recording.counting import HARVESTED, counts, repeat_in_words
+from vgrd.cell.recording.questions import OpenQuestions
 from vgrd.cell.recording.recorder import Recorder
 from vgrd.cell.serving.faults import tcp_difference
 from vgrd.devices import FlangeReading
 from vgrd.errors import ControlError, DeviceUnavailable, InputError, NotSteady, TagNotSeen, TooOld
-from vgrd.model import CellFacts, Observation, Plan, Stability, Touch
+from vgrd.model import CellFacts, Observation, Plan, Touch
 from vgrd.solving.advisor import Advisor
 from vgrd.store.sessions import SampleKind, SessionWriter, Taught
 
@@ -26,15 +27,6 @@ if TYPE_CHECKING:
 
 PICTURE_TIMEOUT_S = 5.0  # chosen: a device that was lost serves again within 5 s
 PICTURES_AT_MOST = 4  # chosen: with three more tries a busy machine covers one with readings
-WANTED: Mapping[Plan, Mapping[SampleKind, int]] = {  # chosen; fewer looks are solved too
-    Plan.UNIVERSAL: {SampleKind.LOOK: 8, SampleKind.TOUCH: 6},
-    Plan.SPECIAL: {SampleKind.LOOK: 8, SampleKind.SPIN: 4, SampleKind.TOUCH: 6},
-    Plan.CONVENTIONAL: {SampleKind.LOOK: 8, SampleKind.POINT: 8, SampleKind.TOUCH: 6},
-    Plan.PLANE: {SampleKind.LOOK: 8, SampleKind.POINT: 16, SampleKind.TOUCH: 6},
-    Plan.SPHERE: {SampleKind.LOOK: 8, SampleKind.POINT: 16, SampleKind.TOUCH: 6},
-    Plan.JOINT: {SampleKind.LOOK: 8, SampleKind.SPIN: 4, SampleKind.TOUCH: 8},
-}
-HARVESTED = "harvested"  # instead of a kind of sample
 
 log = structlog.get_logger()
 
@@ -53,6 +45,7 @@ class Teaching:
         touch: "TouchSection",
         advisor: Advisor | None = None,
         now_name: Callable[[], str] = lambda: time.strftime("%Y%m%d-%H%M%S"),
+        questions: OpenQuestions | None = None,
     ) -> None:
         self.measuring = measuring
         self.recorder = recorder
@@ -60,6 +53,7 @@ class Teaching:
         self.touch_sigma = touch
         self.advisor = advisor
         self.now_name = now_name
+        self.questions = questions or OpenQuestions()
         self.last_session: Path | None = None
         self.last_touch: Touch | None = None
         self.harvest: Harvest | None = None
@@ -84,6 +78,7 @@ class Teaching:
             robot_step_rad=reading.step_rad,
         )
         await self.recorder.start(name, Plan(plan), facts)
+        self.questions.forget()
         self.harvest = Harvest(facts) if harvest and plan == Plan.JOINT else None
         if self.advisor is not None:
             await self.advisor.start()
@@ -95,7 +90,7 @@ class Teaching:
 
     async def stop(self) -> dict[str, object]:
         """Close the session."""
-        counts = self._counts()
+        told = self._counts()
         self.harvest = None
         self.last_session = await self.recorder.stop()
         if self.advisor is not None:
@@ -103,7 +98,7 @@ class Teaching:
         return {
             "session": self.last_session.name,
             "folder": str(self.last_session),
-            **counts,
+            **told,
             **self._warning(),
         }
 
@@ -166,12 +161,14 @@ class Teaching:
         seen = undone.value if isinstance(undone.value, Observation) else undone.value.observation
         if self.harvest is not None and seen is not None:
             self.harvest.refuse(seen)
+        await self._review(undone.kind)
         return {**_described(undone, "undone"), **self._counts(), **await self._advice()}
 
     async def retag(self, number: int, target: str) -> dict[str, object]:
         """Book a touch under the target that was meant; its number stays."""
         self._check_target(target)
         renamed = await self.recorder.call(lambda writer: writer.retag(number, target))
+        await self._review(renamed.kind)
         return {**_described(renamed, "retagged"), **self._counts(), **await self._advice()}
 
     def samples(self) -> dict[str, object]:
@@ -234,8 +231,16 @@ class Teaching:
         tags = [
             name for name in ("tag_a", "tag_b") if getattr(observation, name, None) is not None
         ]
-        result = {"sample": sequence, "kind": kind.value, "tags": tags, **self._counts()}
-        return result | self._warning() | await self._advice()
+        await self._review(kind)
+        repeat = repeat_in_words(self._session().taught, sequence)
+        result: dict[str, object] = {"sample": sequence, "kind": kind.value, "tags": tags}
+        result |= {"remark": repeat} if repeat else {}
+        return result | self._counts() | self._warning() | await self._advice()
+
+    async def _review(self, kind: SampleKind) -> None:
+        """Ask about the touches anew, where one came, went or got another name."""
+        if kind in (SampleKind.TOUCH, SampleKind.VERIFY):
+            await self.questions.review(self._session())
 
     async def _advice(self) -> dict[str, object]:
         """What comes of the samples so far, if it can be told without a delay."""
@@ -306,14 +311,7 @@ class Teaching:
         return self.recorder.open_session()
 
     def _counts(self) -> dict[str, object]:
-        writer = self._session()
-        have = Counter({kind.value: count for kind, count in writer.counts.items()})
-        wanted = {kind.value: n for kind, n in WANTED[writer.header.plan].items()}
-        if writer.header.facts.camera_stability is Stability.MOVABLE:
-            wanted.pop(SampleKind.LOOK.value, None)  # there a picture of tag A alone tells nothing
-        missing = {kind: n - have[kind] for kind, n in wanted.items() if have[kind] < n}
-        harvested = {kind.value: count for kind, count in writer.harvested.items()}
-        return {"have": dict(have), HARVESTED: harvested, "missing": missing}
+        return {**counts(self._session()), **self.questions.told()}
 
 
 def _same_rest(touch: Touch, last: Touch | None) -> bool:
