@@ -194,6 +194,11 @@ class SessionWriter:
             return renamed
 
     @property
+    def version(self) -> int:
+        """Another number with every sample, and with everything done to one."""
+        return self._samples.sequence
+
+    @property
     def taught(self) -> tuple[Taught, ...]:
         """Samples so far in the order of their numbers, undone ones left out."""
         return tuple(self._taught)

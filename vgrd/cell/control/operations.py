@@ -13,6 +13,7 @@ import numpy as np
 from vgrd.calibration.adoption import link_called
 from vgrd.calibration.calibration import expected_coordinate
 from vgrd.calibration.insertion import insertion_of
+from vgrd.calibration.stated_error import THIS_PICTURE, u95_in_words
 from vgrd.cell.control.lines import (
     Arguments,
     flag_argument,
@@ -38,7 +39,7 @@ from vgrd.errors import (
     TagNotSeen,
 )
 from vgrd.geometry import Array, exp_rotation
-from vgrd.solving.advisor import policy_called
+from vgrd.solving.advisor import FULL_S, WAIT_S, policy_called
 from vgrd.solving.goodness import levels_in_words
 from vgrd.solving.servable import places_without_cad
 from vgrd.store.sessions import SampleKind, list_sessions, session_directory
@@ -104,7 +105,7 @@ class Operations:
                 ("sample", "target"),
             ),
             "record.samples": Operation(self._samples),
-            "advise": Operation(self._advise, ("policy", "tilt_deg", "yaw_deg")),
+            "advise": Operation(self._advise, ("policy", "tilt_deg", "yaw_deg", "wait_s")),
             "solve": Operation(self._solve, ("session",)),
             "activate": Operation(self._activate, ("calibration", "by")),
             "ec": Operation(self._ec, ("target", "policy", "work_rotvec_deg")),
@@ -156,7 +157,12 @@ class Operations:
                 limits[name] = value
         if (policy := optional_text(arguments, "policy")) is not None:
             limits["policy"] = policy_called(policy).value
-        return await self.teaching.advise(**limits)
+        wait_s = optional_number(arguments, "wait_s")
+        if wait_s is None:
+            wait_s = WAIT_S
+        if not 0 <= wait_s <= FULL_S:
+            raise ControlError(f"wait_s {wait_s:g}: 0 to {FULL_S:g} seconds")
+        return await self.teaching.advise(wait_s, **limits)
 
     async def _solve(self, arguments: Arguments) -> Mapping[str, Any]:
         """Run the solver in a process of its own: it can be killed, and never delays an answer."""
@@ -222,6 +228,9 @@ class Operations:
             "position_mm": pose.translation.tolist(),
             "rotvec_deg": np.degrees(pose.rotvec()).tolist(),
             "u95_mm": expected.u95_mm,
+            "u95_includes": u95_in_words(
+                THIS_PICTURE, policy, int(calibration.residuals.get("holes_used", 0))
+            ),
             "age_s": round(self.clock.monotonic() - sight.stamp_s, 3),
             "calibration": calibration.id,
             **({} if odds is None else {"insertion": odds.to_json()}),

@@ -1,39 +1,52 @@
 """How many samples a session has, and how many it lacks: what tells the same as an earlier one does not count."""
 
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 
+from vgrd.calibration.first_samples import wanted
 from vgrd.cell.recording.recorder import SAME_PLACE_MM, SAME_PLACE_RAD
 from vgrd.geometry.coincidence import Difference, equal_poses
-from vgrd.model import Observation, Plan, Stability, TagObservation, Touch
+from vgrd.model import Observation, Recording, TagObservation, Touch
 from vgrd.store.sessions import SampleKind, SessionWriter, Taught
 
 _TURNED = Difference(
     squared=40.0, mm=0.1, rad=2e-3
 )  # 1 in 2 million by noise; less is no other turn
 HARVESTED = "harvested"  # instead of a kind of sample
-WANTED: Mapping[Plan, Mapping[SampleKind, int]] = {  # chosen; fewer looks are solved too
-    Plan.UNIVERSAL: {SampleKind.LOOK: 8, SampleKind.TOUCH: 6},
-    Plan.SPECIAL: {SampleKind.LOOK: 8, SampleKind.SPIN: 4, SampleKind.TOUCH: 6},
-    Plan.CONVENTIONAL: {SampleKind.LOOK: 8, SampleKind.POINT: 8, SampleKind.TOUCH: 6},
-    Plan.PLANE: {SampleKind.LOOK: 8, SampleKind.POINT: 16, SampleKind.TOUCH: 6},
-    Plan.SPHERE: {SampleKind.LOOK: 8, SampleKind.POINT: 16, SampleKind.TOUCH: 6},
-    Plan.JOINT: {SampleKind.LOOK: 8, SampleKind.SPIN: 4, SampleKind.TOUCH: 8},
-}
 
 
 def counts(writer: SessionWriter) -> dict[str, object]:
     """What is there, what of it nobody asked for, and what the plan lacks, by kind."""
     repeated = repeats(writer.taught)
     have = Counter(s.kind.value for s in writer.taught if s.sequence not in repeated)
-    wanted = {kind.value: n for kind, n in WANTED[writer.header.plan].items()}
-    if writer.header.facts.camera_stability is Stability.MOVABLE:
-        wanted.pop(SampleKind.LOOK.value, None)  # there a picture of tag A alone tells nothing
-    missing = {kind: n - have[kind] for kind, n in wanted.items() if have[kind] < n}
+    lacks = wanted(writer.header.plan, writer.header.facts)
+    missing = {kind: n - have[kind] for kind, n in lacks.items() if have[kind] < n}
     harvested = {kind.value: count for kind, count in writer.harvested.items()}
     return {"have": dict(have), HARVESTED: harvested, "missing": missing}
+
+
+def recording_of(writer: SessionWriter) -> Recording:
+    """What was taught so far, what tells the same as an earlier sample left out."""
+    header, repeated = writer.header, repeats(writer.taught)
+    values = [(s.kind, s.value) for s in writer.taught if s.sequence not in repeated]
+
+    def seen(kind: SampleKind) -> tuple[Observation, ...]:
+        return tuple(v for k, v in values if k is kind and isinstance(v, Observation))
+
+    def touched(kind: SampleKind) -> tuple[Touch, ...]:
+        return tuple(v for k, v in values if k is kind and isinstance(v, Touch))
+
+    return Recording(
+        header.name,
+        header.plan,
+        header.facts,
+        seen(SampleKind.LOOK),
+        seen(SampleKind.SPIN),
+        touched(SampleKind.TOUCH),
+        touched(SampleKind.POINT),
+    )
 
 
 def repeats(taught: Sequence[Taught]) -> dict[int, int]:

@@ -10,9 +10,10 @@ from typing import TYPE_CHECKING
 import structlog
 
 from vgrd.calibration.checks import check_plan
+from vgrd.calibration.first_samples import first_sample
 from vgrd.calibration.harvest import STEADY_PX, Harvest, shift_px
 from vgrd.cell.measuring import ROBOT_LOST_S, Measuring, Sight
-from vgrd.cell.recording.counting import HARVESTED, counts, repeat_in_words
+from vgrd.cell.recording.counting import HARVESTED, counts, recording_of, repeat_in_words
 from vgrd.cell.recording.questions import OpenQuestions
 from vgrd.cell.recording.recorder import Recorder
 from vgrd.cell.serving.faults import tcp_difference
@@ -27,6 +28,8 @@ if TYPE_CHECKING:
 
 PICTURE_TIMEOUT_S = 5.0  # chosen: a device that was lost serves again within 5 s
 PICTURES_AT_MOST = 4  # chosen: with three more tries a busy machine covers one with readings
+
+_CLOSED = -1  # instead of a version: nothing changes a closed session
 
 log = structlog.get_logger()
 
@@ -176,15 +179,20 @@ class Teaching:
         taught = self._session().taught
         return {"samples": {str(sample.sequence): sample_in_words(sample) for sample in taught}}
 
-    async def advise(self, **limits: str | float) -> Mapping[str, object]:
-        """What the session, open or last, is worth and needs; limits: policy, tilt_deg, yaw_deg."""
+    async def advise(self, wait_s: float, **limits: str | float) -> Mapping[str, object]:
+        """What the session, open or last, is worth and needs, as it is now; limits: policy, tilt_deg, yaw_deg.
+
+        wait_s: how long to wait for what has to be computed; then what needs no computing.
+        """
         if self.advisor is None:
             raise ControlError("this cell gives no advice")
-        if self.recorder.writer is not None:
-            return await self.advisor.full(self._session().path, **limits)
+        writer = self.recorder.writer
+        if writer is not None:
+            told = await self.advisor.full(writer.path, writer.version, wait_s, **limits)
+            return self._with_first(told)
         if self.last_session is None:
             raise ControlError("no session was recorded yet: vgrd record start --plan joint")
-        return await self.advisor.full(self.last_session, **limits)
+        return await self.advisor.full(self.last_session, _CLOSED, wait_s, **limits)
 
     def status(self) -> dict[str, object]:
         """Describe the session for `vgrd status`."""
@@ -246,7 +254,15 @@ class Teaching:
         """What comes of the samples so far, if it can be told without a delay."""
         if self.advisor is None:
             return {}
-        return {"advice": await self.advisor.brief(self._session().path)}
+        writer = self._session()
+        return {"advice": self._with_first(await self.advisor.brief(writer.path, writer.version))}
+
+    def _with_first(self, advice: Mapping[str, object]) -> Mapping[str, object]:
+        """Advice that is pending, with the sample that the plan asks for next: it needs no computing."""
+        if "pending" not in advice or self.recorder.writer is None:
+            return advice
+        words = first_sample(recording_of(self.recorder.writer))
+        return {**advice, "next": {"words": words}} if words else advice
 
     async def _observe(self) -> Observation:
         """Pose and picture of one rest; NotSteady when robot or object still move."""
