@@ -34,6 +34,7 @@ from fakes.studies.robustness import (
     jog_and_touch,
     modbus_robot,
     time_offset,
+    wrong_touches,
 )
 from fakes.studies.study import Study
 from vgrd.errors import InputError
@@ -75,6 +76,7 @@ STUDIES: Mapping[str, Study] = MappingProxyType(
             moved_teaching,
             single_tags,
             time_offset,
+            wrong_touches,
         )
     }
 )

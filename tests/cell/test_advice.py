@@ -26,6 +26,8 @@ from vgrd.solving import advisor as advising
 from vgrd.solving.advisor import Advisor, answer_line
 from vgrd.store.sessions import SampleKind
 
+LONG_S = 3600.0  # longer than the busiest machine takes
+
 
 @pytest.fixture(scope="module")
 def rehearsed(tmp_path_factory: pytest.TempPathFactory) -> Recording:
@@ -59,6 +61,7 @@ def test_a_half_recorded_session_is_told_about_and_never_an_error(rehearsed, cou
     assert told["trouble"] or told["predicted_u95_mm"]
     if counts[2] == 0:
         assert "touch" in told["trouble"]
+        assert told["next"]["words"].startswith(f"look {counts[0] + 1} of 8: ")
 
 
 def test_a_whole_session_has_a_predicted_error_and_a_next_sample_as_a_pose(rehearsed):
@@ -161,17 +164,21 @@ def bench(tmp_path: Path, rehearsed: Recording) -> Bench:
     return Bench(tmp_path, rehearsed)
 
 
-def test_every_reply_carries_advice_and_the_whole_of_it_can_be_asked_for(bench, rehearsed):
+def test_every_reply_carries_advice_and_the_whole_of_it_can_be_asked_for(
+    bench, rehearsed, monkeypatch
+):
+    monkeypatch.setattr(advising, "FULL_S", LONG_S)
+
     async def taught() -> tuple[list[dict[str, object]], dict[str, object], dict[str, object]]:
         with pytest.raises(ControlError, match="no session was recorded yet"):
-            await bench.teaching.advise()
+            await bench.teaching.advise(LONG_S)
         running = asyncio.create_task(bench.advisor.run())
         await bench.teaching.start("joint", "one")
         replies = await bench.teach(rehearsed)
         replies.append(await bench.teaching.undo())
-        told = await bench.teaching.advise(policy="follow", tilt_deg=10.0)
+        told = await bench.teaching.advise(LONG_S, policy="follow", tilt_deg=10.0)
         await bench.advisor._process.communicate(b"")
-        again = await bench.teaching.advise()
+        again = await bench.teaching.advise(LONG_S)
         await bench.teaching.stop()
         running.cancel()
         return replies, told, again
@@ -214,7 +221,7 @@ def test_samples_do_not_wait_for_an_adviser_that_hangs(bench, rehearsed, monkeyp
         running = asyncio.create_task(bench.advisor.run())
         await bench.teaching.start("joint", "two")
         replies = await bench.teach(first(rehearsed, 2, 0, 1))
-        asked = asyncio.create_task(bench.teaching.advise())
+        asked = asyncio.create_task(bench.teaching.advise(LONG_S))
         await asyncio.sleep(0.05)
         await bench.teaching.stop()
         with pytest.raises(CalibrationError, match="ask again"):
@@ -225,6 +232,37 @@ def test_samples_do_not_wait_for_an_adviser_that_hangs(bench, rehearsed, monkeyp
     replies = asyncio.run(taught())
     assert all("pending" in reply["advice"] for reply in replies)
     assert replies[-1]["have"] == {"look": 2, "touch": 1}
+
+
+def test_what_needs_no_computing_is_told_while_the_rest_is_computed_once(
+    bench, rehearsed, monkeypatch
+):
+    """An operator who obeys the reply takes looks first, each turned otherwise."""
+    asked: list[object] = []
+
+    async def hanging(request: object) -> None:
+        asked.append(request)
+        await asyncio.sleep(3600)
+
+    monkeypatch.setattr(bench.advisor, "_exchanged", hanging)
+    monkeypatch.setattr(advising, "BRIEF_S", 0.01)
+
+    async def taught() -> tuple[list[dict[str, object]], list[dict[str, object]]]:
+        running = asyncio.create_task(bench.advisor.run())
+        await bench.teaching.start("joint", "two")
+        replies = await bench.teach(first(rehearsed, 2, 0, 0))
+        await asyncio.sleep(0.01)
+        told = [await bench.teaching.advise(0.01) for _ in range(2)]
+        await bench.teaching.stop()
+        running.cancel()
+        return replies, told
+
+    replies, told = asyncio.run(taught())
+    words = [reply["advice"]["next"]["words"] for reply in replies]
+    assert words[0].startswith("look 2 of 8: turn the wrist by ")
+    assert words[1].startswith("look 3 of 8: turn the wrist by ")
+    assert all("pending" in one and one["next"]["words"] == words[1] for one in told)
+    assert len(asked) <= len(replies)  # the same state of the session is asked about once
 
 
 def test_a_fault_of_ours_while_advising_is_raised_where_it_is_awaited(

@@ -3,10 +3,12 @@
 import asyncio
 import json
 import os
+import re
 import resource
 import socket
 from collections.abc import AsyncIterator, Awaitable, Callable, Mapping
 from contextlib import asynccontextmanager, closing, suppress
+from inspect import signature
 from pathlib import Path
 from typing import Any
 
@@ -15,7 +17,16 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from vgrd.cell.control.lines import ControlLimits, optional_number, optional_text, text_argument
+from fakes.testing import ManualClock
+from vgrd.cell.control.lines import (
+    ControlLimits,
+    optional_number,
+    optional_text,
+    optional_whole,
+    text_argument,
+    whole_argument,
+)
+from vgrd.cell.control.operations import Operations
 from vgrd.cell.control.server import ControlServer, Operation
 from vgrd.errors import ControlError, NotSteady
 from vgrd.ipc.control import ControlClient
@@ -333,3 +344,30 @@ def test_every_line_of_any_bytes_in_any_pieces_gets_exactly_one_reply(
         client.close()
 
     run(tmp_path, PATIENT, talk)
+
+
+@pytest.mark.parametrize(("given", "told"), [(5, 5), ("12", 12), (3.0, 3), (None, None)])
+def test_the_number_of_a_sample_is_whole(given, told):
+    assert optional_whole({"sample": given}, "sample") == told
+
+
+@pytest.mark.parametrize("given", [2.5, "last", True, [1]])
+def test_what_is_no_whole_number_is_refused_by_its_name(given):
+    with pytest.raises(ControlError, match="'sample' must be a"):
+        optional_whole({"sample": given}, "sample")
+    with pytest.raises(ControlError, match="'sample' must be a whole number, and is missing"):
+        whole_argument({}, "sample")
+
+
+def test_the_page_names_every_operation_with_its_arguments():
+    page = Path(__file__).parents[2] / "docs" / "control-socket.md"
+    told = {}
+    for line in page.read_text(encoding="utf-8").splitlines():
+        if line.startswith("| `"):
+            names, arguments = line.strip("| ").split(" | ")
+            options = re.sub(r":.*?(?=[]]|, or |$)", "", arguments)  # which values there are
+            for name in re.findall(r"`([a-z.]+)`", names):
+                told[name] = set(re.findall(r"`([a-z_]+)`", options))
+    parts = dict.fromkeys(signature(Operations).parameters)
+    table = Operations(**parts | {"runtime_dir": Path(), "clock": ManualClock()}).table()
+    assert told == {name: set(operation.arguments) for name, operation in table.items()}

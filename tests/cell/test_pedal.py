@@ -26,6 +26,7 @@ class Bench:
         self.samples, self.clock = Samples(3), ManualClock()
         self.facts = self.samples.facts()
         self.refusal: Exception | None = None
+        self.question = ""
         self.recorder = self
         self.writer: SessionWriter | None = SessionWriter(
             folder, "s", Plan.JOINT, self.facts, self.clock
@@ -46,7 +47,11 @@ class Bench:
         if self.refusal is not None:
             raise self.refusal
         touch = self.samples.touch(target)
-        return {"sample": self.open_session().sample(kind, touch, by_foot=by_foot)}
+        number = self.open_session().sample(kind, touch, by_foot=by_foot)
+        return {
+            "sample": number,
+            "questions": {str(number): self.question} if self.question else {},
+        }
 
     def press(self, stamp_s: float | None = None) -> None:
         self.ring.publish(stamp_s=self.clock.now_s if stamp_s is None else stamp_s)
@@ -85,6 +90,12 @@ def test_presses_touch_one_target_after_the_other_and_an_undone_one_again(bench)
     assert str(bench.last(bench.press)).startswith(f"{second}: ")
     bench.writer.undo()
     assert str(bench.last(bench.press)).startswith(f"{second}: ")
+
+
+def test_a_touch_by_foot_that_is_questioned_says_so_in_the_status(bench):
+    bench.question = "the touches so far put the tip 30 mm from it"
+    first = next(iter(bench.facts.object.targets))
+    assert bench.last(bench.press) == f"{first}: sample 1: {bench.question}"
 
 
 def test_an_input_of_the_robot_is_a_press_where_it_comes_on_and_only_the_one_that_was_chosen(

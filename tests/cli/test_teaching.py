@@ -67,7 +67,18 @@ def test_a_session_is_taught_sample_by_sample(live, ask) -> None:
 
     stand(world.jog_onto("P1", WORK_ROTATION, time.monotonic()))
     assert ask("touch", "P1", "--json", "-").result["have"]["touch"] == 1
-    assert ask("touch", "P1", "--json", "-").result["have"]["touch"] == 2
+    again = ask("touch", "P1", "--json", "-").result
+    assert (
+        again["remark"]
+        == f"the flange did not move since sample {again['sample'] - 1}: not counted"
+    )
+    assert again["have"]["touch"] == 1
+    assert ask("undo", str(again["sample"]), "--json", "-").result["sample"] == again["sample"]
+    renamed = ask("retag", str(again["sample"] - 1), "P2", "--json", "-").result
+    assert (renamed["retagged"], renamed["target"]) == ("touch", "P2")
+    assert ask("retag", str(again["sample"] - 1), "P1").code == 0
+    assert "touch P1" in ask("record", "samples").out
+    assert ask("touch", "P1", "--json", "-").result["have"]["touch"] == 1
     unknown = ask("touch", "P9")
     assert unknown.code != 0
     assert "'P9'" in unknown.err

@@ -13,6 +13,7 @@ from vgrd.calibration.calibration import expected_coordinate
 from vgrd.calibration.solve import calibrate_system
 from vgrd.cell.control.lines import flag_argument
 from vgrd.cell.measuring import Sight
+from vgrd.cell.recording.questions import OpenQuestions
 from vgrd.cell.recording.recorder import Recorder
 from vgrd.cell.recording.teaching import Teaching
 from vgrd.config.cell_file import TouchSection
@@ -172,6 +173,104 @@ def test_undo_takes_back_what_was_asked_for_unless_another_kind_is_named(tmp_pat
     session = load_session(session_of(bench, steps))
     assert session.harvested == {"look": 2}
     assert len(session.recording.looks) == 2
+
+
+def test_samples_are_undone_and_named_anew_by_the_number_of_their_reply(tmp_path):
+    bench = Bench(tmp_path)
+
+    async def steps():
+        first = await bench.touch("P1")
+        second = await bench.touch("P2")
+        bench.stop(bench.above("P4", WORK_ROTATION))
+        await bench.counts()
+        listed = bench.teaching.samples()["samples"]
+        (harvested,) = [n for n, words in listed.items() if words == "look, harvested"][-1:]
+        undone = await bench.teaching.undo(number=int(harvested))
+        assert (undone["undone"], undone["was_harvested"]) == ("look", True)
+        undone = await bench.teaching.undo(number=first["sample"])
+        assert (undone["undone"], undone["target"], undone["have"]["touch"]) == ("touch", "P1", 1)
+        renamed = await bench.teaching.retag(second["sample"], "P6")
+        assert (renamed["retagged"], renamed["target"]) == ("touch", "P6")
+        assert bench.teaching.samples()["samples"][str(second["sample"])] == "touch P6"
+        with pytest.raises(InputError, match="there is no sample"):
+            await bench.teaching.retag(first["sample"], "P6")
+        with pytest.raises(InputError, match="unknown target 'P9'; the cell file has: P1"):
+            await bench.teaching.retag(second["sample"], "P9")
+        with pytest.raises(InputError, match="either the last touch or sample 3"):
+            await bench.teaching.undo("touch", 3)
+
+    session = load_session(session_of(bench, steps))
+    assert [touch.target for touch in session.recording.touches] == ["P6"]
+
+
+def test_a_touch_under_the_wrong_name_is_questioned_in_its_reply_until_it_is_mended(tmp_path):
+    bench = Bench(tmp_path)
+
+    async def steps():
+        for name in ("P1", "P2", "P3", "P4"):
+            assert "questions" not in await bench.touch(name)
+        seen = bench.cell.touch("P5", WORK_ROTATION).observation
+        bench.show(replace(seen, rest_since_s=seen.stamp_s))
+        reply = await bench.teaching.touch("P6", SampleKind.TOUCH)
+        number = reply["sample"]
+        assert f"vgrd retag {number} P5" in reply["questions"][str(number)]
+        assert bench.teaching.status()["questions"] == reply["questions"]
+        renamed = await bench.teaching.retag(number, "P5")
+        assert "questions" not in renamed
+        again = await bench.teaching.retag(number, "P6")
+        assert again["questions"] == reply["questions"]
+        assert "questions" not in await bench.teaching.undo(number=number)
+
+    session_of(bench, steps)
+
+
+def test_the_calibration_in_use_questions_a_first_touch_far_off_and_the_tag_that_is_hidden(
+    tmp_path,
+):
+    cell = Simulation(8)
+    wrists = [WORK_ROTATION] * 6 + [cell.wrist(TILT_RAD) for _ in range(4)]
+    calibration = calibrate_system(cell.record(wrists=wrists))
+    bench = Bench(tmp_path, cell)
+    bench.teaching.questions = OpenQuestions(lambda: calibration)
+
+    async def steps():
+        seen = cell.touch("P4", WORK_ROTATION).observation
+        bench.show(replace(seen, tag_a=None))
+        reply = await bench.teaching.touch("P1", SampleKind.TOUCH)
+        told = reply["questions"][str(reply["sample"])]
+        assert told.startswith("the calibration puts the tip 160 mm from P1, nearest target P4 (")
+        assert "tag A is not in the picture: turn it to the camera" in told
+        assert reply["have"]["touch"] == 1
+
+    session_of(bench, steps, harvest=False)
+
+
+def test_a_sample_of_the_same_place_is_told_and_does_not_count(tmp_path):
+    bench = Bench(tmp_path)
+
+    async def steps():
+        first, other = bench.cell.looks(2)
+        bench.now = first
+        assert "remark" not in await bench.teaching.look()
+        again = await bench.teaching.look()
+        assert again["remark"] == "the flange did not move since sample 1: not counted"
+        assert (again["have"], again["missing"]["look"]) == ({"look": 1}, 7)
+        bench.now = other
+        assert (await bench.teaching.look())["have"] == {"look": 2}
+        assert (await bench.teaching.undo(number=1))["have"] == {
+            "look": 2
+        }  # the second counts now
+        for angle, spins in ((0.0, 1), (0.0, 1), (1.0, 2)):
+            bench.now = bench.cell.observe(bench.cell.standing, angle)
+            reply = await bench.teaching.spin()
+            assert reply["have"]["spin"] == spins
+        bench.now = bench.cell.touch("P1", WORK_ROTATION).observation
+        await bench.teaching.touch("P1", SampleKind.TOUCH)
+        reply = await bench.teaching.touch("P1", SampleKind.TOUCH)
+        assert reply["have"]["touch"] == 1
+        assert "not counted" in reply["remark"]
+
+    session_of(bench, steps, harvest=False)
 
 
 def test_whether_to_harvest_is_true_or_false():

@@ -16,7 +16,7 @@ from vgrd.model import Plan
 from vgrd.orphans import dying_with_us
 from vgrd.store.encoding import encode
 from vgrd.store.files import read_document, write_document
-from vgrd.store.journal import read_journal
+from vgrd.store.journal import Journal, read_journal
 from vgrd.store.recovery import read_messages
 from vgrd.store.sessions import (
     SCHEMA,
@@ -99,6 +99,47 @@ def test_a_recording_holds_what_was_taught_in_order_and_without_what_was_undone(
     assert same(recording.points, [taught[4][1]])
     assert recording.spins == ()
     assert same(recording.verifications, [taught[6][1]])
+
+
+def test_any_sample_is_undone_by_its_number_and_a_touch_gets_the_name_that_was_meant(
+    tmp_path, clock
+):
+    """Both stay in the file as lines of their own: what was recorded is never changed."""
+    samples = Samples(3)
+    touches = [samples.touch(name) for name in ("P1", "P2", "P3")]
+    with new_session(tmp_path, clock) as writer:
+        writer.sample(SampleKind.LOOK, samples.observation())
+        for touch in touches:
+            writer.sample(SampleKind.TOUCH, touch, by_foot=True)
+        assert writer.undo_sample(3).value is touches[1]
+        assert writer.retag(4, "P1").value.target == "P1"
+        assert writer.touched == {"P1": 2}
+        for number in (3, 9):
+            with pytest.raises(InputError, match=rf"no sample {number}: .* has 1 to 2, 4"):
+                writer.undo_sample(number)
+        with pytest.raises(InputError, match="sample 1 is a look: only a touch"):
+            writer.retag(1, "P2")
+        with pytest.raises(InputError, match="of P1 already"):
+            writer.retag(4, "P1")
+        live = load_recording(writer.path)
+    session = load_session(writer.path)
+    assert same(session.recording, live)
+    assert [touch.target for touch in live.touches] == ["P1", "P1"]
+    assert same(live.touches[1].base_from_wrist, touches[2].base_from_wrist)
+    assert session.numbers[SampleKind.TOUCH] == (2, 4)
+    assert session.last_by_foot == "P1"  # of the first one: the other was named by somebody
+    lines = read_journal(writer.path / "samples.jsonl").records
+    assert [line["kind"] for line in lines] == ["look", *["touch"] * 3, "undo", "retag"]
+
+
+def test_a_name_for_a_sample_that_is_no_touch_is_corrupt(tmp_path, clock):
+    with new_session(tmp_path, clock) as writer:
+        writer.sample(SampleKind.LOOK, Samples(3).observation())
+    journal = Journal(writer.path / "samples.jsonl")
+    journal.append({"kind": "retag", "value": 1, "target": "P1"})
+    journal.close()
+    with pytest.raises(Corrupt, match="line 2: names the target of sample 1"):
+        load_session(writer.path)
 
 
 def test_harvested_samples_are_told_apart_and_undone_apart(tmp_path, clock):

@@ -4,14 +4,15 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 from vgrd.calibration.calibration import Calibration, Solution
-from vgrd.calibration.checks import cannot_tell, check_plan, examine
+from vgrd.calibration.checks import cannot_tell, check_plan, examine, mistakes
 from vgrd.calibration.joint import HolePixel, JointFit, calibrate_jointly
 from vgrd.calibration.outcome import Outcome
 from vgrd.calibration.stepwise import calibrate_in_steps
 from vgrd.calibration.verification import verify
-from vgrd.errors import DidNotConverge, InputError
+from vgrd.errors import CalibrationError, DidNotConverge, InputError
 from vgrd.geometry import Array
-from vgrd.model import Mount, Plan, Policy, Recording, Verdict
+from vgrd.judging.findings import FOLLOWING
+from vgrd.model import Finding, Mount, Plan, Policy, Recording, Verdict
 
 
 def calibrate_system(
@@ -40,7 +41,7 @@ def calibrate_with_fit(
     centre, see `find_hole_center`. Doubts are findings of the verdict. stability: (6,) of the camera,
     for the held-out touches, see `verify`. The fit is that of plan joint, None in the others.
     Raises TooFewObservations, NotObservable (what is missing, in words), InputError or
-    DidNotConverge.
+    DidNotConverge; CalibrationError with the mistake in the samples where the checks name one.
     """
     facts = recording.facts
     if facts.mount is not Mount.EYE_TO_HAND:
@@ -57,9 +58,13 @@ def calibrate_with_fit(
             outcome, fit = calibrate_jointly(recording, tolerance_mm, policy, sightings)
         else:
             outcome = calibrate_in_steps(recording, sightings)
-    except DidNotConverge as err:
+    except CalibrationError as err:
+        if wrong := mistakes(findings):
+            raise CalibrationError("; ".join(remark.message for remark in wrong)) from err
         why = "; ".join(remark.message for remark in findings if remark.fatal)
-        raise DidNotConverge(f"{why} ({err})" if why else str(err)) from err
+        if why and isinstance(err, DidNotConverge):
+            raise DidNotConverge(f"{why} ({err})") from err
+        raise
     if outcome.recording is not None:
         recording = outcome.recording
         findings = examine(recording, policy)
@@ -77,6 +82,21 @@ def calibrate_with_fit(
     calibration = replace(
         calibration,
         residuals={**outcome.residuals, **misses},
-        verdict=Verdict((*findings, *cannot_tell(facts), *outcome.findings, *verified)),
+        verdict=Verdict(
+            (
+                *findings,
+                *cannot_tell(facts),
+                *_of_their_own(outcome.findings, mistakes(findings)),
+                *verified,
+            )
+        ),
     )
     return calibration, fit
+
+
+def _of_their_own(found: Sequence[Finding], wrong: Sequence[Finding]) -> list[Finding]:
+    """What was found in the estimate, without what only follows from a mistake that is named already.
+
+    An estimate of samples that were meant otherwise blames whichever of them lies farthest from the mean.
+    """
+    return [remark for remark in found if not (wrong and remark.code in FOLLOWING)]

@@ -17,6 +17,7 @@ from vgrd.cell.detector import Detector
 from vgrd.cell.measuring import Measuring
 from vgrd.cell.recording.housekeeping import Housekeeping
 from vgrd.cell.recording.pedal import FootTouches
+from vgrd.cell.recording.questions import OpenQuestions
 from vgrd.cell.recording.recorder import Recorder
 from vgrd.cell.recording.teaching import Teaching
 from vgrd.cell.serving.activation import Activation
@@ -98,7 +99,15 @@ class Cell:
         self.serving.faults.latched = self.latches.latched
         self.serving.faults.on_latch.append(self.latches.note)
         self.advisor = Advisor(Policy(serving.policy))
-        teaching = Teaching(self.measuring, self.recorder, facts, config.touch, self.advisor)
+        questions = OpenQuestions(lambda: self.serving.calibration, camera_stability(config))
+        teaching = Teaching(
+            self.measuring,
+            self.recorder,
+            facts,
+            config.touch,
+            self.advisor,
+            questions=questions,
+        )
         most_adopted = (camera.stability_mm, 1e-3 * camera.stability_mrad)
         store = CalibrationStore(state, clock)
         self.activation = Activation(self.serving, store, facts, most_adopted)

@@ -8,7 +8,7 @@ import typer
 from vgrd.commands.asking import ConfigOption, SocketOption, ask
 from vgrd.commands.printing import JsonOption, print_result, show_fields
 
-_TIMEOUT_S = 70.0  # above the 60 s after which the daemon gives up and says so (advisor.py)
+_REPLY_S = 10.0  # beyond the wait: the daemon's own time on a busy machine
 
 
 def register(app: typer.Typer) -> None:
@@ -29,6 +29,12 @@ def advise(
     yaw_deg: Annotated[
         float | None, typer.Option(help="How far the wrist may turn about the tool, either way.")
     ] = None,
+    wait: Annotated[
+        float,
+        typer.Option(
+            min=0, max=60, help="Seconds to wait for the daemon's computing; it goes on meanwhile."
+        ),
+    ] = 2.0,  # as WAIT_S of the advisor
     config: ConfigOption = None,
     socket: SocketOption = None,
     json_to: JsonOption = None,
@@ -39,7 +45,8 @@ def advise(
             config,
             socket,
             "advise",
-            _TIMEOUT_S,
+            wait + _REPLY_S,
+            wait_s=str(wait),
             policy=policy,
             tilt_deg=None if tilt_deg is None else str(tilt_deg),
             yaw_deg=None if yaw_deg is None else str(yaw_deg),

@@ -58,6 +58,7 @@ def budget(
 ) -> None:
     """Share the error of the expected coordinate out among the links of the chain."""
     from vgrd.calibration.planning import Systematic
+    from vgrd.calibration.stated_error import each_target, u95_in_words
     from vgrd.model import Policy
     from vgrd.solving.budget import session_budget
     from vgrd.store.sessions import load_recording
@@ -97,7 +98,11 @@ def budget(
         "quantum_mm": quantum_mm,
         "quantum_deg": quantum_deg,
     }
-    told = {"session": recording.session, "policy": policy}
+    told = {
+        "session": recording.session,
+        "policy": policy,
+        "u95_includes": u95_in_words(each_target(turn_deg), Policy(policy), holes=0, assumes=True),
+    }
     print_result({**told, **shared_out.to_json(), "assumed": assumed}, json_to, _show)
 
 
@@ -119,5 +124,6 @@ def _show(result: Result) -> None:
     names = [target["target"] for target in result["targets"]]
     title = f"{result['session']}, {result['policy']}: share in the variance, %"
     console.print(table(title, ("link", *names), rows))
+    console.print(f"95 % radius: {result['u95_includes']}", highlight=False)
     for what in result["irrelevant"]:
         console.print(f"{what}: unknown, and irrelevant for this policy", highlight=False)

@@ -23,8 +23,10 @@ def register(app: typer.Typer) -> None:
     record = typer.Typer(no_args_is_help=True, help="Start and stop recording a teaching session.")
     record.command("start")(record_start)
     record.command("stop")(record_stop)
+    record.command("samples")(record_samples)
     app.add_typer(record, name="record")
     app.command("undo")(undo)
+    app.command("retag")(retag)
     for op, text in _PLAIN.items():
         _plain(app, op, text)
     for op, (argument, text) in _NAMED.items():
@@ -57,19 +59,42 @@ def record_stop(
     print_result(ask(config, socket, "record.stop"), json_to, show_fields("recorded"))
 
 
+def record_samples(
+    config: ConfigOption = None, socket: SocketOption = None, json_to: JsonOption = None
+) -> None:
+    """List the samples of the session being recorded by their numbers."""
+    print_result(ask(config, socket, "record.samples"), json_to, show_fields("samples"))
+
+
 def undo(
-    kind: Annotated[
+    sample: Annotated[
         str | None,
         typer.Argument(
-            help="look, spin, touch, point, verify or harvested; by default the last asked for."
+            metavar="SAMPLE",
+            help="Number of a sample, as its reply told; or the last look, spin, touch, point, verify or "
+            "harvested one. By default the last that was asked for.",
         ),
     ] = None,
     config: ConfigOption = None,
     socket: SocketOption = None,
     json_to: JsonOption = None,
 ) -> None:
-    """Take back the last sample, of a kind or harvested where that is said."""
-    print_result(ask(config, socket, "undo", kind=kind), json_to, show_fields("undo"))
+    """Take back a sample: it stays in the session's file, marked, and counts no more."""
+    is_number = sample is not None and sample.isdecimal()
+    name = "sample" if is_number else "kind"
+    print_result(ask(config, socket, "undo", **{name: sample}), json_to, show_fields("undo"))
+
+
+def retag(
+    sample: Annotated[int, typer.Argument(help="Number of the touch, as its reply told.")],
+    target: Annotated[str, typer.Argument(help="The target that was touched.")],
+    config: ConfigOption = None,
+    socket: SocketOption = None,
+    json_to: JsonOption = None,
+) -> None:
+    """Book a touch under another target: the tip was right, its name was not."""
+    result = ask(config, socket, "retag", sample=str(sample), target=target)
+    print_result(result, json_to, show_fields("retag"))
 
 
 def _plain(app: typer.Typer, op: str, text: str) -> None:

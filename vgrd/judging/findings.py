@@ -66,11 +66,13 @@ BEFORE_SOLVING: Mapping[str, Kind] = MappingProxyType(
         ),
         "targets_swapped": Kind(
             "two targets have each other's name",
-            "correct the names, or undo these touches and take them again",
+            "correct the names (in a session: vgrd retag SAMPLE TARGET), or undo these touches and take them again",
             "fit of the touches",
         ),
         "points_order": Kind(
-            "the list of targets is in another order", "correct the file", "fit of the touches"
+            "the list of targets is in another order",
+            "correct the list, or the names of the touches",
+            "fit of the touches",
         ),
         "tag_size": Kind(
             "tag A has another size than the cell file says",
@@ -113,7 +115,7 @@ OF_A_SESSION: Mapping[str, Kind] = MappingProxyType(
         ),
         "touch_outlier": Kind(
             "a touch was left out",
-            "undo it and touch that target again",
+            "undo it (vgrd undo SAMPLE) and touch that target again",
             "leaving it out: 3.5 sigma",
         ),
         "names_unproven": Kind(
@@ -148,7 +150,9 @@ OF_A_SESSION: Mapping[str, Kind] = MappingProxyType(
             "leaving it out: 4.5 sigma",
         ),
         "sample_outlier": Kind(
-            "a sample contradicts the others", "undo it and take it again", "leaving it out"
+            "a sample contradicts the others",
+            "undo it (vgrd undo SAMPLE) and take it again",
+            "leaving it out",
         ),
         "camera_moved": Kind(
             "a fixed camera moved while it was taught; it is followed",
@@ -430,6 +434,40 @@ OF_FILES: Mapping[str, Kind] = MappingProxyType(
     }
 )
 
+# What the estimate says when a mistake before it is named already (`BEFORE_SOLVING`): it follows from that.
+FOLLOWING = frozenset(
+    {
+        "look_outlier",
+        "touch_outlier",
+        "point_outlier",
+        "reference_outlier",
+        "spin_outlier",
+        "sample_outlier",
+        "noisy",
+        "hand_eye_noise",
+        "touch_noise",
+        "point_noise",
+        "tag_noise",
+        "arm_noise",
+        "cad_noise",
+        "cad_off",
+        "center_off",
+    }
+)
+# What is not recorded yet; every other fatal finding is a mistake in what was.
+MISSING = frozenset(
+    {
+        "hand_eye_motion",
+        "wrist_tilt",
+        "targets_in_line",
+        "few_touches",
+        "target_untouched",
+        "fixed_point_motion",
+        "surface_motion",
+        "object_turn",
+        "spins_unusable",
+    }
+)
 KINDS: Mapping[str, Kind] = MappingProxyType({**BEFORE_SOLVING, **OF_A_SESSION, **OF_FILES})
 
 

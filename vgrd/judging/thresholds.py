@@ -18,6 +18,7 @@ CONTRADICTS = 1 - 5e-9  # of pictures after the first ones: a third of one in a 
 SLIPPED = 1 - 2.5e-9  # of each of four sums of pictures: two thirds of one in a year at 2 Hz
 BELIEVED_CAMERA = 0.995  # of misses in the radius where no tag A checks the camera: 99 % and room for a poor guess
 CAMERA_STANDS = 0.99  # one picture in 100 of a camera that stands loses the help of its stability
+PLAUSIBLE = 0.998  # of good touches, by each of two comparisons: 1 in 300 is asked about
 CHANCE = 1e-3  # share of good files whose scatter is larger
 
 # Samples that belong to no common set-up, whatever the noise.

@@ -18,11 +18,13 @@ from vgrd import logs
 from vgrd.errors import CalibrationError, ControlError, InputError, InternalError, VgrdError
 from vgrd.model import Policy
 from vgrd.niceness import give_way
-from vgrd.store.sessions import load_recording
+from vgrd.solving.sample_numbers import SampleNumbers
+from vgrd.store.sessions import load_session
 
 BRIEF_S = 0.25  # an operator does not notice it after a touch
 FULL_S = 60.0  # beyond it something hangs
-PENDING: Mapping[str, Any] = {"pending": "still computing; ask with: vgrd advise"}
+WAIT_S = 2.0  # of `vgrd advise`: an operator waits as long without wondering
+PENDING: Mapping[str, Any] = {"pending": "still computing; ask with: vgrd advise --wait 60"}
 
 log = structlog.get_logger()
 
@@ -37,6 +39,7 @@ class Advisor:
         self._newest = 0
         self._tasks: set[asyncio.Task[Mapping[str, Any]]] = set()
         self._group: asyncio.TaskGroup | None = None
+        self._latest: tuple[tuple[str, int], asyncio.Task[Mapping[str, Any]]] | None = None
 
     async def run(self) -> None:
         """Own what is being computed, until cancelled: a fault of ours in it is raised here."""
@@ -48,16 +51,27 @@ class Advisor:
         async with self._turn:
             await self._living()
 
-    async def brief(self, folder: Path) -> Mapping[str, Any]:
-        """Advice on a session if it comes quickly, else word that it is pending."""
-        task = self._asked({"folder": str(folder), "policy": self.policy.value})
+    async def brief(self, folder: Path, version: int) -> Mapping[str, Any]:
+        """Advice on a session if it comes quickly, else word that it is pending.
+
+        version: another one with every change of the session.
+        """
+        task = self._asked({"folder": str(folder), "policy": self.policy.value}, version)
         await asyncio.wait({task}, timeout=BRIEF_S)
         return PENDING if not task.done() or task.cancelled() else task.result()
 
-    async def full(self, folder: Path, **limits: str | float) -> Mapping[str, Any]:
-        """Advice on a session; limits: policy, tilt_deg, yaw_deg. Raises CalibrationError."""
-        task = self._asked({"folder": str(folder), "policy": self.policy.value, **limits})
-        await asyncio.wait({task})
+    async def full(
+        self, folder: Path, version: int, wait_s: float, **limits: str | float
+    ) -> Mapping[str, Any]:
+        """The same after a longer wait; limits: policy, tilt_deg, yaw_deg. Raises CalibrationError.
+
+        What is still computed goes on, and is there when the same is asked again.
+        """
+        request = {"folder": str(folder), "policy": self.policy.value, **limits}
+        task = self._asked(request, version)
+        await asyncio.wait({task}, timeout=wait_s)
+        if not task.done():
+            return PENDING
         if task.cancelled() or "pending" in task.result():
             raise CalibrationError("a newer sample came in between, or advising failed: ask again")
         return task.result()
@@ -70,11 +84,16 @@ class Advisor:
         await asyncio.gather(*self._tasks, return_exceptions=True)
         await self._end()
 
-    def _asked(self, request: Mapping[str, Any]) -> asyncio.Task[Mapping[str, Any]]:
+    def _asked(self, request: Mapping[str, Any], version: int) -> asyncio.Task[Mapping[str, Any]]:
+        """What is computed for this state of the session; already, or from now on."""
         if self._group is None:
             raise ControlError("advice is not being given: the cell is only starting")
+        key = (json.dumps(request, sort_keys=True), version)
+        if self._latest is not None and self._latest[0] == key and _is_of_use(self._latest[1]):
+            return self._latest[1]
         self._newest += 1
         task = self._group.create_task(self._answer(request, self._newest))
+        self._latest = (key, task)
         self._tasks.add(task)
         task.add_done_callback(self._tasks.discard)
         return task
@@ -121,6 +140,13 @@ class Advisor:
             await process.communicate()
 
 
+def _is_of_use(task: asyncio.Task[Mapping[str, Any]]) -> bool:
+    """Whether an answer came or may come still."""
+    if not task.done():
+        return True
+    return not task.cancelled() and task.exception() is None and "pending" not in task.result()
+
+
 def advise_folder(
     folder: Path, policy: Policy, tilt_deg: float | None = None, yaw_deg: float | None = None
 ) -> dict[str, object]:
@@ -130,13 +156,20 @@ def advise_folder(
         advise_session,
     )
 
-    recording = load_recording(folder)
+    session = load_session(folder)
+    recording, numbers = session.recording, SampleNumbers(session)
     reach = Reach.of(recording)
     if tilt_deg is not None:
         reach = replace(reach, max_tilt_rad=float(np.radians(tilt_deg)))
     if yaw_deg is not None:
         reach = replace(reach, max_yaw_rad=float(np.radians(yaw_deg)))
-    return advise_session(recording, policy, reach).to_json()
+    return _numbered(advise_session(recording, policy, reach).to_json(), numbers)
+
+
+def _numbered(advice: dict[str, Any], numbers: SampleNumbers) -> dict[str, Any]:
+    """With the numbers by which samples are undone."""
+    findings = [{**one, "message": numbers.told(one["message"])} for one in advice["findings"]]
+    return {**advice, "findings": findings, "trouble": numbers.told(advice["trouble"])}
 
 
 def policy_called(name: str) -> Policy:

@@ -9,6 +9,7 @@ from vgrd.calibration.calibration import Calibration
 from vgrd.calibration.joint import JointFit, JointSolution, StepLayout
 from vgrd.calibration.levels import Level
 from vgrd.calibration.planning import Budget, Source, error_budget, picture_of
+from vgrd.calibration.stated_error import EVERY_PICTURE, u95_in_words
 from vgrd.errors import CalibrationError
 from vgrd.geometry import Array, Pose
 from vgrd.model import Policy, Recording
@@ -43,14 +44,19 @@ def goodness(
     fit: that it was taken from, None in the paper's plans.
     """
     budget = None if fit is None else _budget(fit, policy)
+    includes = {}
+    if fit is not None:
+        holes = len(fit.data.holes.cad)
+        includes = {"u95_includes": u95_in_words(EVERY_PICTURE, policy, holes)}
     said = _sentence(calibration, recording, tolerance_mm)
     if budget is None:
-        return {"good": said, "limits": "", "add": ""}
+        return {"good": said, **includes, "limits": "", "add": ""}
     shares = dict(zip(budget.links, budget.shares.mean(axis=0), strict=True))
     worst = max(shares, key=lambda source: shares[source])
     limits = f"{worst}, {100 * shares[worst]:.0f} % of the variance"
     return {
         "good": said,
+        **includes,
         "limits": f"{limits}{_center_in_words(calibration)}",
         "add": _TO_ADD.get(worst, ""),
     }

@@ -30,6 +30,7 @@ from vgrd.solving.goodness import goodness, levels_of, transforms_of
 from vgrd.solving.hole_pictures import draw_searched
 from vgrd.solving.hole_sightings import HolesSeen, Report, holes_of, see_holes
 from vgrd.solving.insertions import insertion_sentences
+from vgrd.solving.sample_numbers import SampleNumbers
 from vgrd.solving.servable import places_without_cad, unservable
 from vgrd.solving.timing import late_pictures, time_offset_of
 from vgrd.store.calibrations import CalibrationStore
@@ -66,16 +67,26 @@ def solve_session(
         stored = load_session(folder)
         holes, warnings = _holes_in(folder, stored.recording, report)
         drawn = {} if pictures is None else _drawn(folder, holes, pictures)
-        calibration, fit = calibrate_with_fit(
-            stored.recording, tolerance_mm, policy, holes.sightings, stability
-        )
+        numbers = SampleNumbers(stored)
+        try:
+            calibration, fit = calibrate_with_fit(
+                stored.recording, tolerance_mm, policy, holes.sightings, stability
+            )
+        except CalibrationError as err:
+            err.args = (numbers.told(str(err)),)
+            raise
         offset = time_offset_of(folder, stored.recording, calibration)
         findings = (
             *calibration.verdict.findings,
             *late_pictures(offset),
             *_unproven_names(stored),
         )
-        verdict = Verdict((*findings, *unservable(calibration, policy)))
+        verdict = Verdict(
+            tuple(
+                replace(found, message=numbers.told(found.message))
+                for found in (*findings, *unservable(calibration, policy))
+            )
+        )
         calibration = replace(calibration, created_unix_s=clock.wall(), verdict=verdict)
         name = None
         if state_dir is not None and calibration.verdict.ok:

@@ -9,8 +9,8 @@ from typing import Any
 Json = Any
 
 # Since 2: steps of readings, holes, chi2 of a tag; 3: camera's stability; 4: clearances, bare targets, steps as facts;
-# 5: how well centre, CAD and tag sizes are known.
-SESSION_SCHEMA = 5
+# 5: how well centre, CAD and tag sizes are known; 6: touches may be given another name.
+SESSION_SCHEMA = 6
 # Since 2: solution in a table; 3: stability, adopted slips; 4: clearances, bare targets, steps;
 # 5: how well centre, CAD and tag sizes are known, and levels of noise.
 CALIBRATION_SCHEMA = 5

@@ -12,7 +12,7 @@
 
 import re
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from enum import StrEnum
 from pathlib import Path
 
@@ -27,6 +27,7 @@ SCHEMA = migrations.SESSION_SCHEMA
 _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,79}")
 HEADER, SAMPLES, _LOCK = "session.json", "samples.jsonl", ".lock"
 CLOSED = "closed.json"
+UNDO, RETAG = "undo", "retag"  # lines that change an earlier one, which stays in the file
 
 
 class SampleKind(StrEnum):
@@ -60,7 +61,8 @@ class StoredSession:
     """A session as found on the disk; warnings tell what was left out or not tidied up.
 
     harvested: how many of the samples nobody asked for, by kind. last_by_foot: target of the last touch
-    whose name was taken from the order of the targets, None where every touch was named.
+    whose name was taken from the order of the targets, None where every touch was named. numbers: of the
+    samples, by kind in the order of the recording.
     """
 
     header: SessionHeader
@@ -68,6 +70,7 @@ class StoredSession:
     warnings: tuple[str, ...]
     harvested: Mapping[SampleKind, int]
     last_by_foot: str | None = None
+    numbers: Mapping[SampleKind, tuple[int, ...]] = field(default_factory=dict)
 
 
 def session_directory(state_dir: Path, name: str) -> Path:

@@ -3,8 +3,9 @@
 import shutil
 import threading
 from collections import Counter
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Mapping, Sequence
 from contextlib import suppress
+from dataclasses import replace
 from pathlib import Path
 from typing import NamedTuple, Self
 
@@ -21,8 +22,10 @@ from vgrd.store.segments import SegmentWriter
 from vgrd.store.session_files import (
     CLOSED,
     HEADER,
+    RETAG,
     SAMPLES,
     SCHEMA,
+    UNDO,
     SampleKind,
     SessionHeader,
     session_directory,
@@ -165,6 +168,49 @@ class SessionWriter:
             how = "has been harvested" if harvested else "has been taught"
             raise InputError(f"nothing to undo: no {what} {how} in this session")
 
+    def undo_sample(self, number: int) -> Taught:
+        """Take back the sample of a number, whoever asked for it. InputError names those that there are."""
+        with self._teaching:
+            sample = self._numbered(number)
+            self._take_back(sample)
+            return sample
+
+    def retag(self, number: int, target: str) -> Taught:
+        """Give a touch another target's name, said by somebody; its number and its place stay.
+
+        InputError where the sample is no touch of the object, or there is none of that number.
+        """
+        with self._teaching:
+            sample = self._numbered(number)
+            if sample.kind not in (SampleKind.TOUCH, SampleKind.VERIFY):
+                raise InputError(
+                    f"sample {number} is a {sample.kind.value}: only a touch or verify has a target"
+                )
+            if not isinstance(sample.value, Touch) or sample.value.target == target:
+                raise InputError(f"sample {number} is of {target} already")
+            self._samples.append({"kind": RETAG, "value": number, "target": target})
+            renamed = sample._replace(value=replace(sample.value, target=target))
+            self._taught[self._taught.index(sample)] = renamed
+            return renamed
+
+    @property
+    def version(self) -> int:
+        """Another number with every sample, and with everything done to one."""
+        return self._samples.sequence
+
+    @property
+    def taught(self) -> tuple[Taught, ...]:
+        """Samples so far in the order of their numbers, undone ones left out."""
+        return tuple(self._taught)
+
+    def _numbered(self, number: int) -> Taught:
+        for sample in self._taught:
+            if sample.sequence == number:
+                return sample
+        there = numbers_in_words([sample.sequence for sample in self._taught])
+        what = f"has {there}" if there else "has none yet"
+        raise InputError(f"there is no sample {number}: this session {what}")
+
     def give_back(self, values: Collection[Observation]) -> None:
         """Take back harvested samples that others make superfluous; those undone before are left."""
         with self._teaching:
@@ -172,7 +218,7 @@ class SessionWriter:
                 self._take_back(sample)
 
     def _take_back(self, sample: Taught) -> None:
-        self._samples.append({"kind": "undo", "value": sample.sequence})
+        self._samples.append({"kind": UNDO, "value": sample.sequence})
         self._taught.remove(sample)
 
     def tick(self) -> None:
@@ -203,3 +249,14 @@ class SessionWriter:
 
     def _time_ns(self, stamp_s: float) -> int:
         return round((stamp_s + self.header.unix_minus_monotonic_s) * _NS)
+
+
+def numbers_in_words(numbers: Sequence[int]) -> str:
+    """Ascending numbers as "1 to 3, 7"; "" for none."""
+    runs: list[list[int]] = []
+    for number in numbers:
+        if runs and number == runs[-1][-1] + 1:
+            runs[-1].append(number)
+        else:
+            runs.append([number])
+    return ", ".join(f"{run[0]} to {run[-1]}" if len(run) > 1 else f"{run[0]}" for run in runs)

@@ -2,6 +2,7 @@
 
 from collections import Counter
 from collections.abc import Collection, Iterator
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TypeVar
 
@@ -19,8 +20,10 @@ from vgrd.store.recovery import StoredMessage, read_messages, recover
 from vgrd.store.session_files import (
     CLOSED,
     HEADER,
+    RETAG,
     SAMPLES,
     SCHEMA,
+    UNDO,
     SampleKind,
     SessionHeader,
     StoredSession,
@@ -66,13 +69,20 @@ def load_session(directory: Path) -> StoredSession:
     header = _read_header(directory)
     content = read_journal(directory / SAMPLES)
     _check_complete(directory, len(content.records))
-    recording, harvested, last_by_foot = _recording(header, content.records, directory / SAMPLES)
+    samples = _samples(content.records, directory / SAMPLES)
     warnings = [content.warning] if content.warning else []
     try:
         recover_session(directory)
     except StoreError as error:
         warnings.append(str(error))
-    return StoredSession(header, recording, tuple(warnings), harvested, last_by_foot)
+    return StoredSession(
+        header,
+        _recording(header, samples),
+        tuple(warnings),
+        Counter(sample.kind for sample in samples if sample.harvested),
+        _last_by_foot(samples),
+        {kind: tuple(s.number for s in samples if s.kind is kind) for kind in SampleKind},
+    )
 
 
 def recover_session(directory: Path) -> tuple[Path, ...]:
@@ -158,34 +168,49 @@ def _check_complete(directory: Path, lines: int) -> None:
         )
 
 
-def _recording(
-    header: SessionHeader, records: tuple[Json, ...], path: Path
-) -> tuple[Recording, Counter[SampleKind], str | None]:
-    """What was taught, how many of it by kind was harvested, and the last target touched by foot."""
-    taught: dict[int, tuple[SampleKind, Observation | Touch, Json]] = {}
+@dataclass(frozen=True, slots=True, eq=False)
+class _Sample:
+    """A line of samples.jsonl as later lines left it; number: of the line, which people call it by."""
+
+    number: int
+    kind: SampleKind
+    value: Observation | Touch
+    harvested: bool
+    by_foot: bool
+
+    def renamed(self, target: str, where: str) -> "_Sample":
+        """With the name that somebody said."""
+        if not isinstance(self.value, Touch):
+            raise Corrupt(f"{where}: names the target of sample {self.number}, which is no touch")
+        return replace(self, value=replace(self.value, target=target), by_foot=False)
+
+
+def _samples(records: tuple[Json, ...], path: Path) -> tuple[_Sample, ...]:
+    """What was taught, undone samples left out, with the names given last."""
+    taught: dict[int, _Sample] = {}
     for number, record in enumerate(records, 1):
         where = f"{path}, line {number}"
-        if record["kind"] == "undo":
-            if taught.pop(record["value"], None) is None:
-                raise Corrupt(f"{where}: undoes sample {record['value']}, which is not there")
+        if record["kind"] in (UNDO, RETAG):
+            changed = taught.pop(record["value"], None)
+            if changed is None:
+                raise Corrupt(f"{where}: changes sample {record['value']}, which is not there")
+            if record["kind"] == RETAG:
+                taught[changed.number] = changed.renamed(record["target"], where)
             continue
         kind = SampleKind(record["kind"])
         value = decode(kind.value_type, migrations.sample(record["value"]), where)
-        taught[number] = kind, value, record
+        marks = (bool(record.get("harvested")), bool(record.get("by_foot")))
+        taught[number] = _Sample(number, kind, value, *marks)
+    return tuple(taught[number] for number in sorted(taught))
 
+
+def _recording(header: SessionHeader, samples: tuple[_Sample, ...]) -> Recording:
     def of(kind: SampleKind, value_type: type[T]) -> tuple[T, ...]:
         return tuple(
-            value for k, value, _ in taught.values() if k is kind and isinstance(value, value_type)
+            s.value for s in samples if s.kind is kind and isinstance(s.value, value_type)
         )
 
-    harvested = Counter(kind for kind, _, record in taught.values() if record.get("harvested"))
-    by_foot = [
-        value.target
-        for _, value, record in taught.values()
-        if record.get("by_foot") and isinstance(value, Touch)
-    ]
-
-    recording = Recording(
+    return Recording(
         session=header.name,
         plan=header.plan,
         facts=header.facts,
@@ -195,4 +220,9 @@ def _recording(
         points=of(SampleKind.POINT, Touch),
         verifications=of(SampleKind.VERIFY, Touch),
     )
-    return recording, harvested, by_foot[-1] if by_foot else None
+
+
+def _last_by_foot(samples: tuple[_Sample, ...]) -> str | None:
+    """Target of the last touch whose name nobody said."""
+    by_foot = [s.value.target for s in samples if s.by_foot and isinstance(s.value, Touch)]
+    return by_foot[-1] if by_foot else None

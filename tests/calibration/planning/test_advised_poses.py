@@ -70,6 +70,8 @@ def names_no_pose(advice: SessionAdvice) -> bool:
     told = advice.to_json()["next"]
     if told is None:
         return advice.trouble != ""
+    if advice.best is None:  # the plan's next sample, in words alone
+        return told["flange_mm"] is None and advice.trouble != ""
     if isinstance(advice.best.candidate, Spinning):
         return True
     return (

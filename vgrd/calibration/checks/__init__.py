@@ -5,7 +5,7 @@ May import the methods, touches, judging and model.
 
 from vgrd.calibration.checks.cad_mistakes import VariedWrists, misinterpretation
 from vgrd.calibration.checks.conventions import cannot_tell, mistaken_unit
-from vgrd.calibration.checks.examining import examine
+from vgrd.calibration.checks.examining import examine, mistakes
 from vgrd.calibration.checks.interpretations import DISTINCT_FORMATS, Interpretation, best_of
 from vgrd.calibration.checks.misinterpreted_points import rival_names
 from vgrd.calibration.checks.motion_gaps import MissingMotion, missing_motion, missing_motions
@@ -33,5 +33,6 @@ __all__ = [
     "missing_motion",
     "missing_motions",
     "mistaken_unit",
+    "mistakes",
     "rival_names",
 ]

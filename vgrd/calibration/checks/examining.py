@@ -1,6 +1,6 @@
 """All checks of one recording, before it is solved or half-way through it."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 
@@ -12,7 +12,7 @@ from vgrd.calibration.checks.size_and_time import tag_size, time_offset
 from vgrd.calibration.hand_eye import hand_eye_samples
 from vgrd.calibration.observability import Axes, turned_axes
 from vgrd.geometry.rotation_formats import RotationFormat
-from vgrd.judging.findings import finding
+from vgrd.judging.findings import MISSING, finding
 from vgrd.model import Finding, Policy, Recording
 
 
@@ -29,6 +29,11 @@ def examine(
     InputError where a touched target is not in CAD or a covariance is no covariance.
     """
     return list(_findings(recording, policy, read_as))
+
+
+def mistakes(findings: Sequence[Finding]) -> list[Finding]:
+    """What is wrong with the samples and refuses them, not only missing: it has to be mended first."""
+    return [remark for remark in findings if remark.fatal and remark.code not in MISSING]
 
 
 def _findings(

@@ -6,7 +6,8 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from vgrd.calibration.checks import examine, missing_motions
+from vgrd.calibration.checks import examine, mistakes
+from vgrd.calibration.first_samples import first_sample
 from vgrd.calibration.insertion import Insertion
 from vgrd.calibration.joint import (
     JointFit,
@@ -25,17 +26,18 @@ from vgrd.calibration.planning.pose_trust import reason_against
 from vgrd.calibration.planning.predicted_error import Job, PredictedError, Undetermined
 from vgrd.calibration.planning.reach import Reach, camera_sees_tag_a, usual_wrist
 from vgrd.calibration.planning.with_cad import errors_with_cad_mm
+from vgrd.calibration.stated_error import each_target, u95_in_words
 from vgrd.calibration.turntable import without_useless_spins
 from vgrd.errors import CalibrationError, DidNotConverge, VgrdError
 from vgrd.geometry import Array
 from vgrd.geometry.rotation_formats import usual_rotvec
 from vgrd.judging.findings import finding
+from vgrd.judging.findings import MISSING, finding
 from vgrd.judging.thresholds import WRONG_SIGMA
-from vgrd.model import Finding, Plan, Policy, Recording
+from vgrd.model import Finding, Policy, Recording
 
 _ANGLES_RAD = (0.0, 2.0)  # two turns of the object stand for all: near and far
 _OBJECT_MOVED = "object_moved"  # of `examine`
-_SPINS_UNUSABLE = "spins_unusable"  # of `without_useless_spins`: spins are only few yet
 _TOO_LITTLE = (
     "the samples so far allow no estimate: look with tag A in view and the wrist turned about two axes, "
     "touch more targets, some with the wrist tilted, and spin the object at least three times; "
@@ -53,7 +55,8 @@ class SessionAdvice:
     why it is words without a pose, else "". undetermined: what the samples leave open. insertions: odds by
     target with a clearance; further_touches: so many more make 95 % go in without contact, None: more than
     anybody would touch. with_cad_mm: the error by target without CAD, touched, if CAD knew all targets.
-    untouched: names of those without CAD and without a touch, of which nothing is known.
+    untouched: names of those without CAD and without a touch, of which nothing is known. first: the sample that
+    the plan asks for next, told where there is no best one yet.
     """
 
     policy: Policy
@@ -67,6 +70,7 @@ class SessionAdvice:
     further_touches: int | None = None
     with_cad_mm: Mapping[str, float] = field(default_factory=dict)
     untouched: tuple[str, ...] = ()
+    first: str = ""
 
     def to_json(self) -> dict[str, object]:
         """Everything in words and numbers: poses as flange x, y, z in mm and a rotation vector."""
@@ -77,6 +81,7 @@ class SessionAdvice:
                 for remark in self.findings
             ],
             "predicted_u95_mm": dict(self.predicted_mm),
+            **({"u95_includes": self._includes()} if self.predicted_mm else {}),
             "trouble": self.trouble,
             "unknown_but_irrelevant": [u.what for u in self.undetermined if not u.matters],
             **self._insertions_to_json(),
@@ -86,6 +91,10 @@ class SessionAdvice:
             },
             "next": self._next(),
         }
+
+    def _includes(self) -> str:
+        """Advice is computed without the holes: finding them in the pictures takes minutes."""
+        return u95_in_words(each_target(*np.degrees(_ANGLES_RAD)), self.policy, holes=0)
 
     def _insertions_to_json(self) -> dict[str, object]:
         if not self.insertions:
@@ -97,8 +106,13 @@ class SessionAdvice:
 
     def _next(self) -> dict[str, object] | None:
         if self.untouched and self.best is not None:
-            return _first_touch(self.untouched[0])
-        return None if self.best is None else _next(self.best, self.no_pose)
+            return in_words_alone(
+                f"touch {self.untouched[0]} with the wrist as usual: it has no point_mm, and without a touch it "
+                "cannot be served"
+            )
+        if self.best is not None:
+            return _next(self.best, self.no_pose)
+        return in_words_alone(self.first) if self.first else None
 
 
 def advise_session(
@@ -116,38 +130,33 @@ def advise_session(
     try:
         usable, doubts = without_useless_spins(recording)
         findings = (*doubts, *_examined(recording, usable, policy))
-        judgement = _Judgement(policy, findings, _missing(recording, policy))
+        judgement = _Judgement(policy, findings)
         if judgement.wrong():
             return judgement.remedy(judgement.wrong()[0])
         if recording.plan.touches_surface:
-            return judgement.unpredicted(recording.plan)
+            return judgement.unpredicted(recording)
         reach = reach or Reach.of(recording)
         return _advice(calibrate_joint(usable), judgement, reach, works)
     except (DidNotConverge, np.linalg.LinAlgError):
-        return SessionAdvice(policy, findings, trouble=_TOO_LITTLE)
+        return SessionAdvice(policy, findings, trouble=_TOO_LITTLE, first=first_sample(recording))
     except VgrdError as err:
-        return SessionAdvice(policy, findings, trouble=str(err))
+        return SessionAdvice(policy, findings, trouble=str(err), first=first_sample(recording))
 
 
 @dataclass(frozen=True, slots=True)
 class _Judgement:
-    """Findings before the estimate; missing: codes of what is only not recorded yet."""
+    """Findings before the estimate."""
 
     policy: Policy
     findings: tuple[Finding, ...]
-    missing: frozenset[str]
 
     def wrong(self) -> list[Finding]:
         """What is wrong with the samples, not only missing."""
-        return [
-            remark for remark in self.findings if remark.fatal and remark.code not in self.missing
-        ]
+        return mistakes(self.findings)
 
     def doubted(self, outliers: tuple[Finding, ...]) -> str:
         """Why no pose may rest on the samples, or ""."""
-        doubts = [
-            remark for remark in self.findings if remark.fatal or remark.code not in self.missing
-        ]
+        doubts = [remark for remark in self.findings if remark.fatal or remark.code not in MISSING]
         return next((f"{remark.code}: {remark.message}" for remark in (*doubts, *outliers)), "")
 
     def remedy(self, wrong: Finding) -> SessionAdvice:
@@ -155,13 +164,13 @@ class _Judgement:
         trouble = f"before any other sample: {wrong.message}"
         return SessionAdvice(self.policy, self.findings, trouble=trouble)
 
-    def unpredicted(self, plan: Plan) -> SessionAdvice:
+    def unpredicted(self, recording: Recording) -> SessionAdvice:
         """What is missing, of a plan whose TCP the joint estimate does not know; it foresees nothing then."""
         trouble = next((remark.message for remark in self.findings if remark.fatal), "")
-        nothing = (
-            f"nothing is missing; vgrd solve tells the error, plan {plan.value} foresees none"
+        nothing = f"nothing is missing; vgrd solve tells the error, plan {recording.plan.value} foresees none"
+        return SessionAdvice(
+            self.policy, self.findings, trouble=trouble or nothing, first=first_sample(recording)
         )
-        return SessionAdvice(self.policy, self.findings, trouble=trouble or nothing)
 
 
 def _examined(recording: Recording, usable: Recording, policy: Policy) -> Sequence[Finding]:
@@ -173,11 +182,6 @@ def _examined(recording: Recording, usable: Recording, policy: Policy) -> Sequen
             if camera_moves(fit):
                 return examine(as_seen_in_the_end(fit, recording), policy)
     return findings
-
-
-def _missing(recording: Recording, policy: Policy) -> frozenset[str]:
-    """Codes of findings that tell what to record still, not what is wrong."""
-    return frozenset({_SPINS_UNUSABLE, *(gap.code for gap in missing_motions(recording, policy))})
 
 
 def _advice(
@@ -270,10 +274,10 @@ def _without_cad(now_mm: float, with_cad_mm: float) -> dict[str, object]:
     }
 
 
-def _first_touch(name: str) -> dict[str, object]:
+def in_words_alone(words: str) -> dict[str, object]:
+    """A next sample of which no pose and no error can be told."""
     return {
-        "words": f"touch {name} with the wrist as usual: it has no point_mm, and without a touch it cannot "
-        "be served",
+        "words": words,
         "no_pose": "nothing tells where it is",
         "flange_mm": None,
         "rotvec_deg": None,

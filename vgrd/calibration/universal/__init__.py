@@ -10,7 +10,12 @@ from vgrd.calibration.universal.estimate import (
     calibrate_universal,
     retract,
 )
-from vgrd.calibration.universal.start import linear_rotation, lowest_cost, reduced_cost
+from vgrd.calibration.universal.start import (
+    linear_rotation,
+    lowest_cost,
+    lowest_valley,
+    reduced_cost,
+)
 
 __all__ = [
     "Equations",
@@ -19,6 +24,7 @@ __all__ = [
     "calibrate_universal",
     "linear_rotation",
     "lowest_cost",
+    "lowest_valley",
     "reduced_cost",
     "retract",
 ]

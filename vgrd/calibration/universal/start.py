@@ -110,7 +110,15 @@ def rotation_candidates(K: Array) -> list[Array]:
 
 def lowest_cost(K: Array) -> float:
     """The cost at the bottom of the best valleys of a `reduced_cost` (n, 10)."""
-    return min(_cost(K, nearest_valley(K, R_X).T) for R_X in rotation_candidates(K))
+    return lowest_valley(K)[1]
+
+
+def lowest_valley(K: Array) -> tuple[Array, float]:
+    """Rotation (3, 3) of X at the bottom of the best valleys of a `reduced_cost` (n, 10), and its cost."""
+    bottoms = [nearest_valley(K, R_X) for R_X in rotation_candidates(K)]
+    costs = [_cost(K, R_X.T) for R_X in bottoms]
+    best = int(np.argmin(costs))
+    return bottoms[best], costs[best]
 
 
 def solve_linear_part(

@@ -149,6 +149,22 @@ def optional_number(arguments: Arguments, name: str) -> float | None:
     raise ControlError(f"argument {name!r} must be a number, got {shown(value)}")
 
 
+def optional_whole(arguments: Arguments, name: str) -> int | None:
+    """A whole number, also written as a text, or None where it is left out; else ControlError."""
+    number = optional_number(arguments, name)
+    if number is None or number.is_integer():
+        return None if number is None else int(number)
+    raise ControlError(f"argument {name!r} must be a whole number, got {shown(arguments[name])}")
+
+
+def whole_argument(arguments: Arguments, name: str) -> int:
+    """The same of one that must be there."""
+    number = optional_whole(arguments, name)
+    if number is None:
+        raise ControlError(f"argument {name!r} must be a whole number, and is missing")
+    return number
+
+
 def shown(value: object) -> str:
     """A value as it is shown in a message: at most a line of it."""
     text = repr(value)

@@ -14,12 +14,15 @@ from vgrd.calibration.adoption import link_called
 from vgrd.calibration.calibration import expected_coordinate
 from vgrd.calibration.insertion import insertion_of
 from vgrd.calibration.places import base_from_tag, followed_point, work_tip
+from vgrd.calibration.stated_error import THIS_PICTURE, u95_in_words
 from vgrd.cell.control.lines import (
     Arguments,
     flag_argument,
     optional_number,
     optional_text,
+    optional_whole,
     text_argument,
+    whole_argument,
 )
 from vgrd.cell.control.server import Operation
 from vgrd.cell.feeds import GateFeed
@@ -41,6 +44,7 @@ from vgrd.geometry import Array, exp_rotation
 from vgrd.geometry.rotation_formats import rotvec_near
 from vgrd.registers.limits import LIMIT_STATUS
 from vgrd.solving.advisor import policy_called
+from vgrd.solving.advisor import FULL_S, WAIT_S, policy_called
 from vgrd.solving.goodness import levels_in_words
 from vgrd.solving.servable import places_without_cad
 from vgrd.store.sessions import SampleKind, list_sessions, session_directory
@@ -99,8 +103,16 @@ class Operations:
             ),
             "verify": Operation(self._verify, ("target",)),
             "point": Operation(lambda a: teaching.point(text_argument(a, "name")), ("name",)),
-            "undo": Operation(lambda a: teaching.undo(optional_text(a, "kind")), ("kind",)),
-            "advise": Operation(self._advise, ("policy", "tilt_deg", "yaw_deg")),
+            "undo": Operation(
+                lambda a: teaching.undo(optional_text(a, "kind"), optional_whole(a, "sample")),
+                ("kind", "sample"),
+            ),
+            "retag": Operation(
+                lambda a: teaching.retag(whole_argument(a, "sample"), text_argument(a, "target")),
+                ("sample", "target"),
+            ),
+            "record.samples": Operation(self._samples),
+            "advise": Operation(self._advise, ("policy", "tilt_deg", "yaw_deg", "wait_s")),
             "solve": Operation(self._solve, ("session",)),
             "activate": Operation(self._activate, ("calibration", "by")),
             "ec": Operation(self._ec, ("target", "policy", "work_rotvec_deg")),
@@ -155,7 +167,12 @@ class Operations:
                 limits[name] = value
         if (policy := optional_text(arguments, "policy")) is not None:
             limits["policy"] = policy_called(policy).value
-        return await self.teaching.advise(**limits)
+        wait_s = optional_number(arguments, "wait_s")
+        if wait_s is None:
+            wait_s = WAIT_S
+        if not 0 <= wait_s <= FULL_S:
+            raise ControlError(f"wait_s {wait_s:g}: 0 to {FULL_S:g} seconds")
+        return await self.teaching.advise(wait_s, **limits)
 
     async def _solve(self, arguments: Arguments) -> Mapping[str, Any]:
         """Run the solver in a process of its own: it can be killed, and never delays an answer."""
@@ -232,11 +249,17 @@ class Operations:
             "rotvec_deg": np.degrees(rotvec).tolist(),
             "tip_in_base_mm": None if tip is None else tip.tolist(),
             "u95_mm": expected.u95_mm,
+            "u95_includes": u95_in_words(
+                THIS_PICTURE, policy, int(calibration.residuals.get("holes_used", 0))
+            ),
             "age_s": round(self.clock.monotonic() - sight.stamp_s, 3),
             "calibration": calibration.id,
             "limits": words_of(bounds.of(target)),
             **({} if odds is None else {"insertion": odds.to_json()}),
         }
+
+    async def _samples(self, _: Arguments) -> Mapping[str, Any]:
+        return self.teaching.samples()
 
     async def _verify(self, arguments: Arguments) -> Mapping[str, Any]:
         target = text_argument(arguments, "target")

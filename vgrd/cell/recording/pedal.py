@@ -87,8 +87,12 @@ class FootTouches:
             self._last = f"{name or 'no target'}: not recorded: {err}"
             log.warning("pedal_not_recorded", target=name, reason=str(err))
         else:
-            self._last = f"{name}: sample {reply['sample']}"
-            log.info("pedal_touch", target=name, sample=reply["sample"])
+            asked = reply.get("questions")
+            question = asked.get(str(reply["sample"]), "") if isinstance(asked, Mapping) else ""
+            self._last = f"{name}: sample {reply['sample']}" + (
+                f": {question}" if question else ""
+            )
+            log.info("pedal_touch", target=name, sample=reply["sample"], question=question)
 
     def _next_target(self, session: SessionWriter) -> tuple[str, int]:
         """Its name, and how many touches there are."""

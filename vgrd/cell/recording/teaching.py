@@ -1,7 +1,6 @@
 """Teaching: samples become durable one by one; each reply says what is there and what is missing."""
 
 import time
-from collections import Counter
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import replace
@@ -11,13 +10,16 @@ from typing import TYPE_CHECKING
 import structlog
 
 from vgrd.calibration.checks import check_plan
+from vgrd.calibration.first_samples import first_sample
 from vgrd.calibration.harvest import STEADY_PX, Harvest, shift_px
 from vgrd.cell.measuring import ROBOT_LOST_S, Measuring, Sight
+from vgrd.cell.recording.counting import HARVESTED, counts, recording_of, repeat_in_words
+from vgrd.cell.recording.questions import OpenQuestions
 from vgrd.cell.recording.recorder import Recorder
 from vgrd.cell.serving.faults import tcp_difference
 from vgrd.devices import FlangeReading
 from vgrd.errors import ControlError, DeviceUnavailable, InputError, NotSteady, TagNotSeen, TooOld
-from vgrd.model import CellFacts, Observation, Plan, Stability, Touch
+from vgrd.model import CellFacts, Observation, Plan, Touch
 from vgrd.solving.advisor import Advisor
 from vgrd.store.sessions import SampleKind, SessionWriter, Taught
 
@@ -26,15 +28,8 @@ if TYPE_CHECKING:
 
 PICTURE_TIMEOUT_S = 5.0  # chosen: a device that was lost serves again within 5 s
 PICTURES_AT_MOST = 4  # chosen: with three more tries a busy machine covers one with readings
-WANTED: Mapping[Plan, Mapping[SampleKind, int]] = {  # chosen; fewer looks are solved too
-    Plan.UNIVERSAL: {SampleKind.LOOK: 8, SampleKind.TOUCH: 6},
-    Plan.SPECIAL: {SampleKind.LOOK: 8, SampleKind.SPIN: 4, SampleKind.TOUCH: 6},
-    Plan.CONVENTIONAL: {SampleKind.LOOK: 8, SampleKind.POINT: 8, SampleKind.TOUCH: 6},
-    Plan.PLANE: {SampleKind.LOOK: 8, SampleKind.POINT: 16, SampleKind.TOUCH: 6},
-    Plan.SPHERE: {SampleKind.LOOK: 8, SampleKind.POINT: 16, SampleKind.TOUCH: 6},
-    Plan.JOINT: {SampleKind.LOOK: 8, SampleKind.SPIN: 4, SampleKind.TOUCH: 8},
-}
-HARVESTED = "harvested"  # instead of a kind of sample
+
+_CLOSED = -1  # instead of a version: nothing changes a closed session
 
 log = structlog.get_logger()
 
@@ -53,6 +48,7 @@ class Teaching:
         touch: "TouchSection",
         advisor: Advisor | None = None,
         now_name: Callable[[], str] = lambda: time.strftime("%Y%m%d-%H%M%S"),
+        questions: OpenQuestions | None = None,
     ) -> None:
         self.measuring = measuring
         self.recorder = recorder
@@ -60,6 +56,7 @@ class Teaching:
         self.touch_sigma = touch
         self.advisor = advisor
         self.now_name = now_name
+        self.questions = questions or OpenQuestions()
         self.last_session: Path | None = None
         self.last_touch: Touch | None = None
         self.harvest: Harvest | None = None
@@ -84,6 +81,7 @@ class Teaching:
             robot_step_rad=reading.step_rad,
         )
         await self.recorder.start(name, Plan(plan), facts)
+        self.questions.forget()
         self.harvest = Harvest(facts) if harvest and plan == Plan.JOINT else None
         if self.advisor is not None:
             await self.advisor.start()
@@ -95,7 +93,7 @@ class Teaching:
 
     async def stop(self) -> dict[str, object]:
         """Close the session."""
-        counts = self._counts()
+        told = self._counts()
         self.harvest = None
         self.last_session = await self.recorder.stop()
         if self.advisor is not None:
@@ -103,7 +101,7 @@ class Teaching:
         return {
             "session": self.last_session.name,
             "folder": str(self.last_session),
-            **counts,
+            **told,
             **self._warning(),
         }
 
@@ -132,9 +130,7 @@ class Teaching:
 
         by_foot: nobody named the target, so two touches of one rest of the arm are one press too many.
         """
-        if target not in self.facts.object.targets:
-            names = ", ".join(self.facts.object.targets)
-            raise InputError(f"unknown target {target!r}; the cell file has: {names}")
+        self._check_target(target)
         with self._asked():
             touch = self._touch(target, await self._observe())
             if by_foot and _same_rest(touch, self.last_touch):
@@ -162,24 +158,41 @@ class Teaching:
         if harvested is not None:
             self.recorder.harvest(harvested)
 
-    async def undo(self, which: str | None = None) -> dict[str, object]:
-        """Take back the last sample that was asked for, of a kind if one is named, or harvested."""
-        undone = await self.recorder.call(_undoing(which))
+    async def undo(self, which: str | None = None, number: int | None = None) -> dict[str, object]:
+        """Take back the last sample that was asked for, of a kind, or harvested; number: that sample."""
+        undone = await self.recorder.call(_undoing(which, number))
         seen = undone.value if isinstance(undone.value, Observation) else undone.value.observation
         if self.harvest is not None and seen is not None:
             self.harvest.refuse(seen)
-        result = {"undone": undone.kind.value, "was_harvested": undone.harvested}
-        return {**result, "sample": undone.sequence, **self._counts(), **await self._advice()}
+        await self._review(undone.kind)
+        return {**_described(undone, "undone"), **self._counts(), **await self._advice()}
 
-    async def advise(self, **limits: str | float) -> Mapping[str, object]:
-        """What the session, open or last, is worth and needs; limits: policy, tilt_deg, yaw_deg."""
+    async def retag(self, number: int, target: str) -> dict[str, object]:
+        """Book a touch under the target that was meant; its number stays."""
+        self._check_target(target)
+        renamed = await self.recorder.call(lambda writer: writer.retag(number, target))
+        await self._review(renamed.kind)
+        return {**_described(renamed, "retagged"), **self._counts(), **await self._advice()}
+
+    def samples(self) -> dict[str, object]:
+        """Every sample of the open session by its number, undone ones left out."""
+        taught = self._session().taught
+        return {"samples": {str(sample.sequence): sample_in_words(sample) for sample in taught}}
+
+    async def advise(self, wait_s: float, **limits: str | float) -> Mapping[str, object]:
+        """What the session, open or last, is worth and needs, as it is now; limits: policy, tilt_deg, yaw_deg.
+
+        wait_s: how long to wait for what has to be computed; then what needs no computing.
+        """
         if self.advisor is None:
             raise ControlError("this cell gives no advice")
-        if self.recorder.writer is not None:
-            return await self.advisor.full(self._session().path, **limits)
+        writer = self.recorder.writer
+        if writer is not None:
+            told = await self.advisor.full(writer.path, writer.version, wait_s, **limits)
+            return self._with_first(told)
         if self.last_session is None:
             raise ControlError("no session was recorded yet: vgrd record start --plan joint")
-        return await self.advisor.full(self.last_session, **limits)
+        return await self.advisor.full(self.last_session, _CLOSED, wait_s, **limits)
 
     def status(self) -> dict[str, object]:
         """Describe the session for `vgrd status`."""
@@ -193,6 +206,11 @@ class Teaching:
             "dropped": self.recorder.dropped + sum(self._session().dropped),
             **self._counts(),
         }
+
+    def _check_target(self, name: str) -> None:
+        if name not in self.facts.object.targets:
+            names = ", ".join(self.facts.object.targets)
+            raise InputError(f"unknown target {name!r}; the cell file has: {names}")
 
     def _touch(self, target: str, observation: Observation) -> Touch:
         sigma = self.touch_sigma
@@ -221,14 +239,30 @@ class Teaching:
         tags = [
             name for name in ("tag_a", "tag_b") if getattr(observation, name, None) is not None
         ]
-        result = {"sample": sequence, "kind": kind.value, "tags": tags, **self._counts()}
-        return result | self._warning() | await self._advice()
+        await self._review(kind)
+        repeat = repeat_in_words(self._session().taught, sequence)
+        result: dict[str, object] = {"sample": sequence, "kind": kind.value, "tags": tags}
+        result |= {"remark": repeat} if repeat else {}
+        return result | self._counts() | self._warning() | await self._advice()
+
+    async def _review(self, kind: SampleKind) -> None:
+        """Ask about the touches anew, where one came, went or got another name."""
+        if kind in (SampleKind.TOUCH, SampleKind.VERIFY):
+            await self.questions.review(self._session())
 
     async def _advice(self) -> dict[str, object]:
         """What comes of the samples so far, if it can be told without a delay."""
         if self.advisor is None:
             return {}
-        return {"advice": await self.advisor.brief(self._session().path)}
+        writer = self._session()
+        return {"advice": self._with_first(await self.advisor.brief(writer.path, writer.version))}
+
+    def _with_first(self, advice: Mapping[str, object]) -> Mapping[str, object]:
+        """Advice that is pending, with the sample that the plan asks for next: it needs no computing."""
+        if "pending" not in advice or self.recorder.writer is None:
+            return advice
+        words = first_sample(recording_of(self.recorder.writer))
+        return {**advice, "next": {"words": words}} if words else advice
 
     async def _observe(self) -> Observation:
         """Pose and picture of one rest; NotSteady when robot or object still move."""
@@ -293,14 +327,7 @@ class Teaching:
         return self.recorder.open_session()
 
     def _counts(self) -> dict[str, object]:
-        writer = self._session()
-        have = Counter({kind.value: count for kind, count in writer.counts.items()})
-        wanted = {kind.value: n for kind, n in WANTED[writer.header.plan].items()}
-        if writer.header.facts.camera_stability is Stability.MOVABLE:
-            wanted.pop(SampleKind.LOOK.value, None)  # there a picture of tag A alone tells nothing
-        missing = {kind: n - have[kind] for kind, n in wanted.items() if have[kind] < n}
-        harvested = {kind.value: count for kind, count in writer.harvested.items()}
-        return {"have": dict(have), HARVESTED: harvested, "missing": missing}
+        return {**counts(self._session()), **self.questions.told()}
 
 
 def _same_rest(touch: Touch, last: Touch | None) -> bool:
@@ -311,15 +338,32 @@ def _same_rest(touch: Touch, last: Touch | None) -> bool:
     return since_s is not None and since_s <= last.observation.stamp_s
 
 
-def _undoing(which: str | None) -> Callable[[SessionWriter], Taught]:
-    """What takes back the last sample of that name; InputError for a name that there is not."""
+def _undoing(which: str | None, number: int | None) -> Callable[[SessionWriter], Taught]:
+    """What takes back that sample; InputError for one that there is not."""
+    if number is not None:
+        if which is not None:
+            raise InputError(f"undo either the last {which} or sample {number}, not both")
+        return lambda writer: writer.undo_sample(number)
     if which is None:
         return lambda writer: writer.undo(harvested=False)
     if which == HARVESTED:
         return lambda writer: writer.undo(harvested=True)
     if which not in list(SampleKind):
         raise InputError(
-            f"nothing undone: {which!r} is no kind of sample: choose one of "
-            f"{', '.join(SampleKind)}, {HARVESTED}"
+            f"nothing undone: {which!r} is neither the number of a sample nor a kind of it: choose "
+            f"one of {', '.join(SampleKind)}, {HARVESTED}"
         )
     return lambda writer: writer.undo(SampleKind(which))
+
+
+def sample_in_words(sample: Taught) -> str:
+    """Its kind, what it is of, and whether nobody asked for it."""
+    of = f" {sample.value.target}" if isinstance(sample.value, Touch) else ""
+    return f"{sample.kind.value}{of}{', harvested' if sample.harvested else ''}"
+
+
+def _described(sample: Taught, done: str) -> dict[str, object]:
+    """A sample that was changed, for a reply; done: what was done to it."""
+    target = {"target": sample.value.target} if isinstance(sample.value, Touch) else {}
+    told = {done: sample.kind.value, "sample": sample.sequence, **target}
+    return {**told, "was_harvested": sample.harvested}
