@@ -21,6 +21,7 @@ from vgrd.commands import (
     study,
     target,
 )
+from vgrd.commands.checking import check, drivers
 from vgrd.errors import DaemonUnreachable, VgrdError
 
 app = typer.Typer(
@@ -33,6 +34,8 @@ for group in (
     advise,
     budget,
     daemon,
+    check,
+    drivers,
     detect,
     importing,
     intrinsics,

@@ -1,0 +1,71 @@
+"""The command that finds what will fail with a cell file."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from vgrd.commands.printing import JsonOption, Result, console, print_result, show_fields
+from vgrd.errors import ConfigError
+
+if TYPE_CHECKING:
+    from vgrd.checking.cell_check import CheckedCell
+    from vgrd.config.cell_file import CellConfig
+
+
+def register(app: typer.Typer) -> None:
+    """Add check."""
+    app.command()(check)
+
+
+def check(
+    config: Annotated[Path, typer.Argument(help="The cell file.")], json_to: JsonOption = None
+) -> None:
+    """Check a cell file: every fault is told at once, with its line, and what is only odd as a warning."""
+    from vgrd.checking.cell_check import check_cell
+
+    checked = check_cell(config)
+    faults = checked.told(faults=True)
+    warnings = checked.to_json(faults=False)
+    if faults or checked.config is None:
+        _refuse(config, checked, faults, json_to)
+        return
+    result = {"ok": True, **_summary(checked.config), "warnings": warnings}
+
+    def show(result: Result) -> None:
+        told = {key: value for key, value in result.items() if key != "warnings"}
+        show_fields(f"{config} is good")(told)
+        _show_warnings(checked)
+
+    print_result(result, json_to, show)
+
+
+def _summary(config: "CellConfig") -> Result:
+    return {
+        "cell": config.cell.name,
+        "robot": config.robot.driver,
+        "camera": config.camera.driver,
+        "targets": [target.name for target in config.object.targets],
+        "registers": f"{config.serving.host}:{config.serving.port}",
+        "state_dir": config.cell.state_dir,
+        "runtime_dir": config.cell.runtime_dir,
+    }
+
+
+def _refuse(config: Path, checked: "CheckedCell", faults: list[str], json_to: str | None) -> None:
+    """Raise ConfigError with all faults; the warnings are told first."""
+    if json_to is not None:
+        result = {
+            "ok": False,
+            "faults": checked.to_json(faults=True),
+            "warnings": checked.to_json(faults=False),
+        }
+        print_result(result, json_to, lambda _: None)
+    for warning in checked.told(faults=False):
+        typer.echo(f"warning: {warning}", err=True)
+    raise ConfigError(str(config), faults)
+
+
+def _show_warnings(checked: "CheckedCell") -> None:
+    for warning in checked.told(faults=False):
+        console.print(f"warning: {warning}", highlight=False, markup=False)
