@@ -20,6 +20,7 @@ from vgrd.errors import ConfigError
 from vgrd.geometry.camera import implausible_matrix
 from vgrd.geometry.coincidence import are_in_line
 from vgrd.judging.thresholds import LINE
+from vgrd.model.cell import SMALLEST_TAG_MM
 
 Vector = Annotated[list[float], Field(min_length=3, max_length=3)]
 Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
@@ -124,7 +125,7 @@ class TagSection(Table):
 
     family: Literal["36h11", "25h9", "16h5"] = "36h11"
     id: Annotated[int, Field(ge=0)]
-    size_mm: Annotated[float, Field(ge=1, le=1000)]
+    size_mm: Annotated[float, Field(ge=SMALLEST_TAG_MM, le=1000)]
     size_sigma_mm: Annotated[float, Field(ge=0, le=10)] = Field(
         default=0.05,  # a caliper's: printers are off by more, along the paper most
         description="how well size_mm is known, 1 sigma, along and across the paper each; 0: exactly",

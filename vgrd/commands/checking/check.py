@@ -5,12 +5,15 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from vgrd.commands.checking.connecting import ask_devices, show_devices
 from vgrd.commands.printing import JsonOption, Result, console, print_result, show_fields
-from vgrd.errors import ConfigError
+from vgrd.errors import ConfigError, VgrdError
 
 if TYPE_CHECKING:
     from vgrd.checking.cell_check import CheckedCell
     from vgrd.config.cell_file import CellConfig
+
+_APART = ("warnings", "devices")  # shown below the rest
 
 
 def register(app: typer.Typer) -> None:
@@ -19,7 +22,16 @@ def register(app: typer.Typer) -> None:
 
 
 def check(
-    config: Annotated[Path, typer.Argument(help="The cell file.")], json_to: JsonOption = None
+    config: Annotated[Path, typer.Argument(help="The cell file.")],
+    connect: Annotated[
+        bool,
+        typer.Option(
+            "--connect",
+            help="Open the devices too, and show the flange, the TCP and the tags in a picture; "
+            "a daemon that runs is asked instead.",
+        ),
+    ] = False,
+    json_to: JsonOption = None,
 ) -> None:
     """Check a cell file: every fault is told at once, with its line, and what is only odd as a warning."""
     from vgrd.checking.cell_check import check_cell
@@ -31,13 +43,21 @@ def check(
         _refuse(config, checked, faults, json_to)
         return
     result = {"ok": True, **_summary(checked.config), "warnings": warnings}
+    trouble: VgrdError | None = None
+    if connect:
+        result["devices"], trouble = ask_devices(checked.config)
+        result["ok"] = trouble is None
 
     def show(result: Result) -> None:
-        told = {key: value for key, value in result.items() if key != "warnings"}
+        told = {key: value for key, value in result.items() if key not in _APART}
         show_fields(f"{config} is good")(told)
         _show_warnings(checked)
+        if connect:
+            show_devices(result["devices"])
 
     print_result(result, json_to, show)
+    if trouble is not None:
+        raise trouble
 
 
 def _summary(config: "CellConfig") -> Result:
