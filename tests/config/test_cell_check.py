@@ -1,12 +1,18 @@
 """`vgrd check`: mistakes that people make in a cell file, each named at its line with key and remedy."""
 
+import copy
 import dataclasses
 import json
+import math
 import re
+import tomllib
+from collections.abc import Iterable
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from drivers.catalogue import DRIVERS
 from fakes.cell.cell import cell_text
@@ -537,3 +543,61 @@ def test_the_files_of_the_fake_cells_give_no_remark(kind: CellKind, tmp_path: Pa
         text = cell_text(world.layout, robot=robot, camera=NO_CAMERA, port=1502)
         (folder / "cell.toml").write_text(text, encoding="utf-8")
         assert check_cell(folder / "cell.toml", free_from=1024).remarks == ()
+
+
+def paths_in(value: object, path: tuple[str | int, ...] = ()) -> list[tuple[str | int, ...]]:
+    items: Iterable[tuple[str | int, object]] = ()
+    if isinstance(value, dict):
+        items = value.items()
+    elif isinstance(value, list):
+        items = enumerate(value)
+    return [
+        found for key, inner in items for found in ((*path, key), *paths_in(inner, (*path, key)))
+    ]
+
+
+def literal(value: object) -> str:
+    """A value as TOML, tables inline."""
+    if isinstance(value, dict):
+        return "{" + ", ".join(f"{json.dumps(k)} = {literal(v)}" for k, v in value.items()) + "}"
+    if isinstance(value, list):
+        return "[" + ", ".join(map(literal, value)) + "]"
+    if isinstance(value, float):
+        return repr(value)
+    return json.dumps(value)
+
+
+ODD = st.one_of(
+    st.none().map(lambda _: {}),
+    st.sampled_from(
+        [True, -1, 0, 10**9, 1e-9, -0.0, math.inf, math.nan, "", "x", ".", "..a", "[]"]
+    ),
+    st.sampled_from(
+        ["drivers.catalogue", "/", "\\u00e4", "1.2.3", "::1", "modbus_robot", "pylon"]
+    ),
+    st.just([]),
+    st.just([{}]),
+    st.just({"a": {"b": 1}}),
+)
+
+
+@given(st.data())
+@settings(max_examples=150, deadline=None)
+def test_whatever_stands_in_the_file_is_told_or_taken_and_never_breaks_the_check(
+    tmp_path_factory: pytest.TempPathFactory, data: st.DataObject
+) -> None:
+    """One to three values of the example replaced by something else."""
+    table = tomllib.loads(example())
+    for _ in range(data.draw(st.integers(1, 3))):
+        *parents, last = data.draw(st.sampled_from(paths_in(table)))
+        inner: Any = table
+        for key in parents:
+            inner = inner[key]
+        inner[last] = copy.deepcopy(data.draw(ODD))  # else later draws change what strategies hold
+    text = "".join(f"{json.dumps(key)} = {literal(value)}\n" for key, value in table.items())
+    path = tmp_path_factory.mktemp("odd") / "cell.toml"
+    path.write_text(text, encoding="utf-8")
+    result = check_cell(path, free_from=1024)
+    lines = len(text.splitlines())
+    assert all(1 <= result.places.line(one.where) <= lines for one in result.remarks)
+    assert (result.config is None) <= bool(result.told(faults=True))

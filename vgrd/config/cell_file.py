@@ -22,7 +22,8 @@ from vgrd.geometry.coincidence import are_in_line
 from vgrd.judging.thresholds import LINE
 from vgrd.model.cell import SMALLEST_TAG_MM
 
-Vector = Annotated[list[float], Field(min_length=3, max_length=3)]
+Finite = Annotated[float, Field(allow_inf_nan=False)]
+Vector = Annotated[list[Finite], Field(min_length=3, max_length=3)]
 Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
 
 
@@ -96,7 +97,7 @@ class CameraSection(Table):
         default=8, description="of a pixel: 16 for Mono10 to Mono16"
     )
     matrix: Matrix
-    distortion: Annotated[list[float], Field(max_length=8)] = Field(default=[])
+    distortion: Annotated[list[Finite], Field(max_length=8)] = Field(default=[])
     size_px: Annotated[list[Annotated[int, Field(gt=0)]], Field(min_length=2, max_length=2)]
     settings: Settings = Field(default={})
 

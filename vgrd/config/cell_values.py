@@ -64,7 +64,9 @@ def _network(entry: str) -> str:
 
 Settings = Annotated[dict[str, Any], AfterValidator(_json_able)]
 Matrix = Annotated[
-    list[float], Field(min_length=_FLAT, max_length=_FLAT), BeforeValidator(_four_numbers)
+    list[Annotated[float, Field(allow_inf_nan=False)]],
+    Field(min_length=_FLAT, max_length=_FLAT),
+    BeforeValidator(_four_numbers),
 ]
 Network = Annotated[str, AfterValidator(_network)]
 no_wrist = BeforeValidator(_not_on_the_wrist)

@@ -19,7 +19,8 @@ Generated from `vgrd/config/cell_file.py` by `python -m vgrd.config.document doc
 
 TOML; units are part of the keys; an unknown key is an error. `vgrd check CELL.toml` tells all faults
 at once, each with its line, and ends with 78; what is only odd it tells as a warning. It opens no device and
-writes nothing. An example is `config/cell.example.toml`. `vgrd drivers` tells the drivers there are.
+writes nothing. `vgrd check --connect CELL.toml` opens the devices too, and tells flange, TCP, and which tags a
+picture shows. An example is `config/cell.example.toml`. `vgrd drivers` tells the drivers there are.
 """
 
 

@@ -23,6 +23,8 @@ def module_of(driver: str) -> str:
 
 def is_there(driver: str) -> bool:
     """Whether there is a module of a driver with a dotted name; what it needs is not loaded."""
+    if not all(part.isidentifier() for part in driver.split(".")):
+        return False
     try:
         return find_spec(driver) is not None
     except ModuleNotFoundError:  # not even the package that it would be in
