@@ -109,6 +109,11 @@ def address_remarks(serving: ServingSection, free_from: int) -> Iterator[Remark]
             "serving",
             "port",
         )
+    if serving.line_port is not None and serving.line_port < free_from:
+        words = (
+            f"ports below {free_from} need a privilege that the daemon does not have: take 1503"
+        )
+        yield doubt(words, "serving", "line_port")
     for index, entry in enumerate(serving.allow):
         if entry in serving.allow[:index]:
             yield doubt(f"{entry} stands there twice: drop one", "serving", "allow", index)

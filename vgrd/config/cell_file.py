@@ -13,6 +13,8 @@ import numpy as np
 from pydantic import Field, ValidationError, model_validator
 
 from vgrd.config.cell_values import Matrix, Network, Settings, no_wrist
+from vgrd.config.limits_section import LimitsSection
+from vgrd.config.quantities import Finite, Name, Positive, Vector
 from vgrd.documents.tables import FaultAt, Table, located_faults
 from vgrd.documents.toml import hint, read_with_places
 from vgrd.documents.toml_lines import KeyPlaces, Location
@@ -21,13 +23,6 @@ from vgrd.geometry.camera import implausible_matrix
 from vgrd.geometry.coincidence import are_in_line
 from vgrd.judging.thresholds import LINE
 from vgrd.model.cell import SMALLEST_TAG_MM
-
-Finite = Annotated[float, Field(allow_inf_nan=False)]
-Vector = Annotated[list[Finite], Field(min_length=3, max_length=3)]
-Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
-
-
-Name = Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_.-]{0,40}$")]
 
 _hint = partial(hint, list_name="known here", alike=0.5)  # another unit shares few letters
 
@@ -188,6 +183,7 @@ class TargetSection(Table):
         default=None,
         description="diameter of the hole minus that of what goes in: how often it goes in is then told",
     )
+    limits: LimitsSection = LimitsSection()
 
     @model_validator(mode="after")
     def _hole_in_cad(self) -> Self:
@@ -297,6 +293,12 @@ class ServingSection(Table):
     port: int = Field(  # Modbus' own 502 and 1000: below 1024 it needs privileges
         default=1502, ge=1, le=65535, description="below 1024: with config/vgrd.socket"
     )
+    line_port: int | None = Field(
+        default=None,
+        ge=1,
+        le=65535,
+        description="of the line server, for controllers without Modbus; without it there is none",
+    )
     allow: list[Network] = Field(
         default=["127.0.0.1"], min_length=1, description="robots that may connect"
     )
@@ -335,8 +337,15 @@ class ServingSection(Table):
     int16_scale: Literal["mrad", "centidegree", "fine"] = Field(
         default="mrad",
         description="steps of the int16 registers: 0.1 mm and 1 mrad, 0.1 mm and 0.01 deg, or"
-        " 0.05 mm and 0.1 mrad (no farther than 1.638 m from the base)",
+        " 0.05 mm and 0.1 mrad (no farther than 1.638 m from the base, rotation vectors up to 187 degrees)",
     )
+
+    @model_validator(mode="after")
+    def _two_ports(self) -> Self:
+        if self.line_port == self.port:
+            msg = f"port and line_port are both {self.port}: give the lines another one, such as 1503"
+            raise FaultAt(msg, "line_port")
+        return self
 
 
 class CellConfig(Table):
@@ -352,6 +361,7 @@ class CellConfig(Table):
     pedal: PedalSection = PedalSection()
     recording: RecordingSection = RecordingSection()
     serving: ServingSection = ServingSection()
+    limits: LimitsSection = LimitsSection()
 
 
 class CellText(NamedTuple):

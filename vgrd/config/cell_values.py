@@ -7,6 +7,8 @@ from typing import Annotated, Any
 
 from pydantic import AfterValidator, BeforeValidator, Field
 
+from vgrd.config.quantities import Finite
+
 _SQUARE = 3  # rows and columns of a camera matrix
 _FLAT = 4  # the numbers of it that are not fixed: fx, fy, cx, cy
 
@@ -64,7 +66,7 @@ def _network(entry: str) -> str:
 
 Settings = Annotated[dict[str, Any], AfterValidator(_json_able)]
 Matrix = Annotated[
-    list[Annotated[float, Field(allow_inf_nan=False)]],
+    list[Finite],
     Field(min_length=_FLAT, max_length=_FLAT),
     BeforeValidator(_four_numbers),
 ]
