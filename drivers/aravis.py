@@ -4,12 +4,12 @@ import contextlib
 import ctypes
 import queue
 import threading
-from dataclasses import dataclass
 
 import numpy as np
 
 from drivers import settings as driver_settings
 from drivers.aravis_library import PAYLOAD_COMPLETE, AravisError, Library, load
+from drivers.catalogue import AravisSettings
 from drivers.frame_counter import FrameCounter
 from drivers.pixel_formats import MONO_BITS, WORDS, levels
 from drivers.region_grid import RegionGrid
@@ -22,24 +22,6 @@ _LAST_FRAME_ID = 0xFFFF  # GigE Vision 1.x counts frames in 16 bits
 _PACKET_SIZE_AS_SET = 0  # ARV_GV_PACKET_SIZE_ADJUSTMENT_NEVER
 _SOCKET_BUFFER_OF_ONE_PICTURE = 1  # ARV_GV_STREAM_SOCKET_BUFFER_AUTO
 _UNCHANGED = -1  # width or height of a region, as Aravis takes it
-
-
-@dataclass(frozen=True, slots=True)
-class AravisSettings:
-    """`address`: IP address (not a name: names need discovery) or the id of a USB camera.
-
-    serial: what the camera there must have, so that another one is not taken for it.
-    exposure_ms, gain_db, packet_bytes: None leaves what the camera has; packet_bytes is the size
-    of a GigE packet, up to the network's MTU. pixel_format: Mono8, or an unpacked Mono10, Mono12,
-    Mono14, Mono16.
-    """
-
-    address: str
-    serial: str | None = None
-    exposure_ms: float | None = None
-    gain_db: float | None = None
-    pixel_format: str = "Mono8"
-    packet_bytes: int | None = None
 
 
 def open(settings: Settings, clock: Clock) -> Camera:  # noqa: A001 - the name of every driver's entry

@@ -6,65 +6,34 @@ requests, the pose is read again after the TCP, and both poses must be equal.
 """
 
 import logging
-from dataclasses import dataclass
 
 from pymodbus.client import ModbusSerialClient, ModbusTcpClient
 from pymodbus.exceptions import ModbusException
 
 from drivers import robot_profile
 from drivers import settings as driver_settings
+from drivers.catalogue import ModbusSettings
 from drivers.robot_profile import RegisterRange, RobotProfile
 from vgrd.clock import Clock
 from vgrd.devices import FlangeReading, Robot, Settings
-from vgrd.errors import BadReading, ConfigError, DeviceError, DeviceRefused, DeviceUnavailable
+from vgrd.errors import BadReading, DeviceError, DeviceRefused, DeviceUnavailable
 from vgrd.geometry import Pose
 
 _SHORTEST_PERIOD_S = 0.01  # chosen: 100 readings a second, where a profile names no refresh
 _SHORTEST_WAIT_S = 0.001  # chosen: a time limit of 0 would not wait at all
 _READ_HOLDING_REGISTERS = 3  # Modbus function code; the other one is 4, input registers
 _SOURCE = "settings of driver modbus_robot"
-_PARITIES = ("N", "E", "O")
-_OFFSET_NUMBERS = 6  # x y z and a rotation vector
-
-
-@dataclass(frozen=True, slots=True)
-class ModbusSettings:
-    """`profile`: a name in config/robots or a TOML file; port and unit: instead of the profile's.
-
-    host: of a robot on the network (Modbus TCP). serial_port: path of the port that a robot hangs at
-    (Modbus RTU), with its baud and parity ("N", "E" or "O"); 8 data bits, 1 stop bit.
-    tcp_offset: x y z (mm) and rotation vector (rad) of the active TCP in the flange, for robots
-    that show their TCP but not its offset. timeout_s: of `open`.
-    """
-
-    profile: str
-    host: str | None = None
-    port: int | None = None
-    serial_port: str | None = None
-    baud: int = 115200  # what robots' serial ports are set to by default, where they have one
-    parity: str = "N"
-    unit: int | None = None
-    tcp_offset: tuple[float, ...] | None = None
-    timeout_s: float = driver_settings.OPEN_TIMEOUT_S
 
 
 def open(settings: Settings, clock: Clock) -> Robot:  # noqa: A001 - the name of every driver's entry
     """Connect and read once; settings as in `ModbusSettings`.
 
     Raises ConfigError, DeviceUnavailable (nobody there, silent), DeviceRefused (the robot has no
-    such registers, or shows its TCP and nothing tells the offset).
+    such registers).
     """
     options = driver_settings.parse(ModbusSettings, settings, _SOURCE)
-    faults = _faults(options)
-    if faults:
-        raise ConfigError(_SOURCE, faults)
     profile = robot_profile.load(options.profile)
     offset = _given_offset(options)
-    if profile.frame == "tcp" and profile.tcp_block is None and offset is None:
-        raise DeviceRefused(
-            f"{profile.name} shows the pose of its TCP and not the TCP's offset: give tcp_offset "
-            "= [x, y, z, rx, ry, rz] (mm, rotation vector in rad) in the robot's settings"
-        )
     # The errors of pymodbus are raised; its log would repeat them on every retry of the daemon.
     logging.getLogger("pymodbus").setLevel(logging.CRITICAL)
     robot = ModbusRobot(profile, options, offset, clock)
@@ -79,27 +48,9 @@ def open(settings: Settings, clock: Clock) -> Robot:  # noqa: A001 - the name of
     return robot
 
 
-def _faults(options: ModbusSettings) -> list[str]:
-    faults = []
-    if (options.host is None) == (options.serial_port is None):
-        faults.append("give host (Modbus TCP) or serial_port (Modbus RTU), one of them")
-    if options.serial_port is not None and options.port is not None:
-        faults.append("port: of Modbus TCP; a serial port is named by serial_port")
-    if options.parity not in _PARITIES:
-        faults.append(f"parity: {options.parity!r} is none of {', '.join(_PARITIES)}")
-    if options.baud <= 0:
-        faults.append(f"baud: {options.baud} bits per second")
-    return faults
-
-
 def _given_offset(options: ModbusSettings) -> Pose | None:
     values = options.tcp_offset
-    if values is None:
-        return None
-    if len(values) != _OFFSET_NUMBERS:
-        fault = f"tcp_offset: expected {_OFFSET_NUMBERS} numbers, got {len(values)}"
-        raise ConfigError(_SOURCE, [fault])
-    return Pose.from_rotvec(values[3:], values[:3])
+    return None if values is None else Pose.from_rotvec(values[3:], values[:3])
 
 
 def _client(

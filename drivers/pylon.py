@@ -1,13 +1,13 @@
 """Basler cameras through pypylon: one picture per software trigger."""
 
 import contextlib
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from pypylon import genicam, pylon
 
 from drivers import settings as driver_settings
+from drivers.catalogue import PylonSettings
 from drivers.frame_counter import FrameCounter
 from drivers.pixel_formats import MONO_BITS, WORDS, levels
 from drivers.region_grid import RegionGrid
@@ -16,22 +16,6 @@ from vgrd.devices import Camera, CameraImage, Pixels, Region, Settings
 from vgrd.errors import BadReading, DeviceRefused, DeviceUnavailable
 
 _LAST_FRAME_ID = 0xFFFF  # GigE Vision 1.x counts frames in 16 bits
-
-
-@dataclass(frozen=True, slots=True)
-class PylonSettings:
-    """`serial` or `address` (GigE) of the camera.
-
-    exposure_ms, gain_db, packet_bytes: None leaves what the camera has. pixel_format: Mono8, or
-    an unpacked Mono10, Mono12, Mono14, Mono16.
-    """
-
-    serial: str | None = None
-    address: str | None = None
-    exposure_ms: float | None = None
-    gain_db: float | None = None
-    pixel_format: str = "Mono8"
-    packet_bytes: int | None = None
 
 
 def open(settings: Settings, clock: Clock) -> Camera:  # noqa: A001 - the name of every driver's entry

@@ -4,34 +4,20 @@ What switches with a microcontroller, barcode triggers and USB-serial buttons se
 What comes within `quiet_s` belongs to the same press: contacts bounce, and a line has several bytes.
 """
 
-from dataclasses import dataclass
-
 import serial
 
 from drivers import settings as driver_settings
+from drivers.catalogue import PedalSettings
 from vgrd.clock import Clock
 from vgrd.devices import Pedal, Settings
-from vgrd.errors import ConfigError, DeviceUnavailable
+from vgrd.errors import DeviceUnavailable
 
 _SOURCE = "settings of driver serial_pedal"
-_SLOWEST_BAUD = 50  # the slowest that serial ports know
-
-
-@dataclass(frozen=True, slots=True)
-class PedalSettings:
-    """serial_port: path; baud: bits per second; quiet_s: shortest time from one press to the next."""
-
-    serial_port: str
-    baud: int = 9600  # what such switches come with
-    quiet_s: float = 0.3  # chosen: contacts bounce for 20 ms, nobody treads twice so fast
 
 
 def open(settings: Settings, clock: Clock) -> Pedal:  # noqa: A001 - the name of every driver's entry
     """Open the port; settings as in `PedalSettings`. Raises ConfigError, DeviceUnavailable."""
     options = driver_settings.parse(PedalSettings, settings, _SOURCE)
-    if options.baud < _SLOWEST_BAUD or not options.quiet_s >= 0:
-        fault = f"baud of {_SLOWEST_BAUD} or more and quiet_s of 0 or more are needed"
-        raise ConfigError(_SOURCE, [fault])
     try:
         port = serial.Serial(options.serial_port, options.baud, exclusive=True)
         port.reset_input_buffer()

@@ -9,33 +9,23 @@ aborts the process at deletion.
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import Any
 
 import rtde_receive
 
 from drivers import settings as driver_settings
+from drivers.catalogue import UrSettings
 from drivers.rtde_session import OffsetTrack, RtdeConnection
 from vgrd.clock import Clock
-from vgrd.devices import SLOWEST_ROBOT_HZ, FlangeReading, Robot, Settings
-from vgrd.errors import BadReading, ConfigError, DeviceUnavailable
+from vgrd.devices import FlangeReading, Robot, Settings
+from vgrd.errors import BadReading, DeviceUnavailable
 from vgrd.geometry import Pose
 
 _STATUS = ("robot_mode", "safety_status_bits", "actual_digital_input_bits")
 _RUNNING = 7  # robot_mode, UR's RTDE guide: RUNNING
 _NORMAL_OR_REDUCED = 0b11  # safety_status_bits: normal mode, reduced mode; nothing else may be set
-_FASTEST_HZ = 500.0  # e-Series; CB3 sends 125
 _POSE_NUMBERS = 6  # VECTOR6D of UR's RTDE guide: x y z and a rotation vector
 _ROUNDING_RAD = 1e-9  # of a full turn in doubles
-
-
-@dataclass(frozen=True, slots=True)
-class UrSettings:
-    """Address of the controller, rate of both sessions, time limit of `open`."""
-
-    host: str
-    frequency_hz: float = 125.0  # what CB3 and e-Series both send
-    timeout_s: float = driver_settings.OPEN_TIMEOUT_S
 
 
 def open(settings: Settings, clock: Clock) -> Robot:  # noqa: A001 - the name of every driver's entry
@@ -45,9 +35,6 @@ def open(settings: Settings, clock: Clock) -> Robot:  # noqa: A001 - the name of
     PolyScope).
     """
     options = driver_settings.parse(UrSettings, settings, "settings of driver ur_rtde")
-    if not SLOWEST_ROBOT_HZ <= options.frequency_hz <= _FASTEST_HZ:
-        fault = f"frequency_hz must be in {SLOWEST_ROBOT_HZ:g} .. {_FASTEST_HZ:g}"
-        raise ConfigError("settings of driver ur_rtde", [fault])
     connection = RtdeConnection(
         options.host, options.frequency_hz, options.timeout_s, clock, _STATUS
     )

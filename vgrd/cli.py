@@ -5,6 +5,7 @@ environment variables VGRD_CONFIG and VGRD_SOCKET.
 """
 
 import sys
+from typing import Annotated
 
 import typer
 
@@ -21,18 +22,22 @@ from vgrd.commands import (
     study,
     target,
 )
+from vgrd.commands.checking import calibrations, check, drivers, snapshot
 from vgrd.errors import DaemonUnreachable, VgrdError
 
 app = typer.Typer(
     no_args_is_help=True,
     pretty_exceptions_enable=False,
     rich_markup_mode=None,
-    help="Calibrate a vision-guided robot cell and serve expected coordinates over Modbus.",
 )
 for group in (
     advise,
     budget,
+    calibrations,
     daemon,
+    check,
+    drivers,
+    snapshot,
     detect,
     importing,
     intrinsics,
@@ -43,6 +48,26 @@ for group in (
     target,
 ):
     group.register(app)
+
+
+def _tell_version(wanted: bool) -> None:
+    if wanted:
+        from importlib.metadata import version
+
+        typer.echo(f"vgrd {version('vgrd')}")
+        raise typer.Exit
+
+
+@app.callback()
+def options(
+    version: Annotated[
+        bool,
+        typer.Option(
+            "--version", help="Tell the version and end.", callback=_tell_version, is_eager=True
+        ),
+    ] = False,
+) -> None:
+    """Calibrate a vision-guided robot cell and serve expected coordinates over Modbus."""
 
 
 def main() -> None:

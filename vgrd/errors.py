@@ -31,6 +31,7 @@
       InternalError          a fault of vgrd itself, as the user is told of it
       ControlError           the daemon refused a command
         DaemonUnreachable    no daemon answers on the control socket
+        DaemonSilent         a daemon runs, and does not answer yet: ask again
 
 Retrying is decided by type. Messages name what, where and the remedy.
 """
@@ -225,6 +226,15 @@ class DaemonUnreachable(ControlError):
         super().__init__(message, error=type(self).__name__)
 
 
+class DaemonSilent(ControlError):
+    """A daemon runs and does not answer, since it starts or its cell process does: ask again."""
+
+    exit_code = os.EX_TEMPFAIL
+
+    def __init__(self, message: str) -> None:
+        super().__init__(message, error=type(self).__name__)
+
+
 def _made_again(kind: type[_Kind], args: tuple[object, ...], facts: Mapping[str, object]) -> _Kind:
     """An error of a kind with these arguments and facts; its constructor is not called."""
     error = kind.__new__(kind, *args)
@@ -237,6 +247,12 @@ def _family(root: type[VgrdError]) -> Iterator[type[VgrdError]]:
     yield root
     for kind in root.__subclasses__():
         yield from _family(kind)
+
+
+def device_error(name: str, message: str) -> DeviceError:
+    """An error of a device that another process told by name; DeviceRefused for one that is none."""
+    kinds = {kind.__name__: kind for kind in (DeviceUnavailable, DeviceRefused, BadReading)}
+    return kinds.get(name, DeviceRefused)(message)
 
 
 _EXIT_CODES = {kind.__name__: kind.exit_code for kind in _family(VgrdError)}

@@ -72,7 +72,7 @@ def own_folder(path: Path, group: str, parts: Collection[str]) -> list[Path]:
     """
     make_folder(path)
     gid = _number_of(group) if group else None
-    _check_ours(path, gid, parts)
+    check_ours(path, gid, parts)
     try:
         _close(path, gid)
     except OSError as err:
@@ -82,7 +82,7 @@ def own_folder(path: Path, group: str, parts: Collection[str]) -> list[Path]:
     return [entry for part in parts for entry in _close_below(path / part, gid)]
 
 
-def _check_ours(path: Path, gid: int | None, parts: Collection[str]) -> None:
+def check_ours(path: Path, gid: int | None, parts: Collection[str]) -> None:
     """Nobody's home, /tmp or /var/lib may change its mode because a cell file names it."""
     status = path.stat()
     wanted = _mode(status.st_mode, shared=gid is not None)

@@ -15,6 +15,7 @@ import cv2
 
 from drivers import pylon
 from drivers import settings as driver_settings
+from drivers.catalogue import PylonSettings
 from fakes.camera.scene import Draw, pictures
 from fakes.world.cells import DEFAULT, cell_called
 from vgrd.clock import Clock
@@ -57,8 +58,8 @@ class EmulatedCamera:
         self._clock = clock
         self._frame = 0
         self._folder = tempfile.TemporaryDirectory(prefix="vgrd-pylon-", dir=_memory_folder())
-        self._camera: Any = pylon.connect(pylon.PylonSettings(serial=_EMULATOR))
-        pylon.configure(self._camera, pylon.PylonSettings())
+        self._camera: Any = pylon.connect(PylonSettings(serial=_EMULATOR))
+        pylon.configure(self._camera, PylonSettings())
         self._camera.TestImageSelector.Value = "Off"
         self._camera.ImageFileMode.Value = "On"
 

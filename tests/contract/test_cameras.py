@@ -10,6 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from drivers import aravis, pylon
+from drivers.catalogue import PylonSettings
 from drivers.frame_counter import FrameCounter
 from drivers.region_grid import RegionGrid
 from fakes.camera import cameras, pylon_camera
@@ -203,13 +204,15 @@ def test_a_frame_number_that_stands_still_is_a_bad_reading(gige):
 
 @needs_aravis
 def test_wrong_settings_are_refused_by_name():
-    with pytest.raises(ConfigError, match="'adress'"):
+    with pytest.raises(ConfigError, match="adress: unknown key, did you mean 'address'"):
         aravis.open({"adress": "127.0.0.3"}, CLOCK)
     fake = GigeCamera(Shown(), free_loopback(3956), SIZE)
     with fake:
         settings = {"address": fake.host, "pixel_format": "Mono7"}
-        with pytest.raises(DeviceRefused, match="refuses"):
+        with pytest.raises(ConfigError, match="pixel_format: 'Mono7': take one of Mono8"):
             aravis.open(settings, CLOCK)
+        with pytest.raises(DeviceRefused, match="refuses"):
+            aravis.open(settings | {"pixel_format": "Mono14"}, CLOCK)
 
 
 @needs_aravis
@@ -300,10 +303,15 @@ def test_pylon_gives_every_depth_at_one_scale(monkeypatch):
 
 def test_colours_are_refused_with_the_formats_to_choose_from(monkeypatch):
     monkeypatch.setenv("PYLON_CAMEMU", "1")
-    camera = pylon.open({"pixel_format": "BayerRG8"}, CLOCK)
+    with pytest.raises(ConfigError, match="pixel_format: 'BayerRG8': take one of Mono8"):
+        pylon.open({"pixel_format": "BayerRG8"}, CLOCK)
+    options = PylonSettings(pixel_format="BayerRG8")  # as of a camera that ignores what it is told
+    camera = pylon.connect(options)
+    pylon.configure(camera, options)
+    camera.StartGrabbing()
     with pytest.raises(BadReading, match="choose pixel_format Mono8"):
-        camera.grab(2.0)
-    camera.close()
+        pylon.take(camera, 2.0, CLOCK)
+    camera.Close()
 
 
 def test_frame_numbers_count_over_the_wrap_and_refuse_to_stand_still():

@@ -131,7 +131,7 @@ def test_a_wrong_word_order_is_a_bad_reading_not_a_pose():
 
 
 def test_a_tcp_pose_without_an_offset_is_refused():
-    with pytest.raises(DeviceRefused, match="give tcp_offset"):
+    with pytest.raises(ConfigError, match="give tcp_offset"):
         modbus_robot.open({"host": "127.0.0.4", "profile": "jaka"}, CLOCK)
 
 
@@ -144,7 +144,7 @@ def test_all_faults_of_a_profile_are_told_at_once(tmp_path):
         robot_profile.load(str(path))
     assert len(caught.value.faults) == 3
     path.write_text(text + "pose_adress = 3\n")
-    with pytest.raises(ConfigError, match=r"mine\.toml.*\n.*'pose_adress'"):
+    with pytest.raises(ConfigError, match=r"mine\.toml.*\npose_adress: unknown key"):
         robot_profile.load(str(path))
     with pytest.raises(ConfigError, match="techman"):
         robot_profile.load("kuka")

@@ -49,7 +49,7 @@ def test_a_press_is_told_once_with_its_time_however_many_bytes_it_sends(line):
 def test_a_port_that_is_not_there_is_unavailable_and_bad_settings_are_told():
     with pytest.raises(DeviceUnavailable, match="/dev/no-such-port"):
         serial_pedal.open({"serial_port": "/dev/no-such-port"}, CLOCK)
-    with pytest.raises(ConfigError, match="serial_port is missing"):
+    with pytest.raises(ConfigError, match="serial_port: is missing"):
         serial_pedal.open({}, CLOCK)
-    with pytest.raises(ConfigError, match="baud of 50"):
+    with pytest.raises(ConfigError, match="baud: 1 bits per second: 50 or more"):
         serial_pedal.open({"serial_port": "/dev/ttyS0", "baud": 1}, CLOCK)

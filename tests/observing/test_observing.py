@@ -89,5 +89,5 @@ def test_bad_readings_in_a_row_end_the_device_and_a_good_one_forgives() -> None:
 
 
 def test_an_unknown_driver_is_named() -> None:
-    with pytest.raises(ConfigError, match="misspelt"):
+    with pytest.raises(ConfigError, match="did you mean 'ur_rtde'"):
         driver_module("ur_rtdee")

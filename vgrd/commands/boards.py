@@ -22,7 +22,10 @@ def charuco_board(squares: str, square_mm: float, marker_mm: float, dictionary: 
     """The ChArUco board of --squares and so on; InputError when it cannot exist."""
     from vgrd.vision.print.boards import BOARD_DICTIONARIES, Charuco
     from vgrd.vision.print.codes import family_named
+    from vgrd.vision.print.targets import check_size
 
+    check_size("a square", square_mm)
+    check_size("a marker", marker_mm)
     columns, rows = _columns_and_rows("--squares", squares)
     name = family_named(dictionary)
     if name not in BOARD_DICTIONARIES:
@@ -38,8 +41,9 @@ def tag_grid(
 ) -> "TagGrid":
     """The board of --tags and so on; InputError when it cannot exist."""
     from vgrd.vision.print.codes import family_named
-    from vgrd.vision.print.targets import TagGrid
+    from vgrd.vision.print.targets import TagGrid, check_size
 
+    check_size("a tag", size_mm)
     columns, rows = _columns_and_rows("--tags", tags)
     return TagGrid(family_named(dictionary), columns, rows, size_mm, gap_mm, first_id)
 

@@ -1,4 +1,4 @@
-"""Commands that run the daemon, check its cell file, and use what it serves."""
+"""Commands that run the daemon and use what it serves."""
 
 import os
 import sys
@@ -19,15 +19,10 @@ if TYPE_CHECKING:  # pydantic is slow to load, and most commands do without
     from vgrd.config.cell_file import CellSection
     from vgrd.geometry import Array, Pose
 
-_SOCKET_FOLDER_BYTES = 90  # of the 108 of sun_path (unix(7)); "/control.sock" and NUL need 14
-# What earlier versions left open to all, and what tells that a folder is the daemon's.
-_RUNTIME_PARTS = ("health", "processes.json", "gate.lock")
-_STATE_PARTS = ("sessions", "calibrations")
-
 
 def register(app: typer.Typer) -> None:
-    """Add run, check, status, activate, ec and confirm."""
-    for command in (run, check, status, activate, ec, confirm):
+    """Add run, status, activate, ec and confirm."""
+    for command in (run, status, activate, ec, confirm):
         app.command()(command)
 
 
@@ -35,13 +30,13 @@ def run(config: Annotated[Path, typer.Argument(help="The cell file.")]) -> None:
     """Run the daemon in the foreground until Ctrl-C or SIGTERM."""
     from vgrd.config.cell_file import load_config
     from vgrd.config.resolved import Resolved, forget_resolved, save_resolved
-    from vgrd.config.setup import process_table
+    from vgrd.config.setup import STATE_PARTS, process_table
     from vgrd.gate.gate import lock
     from vgrd.gate.settings import WANTED_TABLE, save_table
 
     loaded = load_config(config)
     runtime = _runtime_folder(loaded.cell)
-    _own_folder("state_dir", loaded.cell.state_dir, loaded.cell.group, _STATE_PARTS)
+    _own_folder("state_dir", loaded.cell.state_dir, loaded.cell.group, STATE_PARTS)
     lock(runtime)  # released by exec, and taken again by the gate
     resolved = Resolved(loaded, str(config.resolve()), time.time())
     path = save_resolved(resolved, runtime)
@@ -52,13 +47,15 @@ def run(config: Annotated[Path, typer.Argument(help="The cell file.")]) -> None:
 
 
 def _runtime_folder(cell: "CellSection") -> Path:
+    from vgrd.config.setup import RUNTIME_PARTS, SOCKET_FOLDER_BYTES
+
     path = cell.runtime_dir
-    if len(os.fsencode(path)) > _SOCKET_FOLDER_BYTES:
+    if len(os.fsencode(path)) > SOCKET_FOLDER_BYTES:
         raise InputError(
             f"runtime folder {path}: too long for a Unix socket in it (more than "
-            f"{_SOCKET_FOLDER_BYTES} bytes); set [cell] runtime_dir to a shorter path"
+            f"{SOCKET_FOLDER_BYTES} bytes); set [cell] runtime_dir to a shorter path"
         )
-    return _own_folder("runtime_dir", path, cell.group, _RUNTIME_PARTS)
+    return _own_folder("runtime_dir", path, cell.group, RUNTIME_PARTS)
 
 
 def _own_folder(key: str, path: str, group: str, parts: tuple[str, ...]) -> Path:
@@ -75,26 +72,6 @@ def _own_folder(key: str, path: str, group: str, parts: tuple[str, ...]) -> Path
     for left in open_to_others:
         typer.echo(f"vgrd: {left}: open to other users, not ours to close: chown it", err=True)
     return Path(path)
-
-
-def check(
-    config: Annotated[Path, typer.Argument(help="The cell file.")], json_to: JsonOption = None
-) -> None:
-    """Check a cell file; every fault is reported at once."""
-    from vgrd.config.cell_file import load_config
-
-    loaded = load_config(config)
-    result = {
-        "ok": True,
-        "cell": loaded.cell.name,
-        "robot": loaded.robot.driver,
-        "camera": loaded.camera.driver,
-        "targets": [target.name for target in loaded.object.targets],
-        "registers": f"{loaded.serving.host}:{loaded.serving.port}",
-        "state_dir": loaded.cell.state_dir,
-        "runtime_dir": loaded.cell.runtime_dir,
-    }
-    print_result(result, json_to, show_fields(f"{config} is good"))
 
 
 def status(

@@ -119,6 +119,15 @@ def flat(result: Result, prefix: str = "") -> Iterator[tuple[str, object]]:
 
 
 @contextmanager
+def waiting(what: str) -> Iterator[None]:
+    """Say on standard error what takes a while, as long as it does."""
+    from rich.console import Console
+
+    with Console(stderr=True).status(what):
+        yield
+
+
+@contextmanager
 def progress(what: str) -> Iterator[Callable[[int, int], None]]:
     """A progress bar on standard error; yields `report(done, total)`."""
     from rich.console import Console

@@ -6,14 +6,13 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from vgrd.commands.asking import ConfigOption, SocketOption, client_of
+from vgrd.commands.asking import ConfigOption, SocketOption, client_of, gate_report
 from vgrd.commands.printing import JsonOption, print_result, show_fields
 from vgrd.errors import (
     ConfigError,
     ControlError,
     DaemonUnreachable,
     InputError,
-    IpcError,
     NoCurrentCalibration,
     StoreError,
 )
@@ -21,9 +20,7 @@ from vgrd.errors import (
 if TYPE_CHECKING:  # these load numpy or pydantic, which most commands do without
     from vgrd.config.resolved import Resolved
     from vgrd.ipc.control import ControlClient
-    from vgrd.ipc.messages import GateReport
 
-_FRESH_S = 2.0  # the gate reports four times a second
 _TAKEN_S = 20.0  # it needs a second to end the processes; a busy machine some more
 _POLL_S = 0.05  # little beside the second that it needs
 _RESTART = (
@@ -105,6 +102,14 @@ def running_file(runtime: Path) -> "Resolved":
     return load_resolved(Path(row.argv[-1]))
 
 
+def runtime_of_daemon(config: Path | None, socket: Path | None) -> Path:
+    """The runtime folder of a daemon that runs; DaemonUnreachable when none does."""
+    runtime = _runtime_folder(None, config, socket)
+    if gate_report(runtime) is None:
+        raise DaemonUnreachable(f"no daemon runs in {runtime}.")
+    return runtime
+
+
 def _runtime_folder(cell_file: Path | None, config: Path | None, socket: Path | None) -> Path:
     from vgrd.config.cell_file import load_config
 
@@ -118,26 +123,11 @@ def _runtime_folder(cell_file: Path | None, config: Path | None, socket: Path | 
 
 def _running(runtime: Path) -> "Resolved":
     """What the daemon works with; DaemonUnreachable when none runs."""
-    if _report(runtime) is None:
+    if gate_report(runtime) is None:
         raise DaemonUnreachable(
             f"no daemon runs in {runtime}: start it with vgrd run (a new runtime_dir needs a restart)"
         )
     return running_file(runtime)
-
-
-def _report(runtime: Path) -> "GateReport | None":
-    """The last word of a gate that is alive, None without one."""
-    from vgrd.ipc.messages import GATE_KIND, GATE_RING, GateReport
-    from vgrd.ipc.ring import RingReader
-
-    try:
-        with RingReader.open(runtime / GATE_RING, GATE_KIND) as ring:
-            message = ring.newest()
-    except IpcError:
-        return None
-    if message is None or time.monotonic() - message.stamp_s > _FRESH_S:
-        return None
-    return GateReport.unpack(message.payload)
 
 
 def _refuse_what_needs_a_restart(source: Path, changed: list[str]) -> None:
@@ -178,7 +168,7 @@ def _refuse_a_calibration_that_does_not_fit(resolved: "Resolved") -> None:
 def _wait_until_taken(runtime: Path, loaded_unix_s: float) -> None:
     end_s = time.monotonic() + _TAKEN_S
     while time.monotonic() < end_s:
-        report = _report(runtime)
+        report = gate_report(runtime)
         if report is not None and report.asked_unix_s == loaded_unix_s:
             if report.refused:
                 raise InputError(report.refused)

@@ -4,40 +4,25 @@ Units are part of the keys, so a key with the wrong unit is an unknown key and n
 Used at the file edge only; `vgrd.config.setup` turns it into the values of `vgrd.model`.
 """
 
-import json
 import os
 from functools import partial
 from pathlib import Path
-from typing import Annotated, Any, Literal, Self
+from typing import Annotated, Literal, NamedTuple, Self
 
 import numpy as np
-from pydantic import AfterValidator, Field, ValidationError, model_validator
+from pydantic import Field, ValidationError, model_validator
 
+from vgrd.config.cell_values import Matrix, Network, Settings, no_wrist
 from vgrd.config.limits_section import LimitsSection
-from vgrd.config.quantities import Positive, Vector
-from vgrd.documents.tables import Table, faults_of
-from vgrd.documents.toml import hint, read_toml
+from vgrd.config.quantities import Finite, Name, Positive, Vector
+from vgrd.documents.tables import FaultAt, Table, located_faults
+from vgrd.documents.toml import hint, read_with_places
+from vgrd.documents.toml_lines import KeyPlaces, Location
 from vgrd.errors import ConfigError
 from vgrd.geometry.camera import implausible_matrix
 from vgrd.geometry.coincidence import are_in_line
 from vgrd.judging.thresholds import LINE
-
-
-def _json_able(settings: dict[str, Any]) -> dict[str, Any]:
-    """Settings travel to the driver's process as JSON."""
-    try:
-        json.dumps(settings)
-    except TypeError as err:
-        msg = (
-            "holds a date or a time, which no driver takes: write it as a text in quotes "
-            f"(got {settings!r})"
-        )
-        raise ValueError(msg) from err
-    return settings
-
-
-Settings = Annotated[dict[str, Any], AfterValidator(_json_able)]
-Name = Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_.-]{0,40}$")]
+from vgrd.model.cell import SMALLEST_TAG_MM
 
 _hint = partial(hint, list_name="known here", alike=0.5)  # another unit shares few letters
 
@@ -76,7 +61,7 @@ class CameraSection(Table):
 
     driver: str
     id: str = ""
-    mount: Literal["eye-to-hand"] = "eye-to-hand"
+    mount: Annotated[Literal["eye-to-hand"], no_wrist] = "eye-to-hand"
     rate_hz: float = Field(  # a guess: whole ones take 0.1 s (decision 7), a fifth of the time
         default=2.0, gt=0, le=60, description="pictures taken unasked, to watch the cell"
     )
@@ -106,8 +91,8 @@ class CameraSection(Table):
     bits: Literal[8, 16] = Field(  # 16 take twice the link
         default=8, description="of a pixel: 16 for Mono10 to Mono16"
     )
-    matrix: Annotated[list[float], Field(min_length=4, max_length=4)]
-    distortion: Annotated[list[float], Field(max_length=8)] = Field(default=[])
+    matrix: Matrix
+    distortion: Annotated[list[Finite], Field(max_length=8)] = Field(default=[])
     size_px: Annotated[list[Annotated[int, Field(gt=0)]], Field(min_length=2, max_length=2)]
     settings: Settings = Field(default={})
 
@@ -116,18 +101,18 @@ class CameraSection(Table):
         fx, fy, cx, cy = self.matrix
         width, height = self.size_px
         if not (fx > 0 and fy > 0 and 0 < cx < width and 0 < cy < height):
-            msg = (
-                "matrix is fx, fy, cx, cy in pixels: focal lengths positive, "
-                "principal point inside size_px"
-            )
-            raise ValueError(msg)
+            msg = "is fx, fy, cx, cy in pixels: focal lengths positive, principal point inside size_px"
+            raise FaultAt(msg, "matrix")
         K = np.array([[fx, 0, cx], [0, fy, cy], [0, 0, 1]])
         fault = implausible_matrix(K, (width, height))
         if fault is not None:
-            raise ValueError(f"matrix: {fault}")
+            raise FaultAt(fault, "matrix")
         if len(self.distortion) not in (0, 4, 5, 8):
-            msg = "distortion has 0, 4, 5 or 8 coefficients (OpenCV order)"
-            raise ValueError(msg)
+            msg = (
+                f"has {len(self.distortion)} coefficients: give 0, 4, 5 or 8 of them, k1 k2 p1 p2 [k3 "
+                "[k4 k5 k6]] (OpenCV's order)"
+            )
+            raise FaultAt(msg, "distortion")
         return self
 
 
@@ -136,7 +121,7 @@ class TagSection(Table):
 
     family: Literal["36h11", "25h9", "16h5"] = "36h11"
     id: Annotated[int, Field(ge=0)]
-    size_mm: Annotated[float, Field(ge=1, le=1000)]
+    size_mm: Annotated[float, Field(ge=SMALLEST_TAG_MM, le=1000)]
     size_sigma_mm: Annotated[float, Field(ge=0, le=10)] = Field(
         default=0.05,  # a caliper's: printers are off by more, along the paper most
         description="how well size_mm is known, 1 sigma, along and across the paper each; 0: exactly",
@@ -156,7 +141,7 @@ class TagsSection(Table):
                 "tags a and b must differ in id, whatever their families: "
                 "the daemon could not tell them apart"
             )
-            raise ValueError(msg)
+            raise FaultAt(msg, "b", "id")
         return self
 
 
@@ -173,8 +158,8 @@ class ToolSection(Table):
     @model_validator(mode="after")
     def _direction(self) -> Self:
         if sum(x * x for x in self.axis) < 1e-6:
-            msg = "axis is a direction and cannot be zero"
-            raise ValueError(msg)
+            msg = "is a direction and cannot be zero: [0, 0, 1] for a tool along the flange's z"
+            raise FaultAt(msg, "axis")
         return self
 
 
@@ -207,7 +192,7 @@ class TargetSection(Table):
                 "hole_diameter_mm needs point_mm: pictures are searched where CAD puts the hole; "
                 "give point_mm, or leave hole_diameter_mm out and touch the target"
             )
-            raise ValueError(msg)
+            raise FaultAt(msg, "hole_diameter_mm")
         return self
 
 
@@ -236,10 +221,10 @@ class ObjectSection(Table):
     def _distinct(self) -> Self:
         for what in ("id", "name"):
             values = [getattr(target, what) for target in self.targets]
-            double = sorted({str(value) for value in values if values.count(value) > 1})
-            if double:
-                msg = f"targets share the {what} {', '.join(double)}: each needs its own"
-                raise ValueError(msg)
+            for i, value in enumerate(values):
+                if value in values[:i]:
+                    msg = f"targets share the {what} {value}: each needs its own"
+                    raise FaultAt(msg, "targets", i, what)
         return self
 
     @model_validator(mode="after")
@@ -253,7 +238,8 @@ class ObjectSection(Table):
                 "one line, so that they fix no frame: give point_mm of three targets that are not on one "
                 "line, or of none"
             )
-            raise ValueError(msg)
+            index = next(i for i, one in enumerate(self.targets) if one.name == bare[0])
+            raise FaultAt(msg, "targets", index)
         return self
 
     @model_validator(mode="after")
@@ -263,7 +249,7 @@ class ObjectSection(Table):
                 "center_mm is stated in the frame of the targets' point_mm, and no target has one: "
                 "leave center_mm out, spins of the object tell where it turns"
             )
-            raise ValueError(msg)
+            raise FaultAt(msg, "center_mm")
         return self
 
 
@@ -313,7 +299,7 @@ class ServingSection(Table):
         le=65535,
         description="of the line server, for controllers without Modbus; without it there is none",
     )
-    allow: list[str] = Field(
+    allow: list[Network] = Field(
         default=["127.0.0.1"], min_length=1, description="robots that may connect"
     )
     policy: Literal["fixed", "follow"] = Field(
@@ -358,7 +344,7 @@ class ServingSection(Table):
     def _two_ports(self) -> Self:
         if self.line_port == self.port:
             msg = f"port and line_port are both {self.port}: give the lines another one, such as 1503"
-            raise ValueError(msg)
+            raise FaultAt(msg, "line_port")
         return self
 
 
@@ -378,21 +364,37 @@ class CellConfig(Table):
     limits: LimitsSection = LimitsSection()
 
 
-def load_config(path: Path) -> CellConfig:
-    """Read and check a cell file; ConfigError holds every fault, each with key and remedy."""
-    data = read_toml(path, "a cell file, see config/")
+class CellText(NamedTuple):
+    """A cell file as it was read: its keys and their lines, and every fault by the place of its key."""
+
+    places: KeyPlaces
+    config: CellConfig | None
+    faults: tuple[tuple[Location, str], ...]
+
+
+def read_cell(path: Path) -> CellText:
+    """Read a cell file; ConfigError where it cannot be read at all."""
+    places = read_with_places(path, "a cell file, see config/")
     try:
-        config = CellConfig.model_validate(data)
+        config = CellConfig.model_validate(places.data)
     except ValidationError as err:
-        raise ConfigError(str(path), faults_of(err, CellConfig, ending=_hint)) from err
-    return _with_places(config, path.resolve().parent)
+        return CellText(places, None, tuple(located_faults(err, CellConfig, _hint)))
+    cell = with_folders(config.cell, path.resolve().parent)
+    return CellText(places, config.model_copy(update={"cell": cell}), ())
 
 
-def _with_places(config: CellConfig, folder: Path) -> CellConfig:
-    """Fill in and resolve the folders; systemd's variables are the defaults."""
-    state = config.cell.state_dir or os.environ.get("STATE_DIRECTORY", "/var/lib/vgrd")
-    runtime = config.cell.runtime_dir or os.environ.get("RUNTIME_DIRECTORY", "/run/vgrd")
-    cell = config.cell.model_copy(
+def load_config(path: Path) -> CellConfig:
+    """Read and check a cell file; ConfigError holds every fault, each with line, key and remedy."""
+    places, config, faults = read_cell(path)
+    if config is None:
+        raise ConfigError(str(path), [places.told(*fault) for fault in faults])
+    return config
+
+
+def with_folders(cell: CellSection, folder: Path) -> CellSection:
+    """Fill in the folders, and resolve them from that of the file; systemd's variables are the defaults."""
+    state = cell.state_dir or os.environ.get("STATE_DIRECTORY", "/var/lib/vgrd")
+    runtime = cell.runtime_dir or os.environ.get("RUNTIME_DIRECTORY", "/run/vgrd")
+    return cell.model_copy(
         update={"state_dir": str(folder / state), "runtime_dir": str(folder / runtime)}
     )
-    return config.model_copy(update={"cell": cell})

@@ -8,6 +8,8 @@ from typing import Literal, get_args, get_origin
 from pydantic.fields import FieldInfo
 
 from vgrd.config.cell_file import CellConfig
+from vgrd.devices import DriverCard
+from vgrd.devices.catalogue import driver_cards
 from vgrd.documents.tables import Table
 
 _INTRODUCTION = """\
@@ -16,7 +18,9 @@ _INTRODUCTION = """\
 Generated from `vgrd/config/cell_file.py` by `python -m vgrd.config.document docs/cell-file.md`.
 
 TOML; units are part of the keys; an unknown key is an error. `vgrd check CELL.toml` tells all faults
-at once. An example is `config/cell.example.toml`. Settings of a driver are described in its module.
+at once, each with its line, and ends with 78; what is only odd it tells as a warning. It opens no device and
+writes nothing. `vgrd check --connect CELL.toml` opens the devices too, and tells flange, TCP, and which tags a
+picture shows. An example is `config/cell.example.toml`. `vgrd drivers` tells the drivers there are.
 """
 
 
@@ -25,7 +29,21 @@ def document() -> str:
     lines = [_INTRODUCTION]
     for name, field in CellConfig.model_fields.items():
         lines += _section(name, field.annotation)
+    for name, card in driver_cards().items():
+        lines += _driver(name, card)
     return "\n".join(lines)
+
+
+def _driver(name: str, card: DriverCard) -> Iterator[str]:
+    """The settings of one driver."""
+    extra = f" Comes with `vgrd[{card.extra}]`." if card.extra else ""
+    yield f'## [{card.kind}.settings] of driver = "{name}"\n\n{card.meaning[0].upper()}{card.meaning[1:]}.{extra}\n'
+    yield "| key | type | default | meaning |\n| --- | --- | --- | --- |"
+    for setting in card.settings:
+        default = "" if setting.default is None else f"`{setting.default}`"
+        value = "required" if setting.is_required else default
+        yield f"| {setting.key} | {setting.type} | {value} | {setting.meaning} |"
+    yield ""
 
 
 def _section(name: str, annotation: object) -> Iterator[str]:

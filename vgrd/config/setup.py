@@ -40,6 +40,10 @@ _LIMIT_KEYS: Mapping[str, tuple[str, Callable[[Any], object]]] = {  # of the fil
     "step_deg": ("step_rad", math.radians),
 }
 CONTROL_SOCKET = "control.sock"
+SOCKET_FOLDER_BYTES = 90  # of the 108 of sun_path (unix(7)); "/control.sock" and NUL need 14
+# What earlier versions left open to all, and what tells that a folder is the daemon's.
+RUNTIME_PARTS = ("health", "processes.json", "gate.lock")
+STATE_PARTS = ("sessions", "calibrations")
 # The processes share the cores among themselves; libraries that start a thread per core fight over them.
 ONE_THREAD = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
 DEVICE_HANG_S = 5.0  # longer than a picture may take (2 s), or a slow camera would be killed

@@ -17,6 +17,7 @@ import structlog
 from vgrd import logs
 from vgrd.clock import Clock, SystemClock
 from vgrd.devices import Camera, Pedal, Robot, Settings, wire
+from vgrd.devices.catalogue import module_of, unknown_driver
 from vgrd.devices.checks import FlangeCheck, FrameCheck
 from vgrd.errors import (
     BadReading,
@@ -42,14 +43,15 @@ log = structlog.get_logger()
 
 def driver_module(name: str) -> ModuleType:
     """The module of a driver: `ur_rtde` is `drivers.ur_rtde`, a dotted name is taken as it stands."""
-    module = name if "." in name else f"drivers.{name}"
+    module = module_of(name)
     try:
         return importlib.import_module(module)
     except ModuleNotFoundError as err:
-        raise ConfigError(
-            "driver",
-            [f"{name!r}: no module {err.name!r}; is it misspelt, or its extra not installed?"],
-        ) from err
+        if err.name != module:
+            fault = f"{name} needs {err.name!r}, which is not installed: vgrd drivers {name}"
+        else:
+            fault = unknown_driver(name)
+        raise ConfigError("driver", [fault]) from err
 
 
 class BadReadings:

@@ -1,12 +1,12 @@
-"""What the daemon asks of devices. A driver module has `open(settings, clock)`.
+"""What the daemon asks of devices. A driver module has `open(settings, clock)`, and a `DriverCard`.
 
 A driver object is opened connected or its `open` raises; it is thrown away when it fails. It has no
 connect, reconnect or is_connected. Vendor errors become `vgrd.errors.DeviceError` inside the driver.
 """
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Literal, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -125,3 +125,39 @@ class Pedal(Protocol):
     def close(self) -> None:
         """Release the pedal; may be called more than once."""
         ...
+
+
+@dataclass(frozen=True, slots=True)
+class Setting:
+    """A key of a driver's settings, as people write it; type: "float", "list of float" and so on."""
+
+    key: str
+    type: str
+    is_required: bool
+    default: object
+    meaning: str
+
+
+@dataclass(frozen=True, slots=True)
+class SettingRemark:
+    """What is wrong with a setting, or only odd, with the remedy."""
+
+    key: str
+    message: str
+    is_fault: bool = True
+
+
+@dataclass(frozen=True, slots=True)
+class DriverCard:
+    """What a driver is, told without loading what it drives devices with.
+
+    extra: of vgrd that brings its library, "" where vgrd itself does. remarks: on a table of settings, no device
+    is opened. trouble: why its library cannot be used on this machine, "" where it can.
+    """
+
+    kind: Literal["robot", "camera", "pedal"]
+    meaning: str
+    extra: str
+    settings: tuple[Setting, ...]
+    remarks: Callable[[Settings], list[SettingRemark]]
+    trouble: Callable[[], str]

@@ -8,11 +8,19 @@ from pydantic_core import ErrorDetails
 
 from vgrd.documents.text import shortened
 from vgrd.documents.toml import hint
+from vgrd.documents.toml_lines import Location
 
 Number = Annotated[float, Field(allow_inf_nan=False)]
 LengthMm = Annotated[float, Field(ge=0.1, le=5000, allow_inf_nan=False)]  # catches 25 mm in m, um
 Hint = Callable[[str, Collection[str]], str]
-Location = tuple[int | str, ...]
+
+
+class FaultAt(ValueError):
+    """What a check of a whole table finds wrong with one of its keys; `where` leads from the table to it."""
+
+    def __init__(self, message: str, *where: int | str) -> None:
+        self.where: Location = where
+        super().__init__(message)
 
 
 class Table(BaseModel):
@@ -90,24 +98,46 @@ def faults_of(
 
     ending: of the message about an unknown key.
     """
-    return [_fault(detail, model, where, ending) for detail in error.errors()]
+    return [
+        f"{'.'.join([*([where] if where else []), *map(_shown, place)]) or '(file)'}: {message}"
+        for place, message in located_faults(error, model, ending, is_whole_file=not where)
+    ]
 
 
-def _fault(detail: ErrorDetails, model: type[Table], where: str, ending: Hint) -> str:
-    location = detail["loc"]
-    parts = [where] if where else []
-    key = ".".join([*parts, *(shortened(str(part)) for part in location)]) or "(file)"
+def located_faults(
+    error: ValidationError, model: type[Table], ending: Hint = hint, *, is_whole_file: bool = True
+) -> list[tuple[Location, str]]:
+    """Every fault as the place of its key and a message with the remedy; arguments as of `faults_of`."""
+    return [
+        (_place(detail), _message(detail, model, ending, is_whole_file=is_whole_file))
+        for detail in error.errors()
+    ]
+
+
+def _shown(part: int | str) -> str:
+    return shortened(str(part))
+
+
+def _place(detail: ErrorDetails) -> Location:
+    fault = detail.get("ctx", {}).get("error")
+    return (*detail["loc"], *(fault.where if isinstance(fault, FaultAt) else ()))
+
+
+def _message(
+    detail: ErrorDetails, model: type[Table], ending: Hint, *, is_whole_file: bool
+) -> str:
+    location, given = detail["loc"], detail["input"]
     if detail["type"] == "extra_forbidden":
-        return f"{key}: unknown key{ending(str(location[-1]), tuple(_keys(location[:-1], model)))}"
+        return f"unknown key{ending(str(location[-1]), tuple(_keys(location[:-1], model)))}"
     if detail["type"] == "missing":
-        return f"{key}: is missing, add it"
+        return "is missing, add it"
     if detail["type"] == "value_error":  # raised by our own checks, which say what they were given
-        return f"{key}: {detail['msg'].removeprefix('Value error, ')}"
-    if (
-        not where and len(location) == 1
-    ):  # a whole section, such as [[camera]] for [camera], is long
-        return f"{key}: {detail['msg']}"
-    return f"{key}: {detail['msg']} (got {shortened(repr(detail['input']))})"
+        return detail["msg"].removeprefix("Value error, ")
+    if is_whole_file and len(location) == 1:
+        return detail["msg"]  # a whole section, such as [[camera]] for [camera], is long
+    in_metres = detail["type"].startswith("greater_than") and str(location[-1]).endswith("_mm")
+    remedy = f"; in metres? Write {1000 * given:g}" if in_metres and given > 0 else ""
+    return f"{detail['msg']} (got {shortened(repr(given))}){remedy}"
 
 
 def _keys(location: Location, model: type[Table]) -> Iterator[str]:

@@ -2,14 +2,16 @@
 
 import difflib
 import tomllib
-from collections.abc import Collection
+from collections.abc import Callable, Collection
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 from vgrd.documents.text import SHOWN, read_text, shortened
+from vgrd.documents.toml_lines import KeyPlaces, key_places
 from vgrd.errors import ConfigError, InputError
 
 _TABLES = (".csv", ".tsv", ".txt", ".json", ".yaml", ".yml", ".npz")  # what vgrd import reads
+_T = TypeVar("_T")
 _ALIKE = 0.6  # difflib's own cutoff: finds a slip of the fingers, no other word
 
 
@@ -18,8 +20,17 @@ def read_toml(path: Path, kind: str) -> dict[str, Any]:
 
     kind: of file that is expected, such as "a board file", for the one who named a missing file.
     """
+    return _read(path, kind, tomllib.loads)
+
+
+def read_with_places(path: Path, kind: str) -> KeyPlaces:
+    """As `read_toml`, with the line of every key."""
+    return _read(path, kind, key_places)
+
+
+def _read(path: Path, kind: str, parse: Callable[[str], _T]) -> _T:
     try:
-        return tomllib.loads(read_text(path))
+        return parse(read_text(path))
     except InputError as error:
         remedy = "" if path.is_file() else f": give the path of {kind}"
         raise ConfigError(str(path), [f"{error}{remedy}"]) from error

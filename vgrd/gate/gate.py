@@ -227,6 +227,8 @@ class Gate:
         if words != self._status_words:
             self._status_words = words
             self._manager.tell(STATUS=words)
+            if all(row.health == "ok" for row in rows):  # losses are logged by who has them
+                log.info("ready", state=f"{words}, serving on {report.host}:{report.port}")
         self._manager.catch_up()
 
     def _counters(self) -> dict[str, int]:

@@ -37,6 +37,12 @@ def robot_numbers(
     return tuple(float(number) for number in numbers), rotation
 
 
+def mm_and_degrees(pose: Pose) -> dict[str, list[float]]:
+    """A pose as people read it: position_mm and rotvec_deg, to 0.001."""
+    numbers = {"position_mm": pose.translation, "rotvec_deg": np.degrees(pose.rotvec())}
+    return {name: (values.round(3) + 0.0).tolist() for name, values in numbers.items()}  # no -0.0
+
+
 def _matrix(values: Sequence[float], fmt: str) -> Array:
     numbers = np.asarray(values, dtype=np.float64)
     if numbers.size not in (_ROWS, _NUMBERS):

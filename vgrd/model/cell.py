@@ -34,7 +34,12 @@ class Motion(StrEnum):
     FREE = "free"
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+SMALLEST_TAG_MM = (
+    1.0  # a guess: below it a size is in metres, or no camera of a cell reads the tag
+)
+
+
+@dataclass(frozen=True, slots=True)
 class TagSpec:
     """A printed fiducial: family as in AprilTag ("36h11"), id, edge of its black square in mm."""
 

@@ -186,7 +186,10 @@ class CalibrationStore:
 
     def _file(self, name: str) -> Path:
         if not _ID.fullmatch(name):
-            raise InputError(f"{name!r} is not a calibration id such as cal-000001")
+            known = ", ".join(self.list()) or "none"
+            raise InputError(
+                f"{name!r} is not a calibration id such as cal-000001; in {self.path} there are: {known}"
+            )
         return self.path / f"{name}.json"
 
     def _read_current(self) -> _Current:

@@ -35,7 +35,7 @@ from vgrd.vision.tags.planar_pose import (
 )
 
 _UNREFINED_SIGMA_PX = 0.3  # a guess: as if rounded to whole pixels (0.29 px)
-_LEAST_CELL_PX = 5.0  # a guess: below 3.6 px the narrowest profile of an edge is too wide
+LEAST_CELL_PX = 5.0  # a guess: below 3.6 px the narrowest profile of an edge is too wide
 _LEAST_CONTRAST = 40.0  # grey levels; a guess: 20 sigma of white's noise at 40 dB
 _MOST_BLUR_PX = 2.0  # a guess: 2.5 times the usual blur of 0.8 px
 _CLIPPED, _CLIPPED_SHARE = 254, 0.2  # 255 less a level of rounding; a guess: more than a glint
@@ -287,7 +287,7 @@ def _clipped_share(grey: Grey, corners_px: Array) -> float:
 def _is_small(tag: FoundTag) -> bool:
     is_square = tag.family not in LIBRARY_FAMILIES
     cells = len(marker_cells(tag.family, tag.id)) if is_square else CELLS_ACROSS[tag.family]
-    return tag.side_px / cells < _LEAST_CELL_PX
+    return tag.side_px / cells < LEAST_CELL_PX
 
 
 def _blur_px(blur: Array) -> float:

@@ -34,6 +34,7 @@ from vgrd.cell.serving.limits import excess_of, summary, words_of
 from vgrd.cell.serving.service import Serving
 from vgrd.clock import Clock
 from vgrd.config.resolved import Resolved
+from vgrd.devices import FlangeReading
 from vgrd.errors import (
     CalibrationError,
     ControlError,
@@ -41,6 +42,7 @@ from vgrd.errors import (
     TagNotSeen,
 )
 from vgrd.geometry import Array, exp_rotation
+from vgrd.geometry.pose_formats import mm_and_degrees
 from vgrd.geometry.rotation_formats import rotvec_near
 from vgrd.registers.limits import LIMIT_STATUS
 from vgrd.solving.advisor import policy_called
@@ -138,8 +140,10 @@ class Operations:
             if sight is None
             else round(self.clock.monotonic() - sight.stamp_s, 3),
             "robot_at_rest": sight is not None and sight.base_from_wrist is not None,
+            **_reading_words(self.measuring.reading()),
             "tag_a_seen": sight is not None and sight.tag_a is not None,
             "tag_b_seen": sight is not None and sight.tag_b is not None,
+            "tags": self._tags(),
             "answer": self.serving.answer.status.name,
             "moved_told_within_s": round(self.serving.vouch.span_s, 3),
             "recording": self.teaching.status(),
@@ -148,6 +152,20 @@ class Operations:
             "disk": self.disk(),
             "pedal": self.pedal(),
             "processes": self._processes(),
+        }
+
+    def _tags(self) -> Mapping[str, Any]:
+        """The tags that are wanted, and how large each is in the newest picture."""
+        facts, sight = self.measuring.facts, self.measuring.sight
+        seen = (None, None) if sight is None else (sight.tag_a, sight.tag_b)
+        wanted = ("a", facts.tag_a), ("b", facts.tag_b)
+        return {
+            name: {
+                "wanted": f"{tag.family} id {tag.id}",
+                "side_px": None if found is None else round(_side_px(found.corners_px)),
+            }
+            for (name, tag), found in zip(wanted, seen, strict=True)
+            if tag is not None
         }
 
     def _processes(self) -> Mapping[str, str]:
@@ -276,6 +294,20 @@ class Operations:
         await self.latches.settled()
         fault = self.serving.fault()
         return {"confirmed": True, "fault": None if fault is None else fault[1], **adopted}
+
+
+def _reading_words(reading: FlangeReading | None) -> Mapping[str, Any]:
+    """Flange and active TCP as the robot tells them, None where it does not."""
+    poses = (None, None) if reading is None else (reading.base_from_wrist, reading.wrist_from_tcp)
+    return {
+        name: None if pose is None else mm_and_degrees(pose)
+        for name, pose in zip(("flange", "tcp"), poses, strict=True)
+    }
+
+
+def _side_px(corners_px: Array) -> float:
+    """Mean length of the four sides."""
+    return float(np.linalg.norm(corners_px - np.roll(corners_px, 1, axis=0), axis=1).mean())
 
 
 def _orientation(arguments: Arguments) -> Array | None:

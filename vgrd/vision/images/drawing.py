@@ -147,7 +147,7 @@ def folder_for_pictures(folder: Path) -> Path:
     return folder
 
 
-def write_picture(path: Path, picture: Colour) -> None:
+def write_picture(path: Path, picture: Colour | Pixels) -> None:
     """Write a PNG or JPEG; InputError when that cannot be."""
     try:
         is_encoded, data = cv2.imencode(path.suffix, picture)

@@ -11,6 +11,7 @@ import numpy as np
 
 from vgrd.errors import InputError
 from vgrd.geometry import Array
+from vgrd.model.cell import SMALLEST_TAG_MM
 from vgrd.vision.print.boards import Charuco, SingleTag
 from vgrd.vision.print.codes import (
     APRILTAG_FAMILIES,
@@ -170,12 +171,21 @@ def config_lines(target: Printable) -> tuple[str, ...]:
     )
 
 
+def check_size(what: str, size_mm: float) -> None:
+    """InputError for a size below what a cell file takes: it is in metres, or no size at all."""
+    if not size_mm >= SMALLEST_TAG_MM:
+        metres = f"; in metres? {1000 * size_mm:g} mm" if size_mm > 0 else ""
+        raise InputError(
+            f"{what} of {size_mm:g} mm: give the edge of the black square in mm, {SMALLEST_TAG_MM:g} or "
+            f"more{metres}"
+        )
+
+
 def checked_tag(dictionary: str, tag_id: int, size_mm: float) -> SingleTag:
     """One tag; InputError for an unknown family, an id it has not, or no size."""
     family = family_named(dictionary)
     marker_cells(family, tag_id)
-    if not size_mm > 0:
-        raise InputError(f"a size of {size_mm:g} mm: give the edge of the black square")
+    check_size("a tag", size_mm)
     return SingleTag(family, tag_id, size_mm)
 
 
