@@ -17,6 +17,7 @@ from vgrd.commands import (
     intrinsics,
     recording,
     reloading,
+    service,
     solving,
     study,
     target,
@@ -41,6 +42,7 @@ for group in (
     solving,
     study,
     target,
+    *service.GROUPS,
 ):
     group.register(app)
 

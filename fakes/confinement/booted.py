@@ -243,6 +243,13 @@ class Booted:
             timeout=_START_S,
         )
 
+    def do(self, *command: str) -> str:
+        """Run a command in the namespace; what it says. Raises OSError where it ends with an error."""
+        done = self.run(*command)
+        if done.returncode:
+            raise OSError(f"{' '.join(command)}: {done.stdout}{done.stderr}")
+        return done.stdout
+
     def __exit__(self, *_: object) -> None:
         if pid := self.pid:
             os.kill(pid, signal.SIGKILL)

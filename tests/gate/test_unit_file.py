@@ -47,7 +47,7 @@ def unit(tmp_path: Path) -> Path:
 @analyzed
 def test_systemd_accepts_the_units(tmp_path, unit) -> None:
     socket = tmp_path / "vgrd.socket"
-    socket.write_text(SOCKET.read_text().replace("@HOST@", "127.0.0.1"))
+    socket.write_text(SOCKET.read_text().replace("@HOST@", "127.0.0.1").replace("@PORT@", "502"))
     done = analyze("verify", "--man=no", str(unit), str(socket))
     ours = [line for line in done.stderr.splitlines() if "vgrd" in line]
     assert ours == []

@@ -56,7 +56,8 @@ class CellSection(Table):
     group: str = Field(
         default="",
         pattern=r"^([A-Za-z0-9_][A-Za-z0-9_.-]{0,31})?$",
-        description="its members may use the control socket and read the files; none: nobody else",
+        description="its members may use the control socket and read the files; none: that of the unit, "
+        "and without one nobody else",
     )
     simulation: bool = Field(default=False, description="tells the robot so (STATE bit 15)")
 
