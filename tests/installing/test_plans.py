@@ -138,7 +138,6 @@ def test_a_port_below_1024_is_opened_by_systemd_where_the_cell_file_says() -> No
     assert of_systemd(plan) == [
         "systemctl daemon-reload",
         "systemctl enable vgrd.service vgrd.socket",
-        "systemctl reset-failed vgrd.service",
         "systemctl stop vgrd.service",
         "systemctl restart vgrd.socket",
         "systemctl restart vgrd.service",

@@ -19,7 +19,7 @@ _SYSTEM_PYTHON = "/usr/bin/python3"  # Debian's is new enough, and lies where th
 
 def main(words: Sequence[str]) -> None:
     """Do what the words say. Raises VgrdError."""
-    arguments = _parser().parse_args(words)
+    arguments = parser().parse_args(words)
     places = Places(arguments.root.resolve())
     if not places.is_trial and not arguments.dry_run and os.geteuid() != 0:
         raise InputError(
@@ -34,9 +34,10 @@ def main(words: Sequence[str]) -> None:
     print(arguments.closing(places, found, arguments))
 
 
-def _parser() -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(prog="vgrd", description=__doc__)
-    verbs = parser.add_subparsers(required=True, metavar="install | uninstall")
+def parser() -> argparse.ArgumentParser:
+    """Every option, once."""
+    vgrd = argparse.ArgumentParser(prog="vgrd", description=__doc__)
+    verbs = vgrd.add_subparsers(required=True, metavar="install | uninstall")
     install = verbs.add_parser("install", help="install, update, or go back to an older version")
     install.add_argument(
         "source", nargs="?", type=Path, default=_SOURCE, help="folder of the project"
@@ -69,7 +70,7 @@ def _parser() -> argparse.ArgumentParser:
             "--root", type=Path, default=Path("/"), help="a trial: all of it below DIR"
         )
         verb.add_argument("--dry-run", action="store_true", help="tell the steps and do nothing")
-    return parser
+    return vgrd
 
 
 def _plan_of_install(places: Places, arguments: argparse.Namespace) -> tuple[Plan, Found]:

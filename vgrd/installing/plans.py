@@ -261,7 +261,7 @@ def _start(places: Places, found: Found, *, is_new_socket: bool) -> list[Step]:
     if places.is_trial:
         return []
     around = [("stop", SERVICE), ("restart", SOCKET)] if is_new_socket else []
-    commands = [("reset-failed", SERVICE), *around, ("restart", SERVICE)]
+    commands = [*around, ("restart", SERVICE)]
     steps = [step for words in commands for step in _systemctl(places, *words)]
     return [*steps, Answer(found.runtime / "control.sock")]
 
