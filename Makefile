@@ -18,7 +18,7 @@ CELL ?= default
 
 # On a cell computer, as root, before anything else: docs/service.md. ARGS="--cell my-cell.toml".
 install:
-	$(PYTHON) -m vgrd.installing install $(ARGS)
+	python3 -m vgrd.installing install $(ARGS)
 
 demo: .venv
 	$(BIN)/python -m fakes demo --cell $(CELL)

@@ -190,6 +190,11 @@ def test_there_is_no_way_back_to_what_is_not_there(wanted: str) -> None:
         rollback(MACHINE, replace(RUNNING, versions={"0.1-1": UNITS}, current="0.1-1"), wanted)
 
 
+def test_a_state_folder_of_the_users_choice_is_not_ours_to_remove() -> None:
+    found = replace(RUNNING, state=Path("/srv"))
+    assert Path("/srv") not in removed(removal(MACHINE, found, purge=True))
+
+
 def removed(plan: Plan) -> set[Path]:
     return {step.path for step in plan.switch if isinstance(step, Removal)}
 

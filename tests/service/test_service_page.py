@@ -23,7 +23,7 @@ ROOT = Path(__file__).parents[2]
 PAGE = (ROOT / "docs" / "service.md").read_text(encoding="utf-8")
 PROGRAMS = {
     *("adduser", "apt", "cd", "chronyc", "du", "ethtool", "git", "journalctl", "make", "nft"),
-    *("ping", "sysctl", "systemctl", "vgrd"),
+    *("ping", "sysctl", "systemctl", "tar", "vgrd"),
 }
 
 
@@ -82,7 +82,7 @@ def test_make_installs_with_what_the_page_gives_it(words) -> None:
 
 
 def test_make_tells_every_step_and_does_none(tmp_path) -> None:
-    words = [MAKE, "install", f"PYTHON={sys.executable}", f"ARGS=--dry-run --root {tmp_path}"]
+    words = [MAKE, "install", f"ARGS=--dry-run --root {tmp_path} --python {sys.executable}"]
     said = subprocess.run(words, cwd=ROOT, capture_output=True, text=True, check=True).stdout
     assert len([line for line in said.splitlines() if line.startswith("would ")]) > 10
     assert list(tmp_path.iterdir()) == []

@@ -107,7 +107,8 @@ def _plan_of_uninstall(places: Places, arguments: argparse.Namespace) -> tuple[P
 
 def _words_after_uninstall(places: Places, found: Found, arguments: argparse.Namespace) -> str:
     if arguments.purge:
-        return "all of it is gone; the user vgrd stays: deluser vgrd"
+        rest = "" if found.state == places.state else f" and the state folder {found.state}"
+        return f"all of it is gone; what stays is the user vgrd (deluser vgrd){rest}"
     return (
         f"kept: {found.state} (sessions, calibrations), {places.backups}, {places.cell_file};"
         f" they go with: vgrd uninstall --purge {PURGE}"

@@ -53,7 +53,7 @@ def found_at(places: Places, cell_text: str = "") -> Found:
     socket_unit = places.units / SOCKET
     return Found(
         versions=units,
-        current=current,
+        current=current if current in units else "",
         host=host,
         port=port,
         state=state,

@@ -152,7 +152,8 @@ def removal(places: Places, found: Found, *, purge: bool) -> Plan:
     """Take it off the machine; cell file, state and backups stay unless `purge`."""
     units = [places.units / name for name in (SERVICE, SOCKET)]
     names = (SERVICE, SOCKET) if found.socket else (SERVICE,)
-    data = [places.drop_ins, found.state, places.backups, places.cell_file.parent]
+    # A state folder of the user's own choice may hold other things: it is the user's to remove.
+    data = [places.drop_ins, places.state, places.backups, places.cell_file.parent]
     ours = [*units, places.profile, places.command, places.cache]
     last = [*(data if purge else ()), places.versions]  # what runs this, as the very last
     return Plan(
