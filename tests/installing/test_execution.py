@@ -1,6 +1,5 @@
 """Steps of an installation on a real file system: whole or not at all, and told by name where they fail."""
 
-import os
 import socket
 import stat
 import sys
@@ -8,8 +7,8 @@ from pathlib import Path
 
 import pytest
 
-from vgrd.errors import StepFailed
-from vgrd.installing.execution import carry_out, show
+from vgrd.errors import InputError, StepFailed
+from vgrd.installing.execution import alone, carry_out, show
 from vgrd.installing.plans import Plan
 from vgrd.installing.steps import Answer, Command, Copy, File, Folder, Link, Removal
 
@@ -133,7 +132,17 @@ def test_an_answer_is_waited_for(tmp_path) -> None:
     with pytest.raises(StepFailed, match="no answer within 0 s: No such file"):
         Answer(path, within_s=0).perform()
     with socket.socket(socket.AF_UNIX) as listening:
-        os.chdir(tmp_path)
         listening.bind(str(path))
         listening.listen()
         Answer(path, within_s=0).perform()
+
+
+def test_two_installations_do_not_work_at_once(tmp_path) -> None:
+    with (
+        alone(tmp_path / "opt"),
+        pytest.raises(InputError, match="another installation"),
+        alone(tmp_path / "opt"),
+    ):
+        pass
+    with alone(tmp_path / "opt"):
+        pass

@@ -10,13 +10,14 @@ from pathlib import Path
 import pytest
 
 from fakes.cell.cell import FakeCell
-from fakes.cell.operator import Operator
-from fakes.cell.session import check_served, teach
+from fakes.cell.session import calibrate, check_served
 from fakes.confinement.booted import Booted, Unbootable
 from fakes.confinement.confined import PROJECT, BootedDaemon, take_folders_from_unit
 from fakes.controllers.raw_modbus import RawModbus
 from fakes.testing import free_loopback, free_port
 from fakes.world.world import World
+from vgrd.installing.plans import PARTS
+from vgrd.installing.steps import Copy
 from vgrd.registers import RESPONSE
 
 pytestmark = [pytest.mark.system, pytest.mark.timeout(2400)]
@@ -98,12 +99,8 @@ def machine(world: World, tmp_path: Path) -> Iterator[Machine]:
 
 def broken_source(folder: Path) -> Path:
     """A source whose daemon ends at its start."""
-    for part in ("vgrd", "drivers", "fakes", "config"):
-        shutil.copytree(
-            PROJECT / part, folder / part, ignore=shutil.ignore_patterns("__pycache__")
-        )
-    for part in ("pyproject.toml", "constraints.txt", "README.md", "LICENSE"):
-        shutil.copy(PROJECT / part, folder / part)
+    for part in PARTS:
+        Copy(PROJECT / part, folder / part, ("__pycache__",)).perform()
     gate = folder / "vgrd" / "gate" / "__main__.py"
     gate.write_text("raise SystemExit(1)\n")
     return folder
@@ -123,10 +120,7 @@ def test_a_machine_is_installed_updated_put_back_and_cleared_with_its_data(
     assert systemd.ask("is-enabled", "vgrd.service", "vgrd.socket").split() == ["enabled"] * 2
 
     with machine.daemon as daemon:  # teach, and remember what is served
-        operator = Operator(world, daemon.control, world.seed)
-        teach(operator, world)
-        solved = daemon.control.call("solve", timeout_s=120.0)
-        daemon.control.call("activate", calibration=solved["id"])
+        calibrate(world, daemon)
         before = machine.serves()
 
         for command in ("useradd --create-home --groups vgrd anna", "useradd --create-home bruno"):

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from vgrd.errors import InputError, VgrdError
-from vgrd.installing.execution import carry_out, show
+from vgrd.installing.execution import alone, carry_out, show
 from vgrd.installing.looking import check_python, found_at, wish_of
 from vgrd.installing.places import Places
 from vgrd.installing.plans import Found, Plan, installation, removal, rollback
@@ -25,12 +25,17 @@ def main(words: Sequence[str]) -> None:
         raise InputError(
             "this changes the machine and needs root: sudo; or try it with --root DIR"
         )
-    plan, found = arguments.plan(places, arguments)
     if arguments.dry_run:
+        plan, _ = arguments.plan(places, arguments)
         show(plan, print)
         return
-    os.umask(0o022)  # whatever root's is: the service reads what is written here
-    carry_out(plan, print)
+    before = os.umask(0o022)  # whatever root's is: the service reads what is written here
+    try:
+        with alone(places.versions):
+            plan, found = arguments.plan(places, arguments)
+            carry_out(plan, print)
+    finally:
+        os.umask(before)
     print(arguments.closing(places, found, arguments))
 
 
@@ -96,6 +101,8 @@ def _words_after_install(places: Places, before: Found, arguments: argparse.Name
             f"{places.cell_file} is an example: describe your cell in it, then: vgrd check"
             f" {places.cell_file} && systemctl start vgrd"
         )
+    elif not (now.is_running or places.is_trial):
+        words.append("the service was stopped and stays so: systemctl start vgrd")
     words.append("operators: adduser NAME vgrd, then they log in anew")
     return "\n".join(words)
 

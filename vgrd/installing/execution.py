@@ -1,8 +1,12 @@
 """Carries out a plan, step by step; one that fails is told, and leaves what ran before running."""
 
-from collections.abc import Callable, Sequence
+import fcntl
+import os
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
 
-from vgrd.errors import StepFailed, VgrdError
+from vgrd.errors import InputError, StepFailed, VgrdError
 from vgrd.installing.plans import Plan
 from vgrd.installing.steps import Command, Step
 
@@ -13,6 +17,30 @@ def show(plan: Plan, tell: Tell) -> None:
     """Tell every step; nothing is done."""
     for step in (*plan.prepare, *plan.switch, *plan.tidy):
         tell(f"would {step}")
+
+
+@contextmanager
+def alone(folder: Path) -> Iterator[None]:
+    """Only one installation at a time works in `folder`. Raises InputError where another one does."""
+    try:
+        folder.mkdir(mode=0o755, parents=True, exist_ok=True)
+        descriptor = os.open(folder, os.O_RDONLY | os.O_DIRECTORY)
+    except OSError as error:
+        raise InputError(
+            f"{folder}: {error.strerror}; name a folder of yours: --root DIR"
+        ) from error
+    try:
+        _lock(descriptor, folder)
+        yield
+    finally:
+        os.close(descriptor)
+
+
+def _lock(descriptor: int, folder: Path) -> None:
+    try:
+        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError:
+        raise InputError(f"{folder}: another installation is at work; wait for its end") from None
 
 
 def carry_out(plan: Plan, tell: Tell) -> None:
