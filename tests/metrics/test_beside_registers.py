@@ -55,7 +55,7 @@ def test_what_the_gate_counts_is_told(gate, port) -> None:
     with gate.client() as client:
         for _ in range(10):
             see(client)
-        until(lambda: told(port).get("vgrd_modbus_requests_total", 0) >= 10)
+        until(lambda: told(port).get("vgrd_server_requests_total", 0) >= 10)
     assert until(lambda: told(port).get("vgrd_process_up") == 1.0)
     assert told(port)["vgrd_cell_up"] == 0.0  # the cell of this test has no control socket
 

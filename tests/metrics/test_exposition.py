@@ -86,10 +86,10 @@ def value(samples: Samples, name: str, **labels: str) -> float:
         ("vgrd_process_up", {"process": "camera"}, 0),
         ("vgrd_process_starts_total", {"process": "camera"}, 3),
         ("vgrd_process_hangs_total", {"process": "camera"}, 1),
-        ("vgrd_modbus_connections", {}, 1),
-        ("vgrd_modbus_requests_total", {}, 9),
-        ("vgrd_modbus_dropped_total", {"reason": "garbage"}, 2),
-        ("vgrd_modbus_dropped_total", {"reason": "evicted"}, 0),
+        ("vgrd_server_connections", {"server": "modbus"}, 1),
+        ("vgrd_server_requests_total", {"server": "modbus"}, 9),
+        ("vgrd_server_dropped_total", {"server": "modbus", "reason": "garbage"}, 2),
+        ("vgrd_server_dropped_total", {"server": "modbus", "reason": "evicted"}, 0),
         ("vgrd_gate_refusals_total", {"status": str(int(Status.STARTING))}, 4),
         ("vgrd_gate_events_total", {"event": "novel"}, 5),
         ("vgrd_scrapes_total", {}, 11),
@@ -153,3 +153,14 @@ def test_names_are_told_once() -> None:
 def test_the_page_is_as_the_table() -> None:
     remedy = "run: python -m vgrd.metrics.document docs/metrics.md"
     assert PAGE.read_text(encoding="utf-8") == document(), remedy
+
+
+def test_a_server_that_runs_is_told_beside_the_other_and_one_that_does_not_is_not() -> None:
+    counters = {"connections": 1, "line_connections": 2, "line_requests": 7, "line_garbage": 3}
+    report = GateReport(1, "127.0.0.1", 502, counters, ())
+    samples = told(Facts(None, report))
+    assert value(samples, "vgrd_server_connections", server="line") == 2
+    assert value(samples, "vgrd_server_requests_total", server="line") == 7
+    assert value(samples, "vgrd_server_dropped_total", server="line", reason="garbage") == 3
+    assert not any(name == "vgrd_gate_events_total" for name, _ in samples)
+    assert not any(("server", "line") in labels for _, labels in told(FACTS))

@@ -18,13 +18,19 @@ Read = Callable[[Facts], Iterable[Sample]]
 _BYTES_PER_GB: Final = 1e9  # as `vgrd status` counts
 
 # Counters of the gate that have a metric with a name of their own; the others are events.
-_REQUESTS, _EXCEPTIONS, _ACCEPTED = "requests", "exceptions", "accepted"
+_REQUESTS, _EXCEPTIONS, _ACCEPTED, _CONNECTIONS = (
+    "requests",
+    "exceptions",
+    "accepted",
+    "connections",
+)
 _TRIGGERS, _SUPERSEDED = "triggers", "superseded"
 _DROPPED: Final = ("refused", "garbage", "timeouts", "evicted")
-_CONNECTIONS: Final = "connections"
+_SERVERS: Final = (("modbus", ""), ("line", "line_"))  # and what their counters begin with
+_OF_SERVERS: Final = (_REQUESTS, _EXCEPTIONS, _ACCEPTED, _CONNECTIONS, *_DROPPED)
 _NAMED: Final = {
-    *(_REQUESTS, _EXCEPTIONS, _ACCEPTED, _TRIGGERS, _SUPERSEDED, _CONNECTIONS),
-    *_DROPPED,
+    *(f"{prefix}{name}" for _, prefix in _SERVERS for name in _OF_SERVERS),
+    *(_TRIGGERS, _SUPERSEDED),
 }
 _STATUS_NAMES: Final = {status.name.lower(): status for status in Status}
 
@@ -126,9 +132,25 @@ def _counter(name: str) -> Read:
     return read
 
 
+def _servers(counters: Mapping[str, int]) -> Iterable[tuple[str, str]]:
+    """Names of the servers that run, and what their counters' names begin with."""
+    return [(name, prefix) for name, prefix in _SERVERS if f"{prefix}{_CONNECTIONS}" in counters]
+
+
+def _by_server(name: str) -> Read:
+    def read(facts: Facts) -> Iterable[Sample]:
+        counters = facts.report.counters if facts.report else {}
+        for server, prefix in _servers(counters):
+            yield (server,), float(counters.get(f"{prefix}{name}", 0))
+
+    return read
+
+
 def _dropped(facts: Facts) -> Iterable[Sample]:
-    for reason in _DROPPED if facts.report else ():
-        yield (reason,), float(facts.report.counters.get(reason, 0)) if facts.report else 0.0
+    counters = facts.report.counters if facts.report else {}
+    for server, prefix in _servers(counters):
+        for reason in _DROPPED:
+            yield (server, reason), float(counters.get(f"{prefix}{reason}", 0))
 
 
 def _refusals(facts: Facts) -> Iterable[Sample]:
@@ -281,32 +303,39 @@ METRICS: Final = (
         ("process",),
     ),
     Metric(
-        "vgrd_modbus_connections", "gauge", "Robots that are connected.", _counter(_CONNECTIONS)
+        "vgrd_server_connections",
+        "gauge",
+        "Clients that are connected, by server: modbus or line.",
+        _by_server(_CONNECTIONS),
+        ("server",),
     ),
     Metric(
-        "vgrd_modbus_accepted_total",
+        "vgrd_server_accepted_total",
         "counter",
         "Connections that were accepted.",
-        _counter(_ACCEPTED),
+        _by_server(_ACCEPTED),
+        ("server",),
     ),
     Metric(
-        "vgrd_modbus_dropped_total",
+        "vgrd_server_dropped_total",
         "counter",
         "Connections that were refused or ended, by reason.",
         _dropped,
-        ("reason",),
+        ("server", "reason"),
     ),
     Metric(
-        "vgrd_modbus_requests_total",
+        "vgrd_server_requests_total",
         "counter",
         "Requests that were answered.",
-        _counter(_REQUESTS),
+        _by_server(_REQUESTS),
+        ("server",),
     ),
     Metric(
-        "vgrd_modbus_exceptions_total",
+        "vgrd_server_exceptions_total",
         "counter",
         "Of these, with an exception.",
-        _counter(_EXCEPTIONS),
+        _by_server(_EXCEPTIONS),
+        ("server",),
     ),
     Metric(
         "vgrd_triggers_total", "counter", "Coordinates that robots asked for.", _counter(_TRIGGERS)

@@ -71,7 +71,7 @@ REMEDIES: Final[Mapping[str, Remedy]] = {
     ),
     "OUTSIDE_CALIBRATED_VOLUME": Remedy(
         "Put the part where it was taught; start again.",
-        "Teach there too, or widen `[limits]` where the uncertainty allows it.",
+        "DETAIL tells the limit. Teach there too, or widen `[limits]` where the uncertainty allows it.",
     ),
     "ROBOT_OFFLINE": Remedy(
         "Look whether the robot is on and its network cable is in; start again.",
@@ -108,7 +108,7 @@ REMEDIES: Final[Mapping[str, Remedy]] = {
     ),
     "OUT_OF_WORKSPACE": Remedy(
         "Put the part where the robot may go; start again.",
-        "The coordinate lies outside `[limits]`: is the part misplaced, or are they too narrow?",
+        "DETAIL tells the limit of `[limits]`: is the part misplaced, or are they too narrow?",
     ),
     "ENCODING_OVERFLOW": Remedy(
         "Call the integrator.",
@@ -116,11 +116,11 @@ REMEDIES: Final[Mapping[str, Remedy]] = {
     ),
     "POINT_NOT_VISIBLE": Remedy(
         "Turn the part so that the point faces the robot; start again.",
-        "The tool would come from the wrong side: see `[limits]`.",
+        "The tool would come from the wrong side; DETAIL tells the limit of `[limits]`.",
     ),
     "UNREACHABLE": Remedy(
         "Turn or move the part as it was taught; start again.",
-        "The wrist would turn or step farther than `[limits]` allow.",
+        "The wrist would turn or step farther than the target allows; DETAIL tells the limit.",
     ),
     "INTERNAL_ERROR": Remedy(
         "Wait half a minute, start again. If it comes back, call the integrator.",
