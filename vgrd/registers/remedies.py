@@ -156,7 +156,8 @@ Generated from `vgrd/registers/remedies.py` by `python -m vgrd.registers.remedie
 
 For people. What the codes mean to a robot program: [registers.md](registers.md). "Start again" is to let the
 robot program ask again, from its beginning, once nobody is in the cell. `vgrd status` tells the reason in words, and
-`journalctl -u vgrd` what happened before. In every case the robot stops: no code here makes it safe to reach in.
+`journalctl -u vgrd` what happened before. At every code but those "at work" the robot stops; no code makes it safe to
+reach in.
 
 A status that is not listed: stop, and call the integrator.
 """
