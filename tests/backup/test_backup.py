@@ -17,7 +17,8 @@ from hypothesis import strategies as st
 from fakes.testing import ManualClock
 from fakes.world.samples import Samples
 from vgrd.backup import restore, write_archive
-from vgrd.backup.archive import MANIFEST, SCHEMA
+from vgrd.backup.archive import LATCH, MANIFEST, SCHEMA
+from vgrd.cell.serving.latches import LATCH_FILE
 from vgrd.errors import Corrupt, InputError, SchemaTooNew, StoreError, VgrdError
 from vgrd.model import Plan
 from vgrd.store.calibrations import CalibrationStore
@@ -98,6 +99,20 @@ def test_with_sessions_all_of_it_comes_back(old, spare, tmp_path) -> None:
     spare.restore(old.back_up(tmp_path / "cell.tar", sessions=True))
     assert spare.content() == old.content()
     assert load_session(spare.state / "sessions" / "s1").warnings == ()
+
+
+def test_a_fault_that_waits_for_a_person_waits_on_the_spare_computer_too(
+    old, spare, tmp_path
+) -> None:
+    assert LATCH == LATCH_FILE
+    write_document(old.state / LATCH, {"status": 503, "reason": "tag B slipped"}, 1)
+    latched = old.back_up(tmp_path / "latched.tar")
+    (old.state / LATCH).unlink()
+    good = old.back_up(tmp_path / "good.tar")
+    spare.restore(latched)
+    assert "slipped" in (spare.state / LATCH).read_text()
+    spare.restore(good, replace=True)  # no backup confirms a fault
+    assert (spare.state / LATCH).exists()
 
 
 def test_a_session_that_is_being_recorded_is_left_out_and_named(old, tmp_path) -> None:

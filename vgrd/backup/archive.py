@@ -4,6 +4,7 @@
 
     calibrations/cal-000001.json, CURRENT, activations.jsonl
     sessions/NAME/...       where they were asked for
+    latch.json              a fault that a person must confirm, if there is one
     cell.toml
     manifest.json           the list; an archive that was cut short has none
 """
@@ -29,12 +30,13 @@ from vgrd.store.sessions import list_sessions, session_directory
 SCHEMA: Final = 1
 MANIFEST: Final = "manifest.json"
 CELL: Final = "cell.toml"
+LATCH: Final = "latch.json"  # as vgrd.cell.serving.latches: on a spare computer it is no less true
 CALIBRATIONS: Final = "calibrations"
 JOURNAL: Final = "activations.jsonl"
 _CHANGING: Final = (JOURNAL, "CURRENT")  # of the calibrations; the others never change
 _TRIES: Final = 5  # an activation takes milliseconds, people do not activate five in a row
 _NAME: Final = re.compile(
-    r"manifest\.json|cell\.toml|calibrations/(cal-\d{6}\.json|CURRENT|activations\.jsonl)"
+    r"manifest\.json|latch\.json|cell\.toml|calibrations/(cal-\d{6}\.json|CURRENT|activations\.jsonl)"
     r"|sessions/[A-Za-z0-9][A-Za-z0-9._-]{0,79}/[A-Za-z0-9][A-Za-z0-9._-]{0,79}"
 )
 
@@ -63,6 +65,8 @@ def write_archive(
         with replacing(path) as file, tarfile.open(fileobj=file, mode="w") as archive:
             _add_calibrations(archive, state_dir / CALIBRATIONS, content)
             _add_file(archive, CELL, cell_file, content)
+            with contextlib.suppress(FileNotFoundError):
+                _add_file(archive, LATCH, state_dir / LATCH, content)
             for name in list_sessions(state_dir) if sessions else ():
                 _add_session(archive, session_directory(state_dir, name), content)
             _add_manifest(archive, path.parent, content)

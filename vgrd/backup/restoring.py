@@ -7,7 +7,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
-from vgrd.backup.archive import CALIBRATIONS, CELL, JOURNAL, Content, unpack
+from vgrd.backup.archive import CALIBRATIONS, CELL, JOURNAL, LATCH, Content, unpack
 from vgrd.clock import Clock
 from vgrd.errors import InputError, NoCurrentCalibration
 from vgrd.permissions import make_folder, take_after
@@ -76,7 +76,8 @@ def _usable(draft: Path) -> str:
 
 def _pieces(draft: Path, state_dir: Path, cell_file: Path) -> Iterator[tuple[Path, Path]]:
     """What is unpacked, and where each of it belongs; nothing of what is there already."""
-    places = [(draft / CALIBRATIONS, state_dir / CALIBRATIONS), (draft / CELL, cell_file)]
+    places = [(draft / name, state_dir / name) for name in (CALIBRATIONS, LATCH)]
+    places.append((draft / CELL, cell_file))
     sessions = draft / "sessions"
     for session in sorted(sessions.iterdir()) if sessions.exists() else ():
         places.append((session, state_dir / "sessions" / session.name))
@@ -121,12 +122,12 @@ def _place(new: Path, place: Path, aside: Path) -> bool:
         make_folder(aside)
         shutil.move(place, aside / place.name)
     shutil.move(new, place)
-    if place.is_dir():
-        for entry in (place, *place.rglob("*")):
-            take_after(entry, entry.parent)
-    else:  # the cell file, which root writes and the service reads
+    if new.name == CELL:  # root writes it, and the service reads it
         place.chmod(_READABLE if before is None else before.st_mode)
         if before and os.geteuid() == 0:
             os.chown(place, before.st_uid, before.st_gid)
+    else:
+        for entry in (place, *place.rglob("*")):
+            take_after(entry, entry.parent)
     sync_directory(place.parent)
     return before is not None

@@ -40,7 +40,7 @@ class Wish:
     """What is to be installed. source: folder of the project. version: as that says.
 
     cell_text: of a first cell file; is_example: it is not the user's own. python: what it shall run with.
-    wheels: a folder with all packages, None: pip finds them. starts: let it run at once.
+    wheels: a folder with all packages, None: pip finds them.
     """
 
     source: Path
