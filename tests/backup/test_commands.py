@@ -53,6 +53,16 @@ def test_nothing_is_restored_under_a_running_daemon(vgrd, cell_file, tmp_path) -
     assert vgrd("restore", tmp_path / "a.tar", "--config", cell_file).code == 0
 
 
-def test_the_cell_file_must_be_named(vgrd, tmp_path, monkeypatch) -> None:  # noqa: F811
+def test_without_a_name_the_cell_file_of_the_service_is_meant(
+    vgrd,  # noqa: F811
+    cell_file,
+    tmp_path,
+    monkeypatch,
+) -> None:
     monkeypatch.delenv("VGRD_CONFIG", raising=False)
-    assert vgrd("backup", tmp_path / "a.tar").code == 2
+    monkeypatch.setattr("vgrd.commands.asking._INSTALLED", tmp_path / "nowhere.toml")
+    refused = vgrd("backup", tmp_path / "a.tar")
+    assert refused.code == os.EX_DATAERR
+    assert "--config CELL.toml" in refused.err
+    monkeypatch.setattr("vgrd.commands.asking._INSTALLED", cell_file)
+    assert vgrd("backup", tmp_path / "a.tar").code == 0

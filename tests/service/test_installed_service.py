@@ -49,8 +49,7 @@ class Machine:
 
     def vgrd(self, *words: str) -> subprocess.CompletedProcess[str]:
         """The installed command, as root."""
-        config = "VGRD_CONFIG=/etc/vgrd/cell.toml"
-        return self.systemd.run("env", config, "/usr/local/bin/vgrd", *words, timeout_s=INSTALL_S)
+        return self.systemd.run("/usr/local/bin/vgrd", *words, timeout_s=INSTALL_S)
 
     def install(self, *words: str) -> subprocess.CompletedProcess[str]:
         """`make install`, from the project or from another source."""

@@ -9,14 +9,12 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from vgrd.commands.asking import ConfigOption
 from vgrd.commands.printing import JsonOption, print_result, show_fields
+from vgrd.errors import InputError
 
 if TYPE_CHECKING:
     from vgrd.config.cell_file import CellConfig
-
-CellFileOption = Annotated[
-    Path, typer.Option("--config", envvar="VGRD_CONFIG", help="The cell file of the daemon.")
-]
 
 
 def register(app: typer.Typer) -> None:
@@ -27,11 +25,11 @@ def register(app: typer.Typer) -> None:
 
 def backup(
     file: Annotated[Path, typer.Argument(help="The archive to write, such as cell.tar.")],
-    config: CellFileOption,
     sessions: Annotated[
         bool,
         typer.Option("--sessions", help="The recordings too: gigabytes, see docs/recording.md."),
     ] = False,
+    config: ConfigOption = None,
     json_to: JsonOption = None,
 ) -> None:
     """Write calibrations, activations and the cell file into one archive; the daemon may run."""
@@ -39,9 +37,10 @@ def backup(
     from vgrd.clock import SystemClock
     from vgrd.config.cell_file import load_config
 
-    cell = load_config(config).cell
+    cell_file = _named(config)
+    cell = load_config(cell_file).cell
     content = write_archive(
-        file, Path(cell.state_dir), config, cell.name, SystemClock(), sessions=sessions
+        file, Path(cell.state_dir), cell_file, cell.name, SystemClock(), sessions=sessions
     )
     result = {
         "file": str(file),
@@ -54,11 +53,11 @@ def backup(
 
 def restore(
     file: Annotated[Path, typer.Argument(help="An archive of `vgrd backup`.")],
-    config: CellFileOption,
     replace: Annotated[
         bool,
         typer.Option("--replace", help="Also where what is there may be newer; it is set aside."),
     ] = False,
+    config: ConfigOption = None,
     json_to: JsonOption = None,
 ) -> None:
     """Put calibrations and cell file of an archive in place; the daemon must be stopped."""
@@ -66,10 +65,11 @@ def restore(
     from vgrd.clock import SystemClock
     from vgrd.config.cell_file import load_config
 
-    loaded = load_config(config)
+    cell_file = _named(config)
+    loaded = load_config(cell_file)
     with _no_daemon(loaded):
         restored = put_in_place(
-            file, Path(loaded.cell.state_dir), config, SystemClock(), replace=replace
+            file, Path(loaded.cell.state_dir), cell_file, SystemClock(), replace=replace
         )
     created = datetime.fromtimestamp(restored.content.created_unix_s, tz=UTC).astimezone()
     result = {
@@ -79,6 +79,12 @@ def restore(
         "set_aside": None if restored.set_aside is None else str(restored.set_aside),
     }
     print_result(result, json_to, show_fields("restored"))
+
+
+def _named(config: Path | None) -> Path:
+    if config is None:
+        raise InputError("which cell? Give --config CELL.toml")
+    return config
 
 
 @contextmanager
