@@ -11,7 +11,7 @@ from vgrd.errors import StepFailed
 from vgrd.installing.__main__ import main
 from vgrd.installing.places import Places
 
-pytestmark = pytest.mark.timeout(1200)
+pytestmark = pytest.mark.timeout(2400)  # two minutes, on a machine that is not busy
 
 NO_INDEX = ("No matching distribution", "connection", "Temporary failure")  # what pip says then
 
