@@ -24,6 +24,7 @@ from fakes.studies.prints import single_tags
 from fakes.studies.robustness import (
     bare_targets,
     blunders,
+    cell_fit,
     certificate,
     coached,
     conventions,
@@ -56,6 +57,7 @@ STUDIES: Mapping[str, Study] = MappingProxyType(
             eq19,
             eq25,
             certificate,
+            cell_fit,
             clean_sessions,
             coverage,
             bare_targets,

@@ -58,6 +58,8 @@ def cells_of(row: Row) -> tuple[str, ...]:
     """What the table shows of a row."""
     if row.failure:
         return row.name, "", "", "", "FAILED", row.failure
+    if row.skip:
+        return row.name, "", "", "", "skipped", row.skip
     value, bar = f"{row.value:.3g}", f"{row.relation} {row.bar:g}"
     return row.name, value, bar, row.unit, "ok" if row.ok else "MISSED", row.note
 

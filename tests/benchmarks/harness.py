@@ -23,6 +23,7 @@ class Row:
     relation: Literal[">=", "<=", ""]
     note: str = ""
     failure: str = ""
+    skip: str = ""
 
     @classmethod
     def at_least(cls, name: str, value: float, unit: str, bar: float, note: str = "") -> Self:
@@ -39,8 +40,15 @@ class Row:
         """A figure, or all figures of a module, that could not be measured."""
         return cls(name, math.nan, "", math.nan, ok=False, relation="", failure=failure)
 
+    @classmethod
+    def skipped(cls, name: str, skip: str) -> Self:
+        """A figure that needs something that is not on this machine."""
+        return cls(name, math.nan, "", math.nan, ok=True, relation="", skip=skip)
+
     def as_json(self) -> dict[str, object]:
-        """Entry of build/bench.json; one that failed has no value and says why."""
+        """Entry of build/bench.json; one that failed or was skipped has no value and says why."""
+        if self.skip:
+            return {"name": self.name, "value": None, "ok": True, "skip": self.skip}
         if self.failure:
             return {"name": self.name, "value": None, "ok": False, "failure": self.failure}
         return {

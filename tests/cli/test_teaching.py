@@ -114,6 +114,25 @@ def test_the_expected_coordinate_leads_the_tip_onto_the_target(live, ask) -> Non
     assert "P2" in ask("ec", "P2", "--policy", "follow").out
 
 
+def test_the_expected_coordinate_says_what_it_is_and_how_the_robot_writes_it(ask) -> None:
+    result = ask("ec", "P2", "--for", "UR", "--json", "-").result
+    assert result["pose"].startswith("base_from_wrist: the flange")
+    numbers = [float(word) for word in result["for_ur"].strip("p[]").split(",")]
+    assert np.allclose(numbers[:3], np.array(result["position_mm"]) / 1000, atol=1e-6)
+    assert np.allclose(numbers[3:], np.radians(result["rotvec_deg"]), atol=1e-6)
+    assert "for_kuka" in ask("ec", "P2", "--for", "kuka").out
+    assert "there are: abb" in ask("ec", "P2", "--for", "kukka").err
+
+
+def test_a_coordinate_beyond_a_limit_is_refused_in_words(ask) -> None:
+    done = ask("ec", "P2", "--policy", "requested", "--work-rotvec-deg", "0 0 0")
+    assert done.code != 0
+    for words in ("the wrong side", "beyond the limit", "cone_deg", "STATUS 603"):
+        assert words in done.err
+    limits = ask("status", "--json", "-").result["limits"]
+    assert "deg of the taught approach" in limits["cell"]
+
+
 @pytest.mark.parametrize(
     ("words", "told"),
     [(("ec", "P9"), "P9"), (("ec", "P1", "--policy", "folow"), "choose one of")],

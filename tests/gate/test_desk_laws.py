@@ -1,7 +1,8 @@
-"""Laws of the handshake, in any order of writes, answers, clears, deaths and time."""
+"""Laws of the handshake, in any order of writes, lines, answers, clears, deaths and time."""
 
 import struct
 import tempfile
+from collections import Counter
 from dataclasses import replace
 from pathlib import Path
 
@@ -12,6 +13,7 @@ from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, ru
 
 from fakes.testing import ManualClock
 from vgrd.gate.image_feed import ImageFeed
+from vgrd.gate.lines import LineTalk
 from vgrd.gate.register_bank import RegisterBank
 from vgrd.ipc.ring import RingWriter
 from vgrd.registers import (
@@ -31,11 +33,14 @@ from vgrd.registers import (
 DEADLINE_S = 0.25
 TIMEOUT_S = 2.0
 TICK_S = 0.02
+NOTHING = ["99999.00"] * 3 + ["999.000"] * 3 + ["9999"]
 trigs = st.integers(0, 3)
+points = st.integers(1, 3)
+connections = st.integers(0, 1)
 
 
 class Handshake(RuleBasedStateMachine):
-    """A robot, a cell that answers any request it ever got, and a clock."""
+    """Robots at the registers and at two lines, a cell that answers any request it ever got, and a clock."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -45,7 +50,10 @@ class Handshake(RuleBasedStateMachine):
         self.seq = 0
         self.answer = Answer()
         self.reachable = True
-        self.asked: tuple[int, int] | None = None  # TRIG and POINT of what the robot waits for
+        self.asked: tuple[int, int] | None = None  # ECHO and POINT of what is waited for
+        self.written_point = 0  # beside TRIG
+        self.line_asked: list[tuple[int, int] | None] = [None, None]  # TRIG and POINT
+        self.owner: int | None = None  # the line whose request is in force
         self.asked_s = 0.0
         self.settled = False  # the cell answered it
         self.ring: RingWriter | None = None
@@ -58,6 +66,7 @@ class Handshake(RuleBasedStateMachine):
             forward=self.forward,
             abort=lambda: None,
         )
+        self.lines = [LineTalk(self.bank, Counter(), self.clock) for _ in self.line_asked]
 
     def forward(self, request: Request) -> bool:
         if self.reachable:
@@ -97,19 +106,45 @@ class Handshake(RuleBasedStateMachine):
         image = RegisterImage(self.answer, State.READY, 0, now)
         self.ring.publish(image.pack(), stamp_s=now)
 
-    @rule(trig=trigs, point=st.integers(1, 3))
+    @rule(trig=trigs, point=points)
     def ask(self, trig: int, point: int) -> None:
         before = struct.unpack(">H", self.bank.read_registers(0, 1))[0]
         self.bank.write_registers(0, struct.pack(">3H", trig, Command.EC_FRESH, point))
         if trig != before:
             self.asked, self.asked_s = (trig, point) if trig else None, self.clock.now_s
-            self.settled = False
+            self.settled, self.owner, self.written_point = False, None, point
+        elif trig and point != self.written_point:  # refused, and nothing else is in force
+            self.asked, self.owner, self.written_point = (trig, point), None, point
 
     @rule()
     def clear(self) -> None:
         self.bank.write_coils(1, [False])
         self.bank.write_coils(1, [True])
-        self.asked = None
+        self.asked = self.owner = None
+
+    def line(self, number: int, point: int, trig: int) -> list[str]:
+        """Fields of the answer."""
+        request = f"EC,{point},{trig}\n".encode()
+        answer, length = self.lines[number].answer(request)
+        assert length == len(request)
+        fields = answer.decode("ascii").rstrip("\n").split(",")
+        assert fields[0] == str(trig)
+        assert (fields[1] in ("1", "2")) == (fields[4:] != NOTHING)
+        return fields
+
+    @rule(number=connections, trig=trigs, point=points)
+    def ask_by_line(self, number: int, trig: int, point: int) -> None:
+        last = self.line_asked[number]
+        status = int(self.line(number, point, trig)[1])
+        if trig == 0:
+            self.line_asked[number] = None
+            if self.owner == number:
+                self.asked = self.owner = None
+        elif last and trig == last[0]:
+            assert (status == Status.BAD_PARAMETER) == (point != last[1])
+        else:
+            self.line_asked[number], self.owner = (trig, point), number
+            self.asked, self.asked_s, self.settled = (0, point), self.clock.now_s, False
 
     @rule(which=st.integers(0, 5), point=st.sampled_from((None, 9)), ok=st.booleans())
     def answer_some(self, which: int, point: int | None, ok: bool) -> None:
@@ -124,7 +159,7 @@ class Handshake(RuleBasedStateMachine):
             seq=self.seq,
             captured_s=now,
             valid_until_s=now + 1.0,
-            position_um=(request.nonce % 1000, request.point, request.trig),
+            position_um=(1000 * (request.nonce % 1000), 1000 * request.point, request.trig),
             **({"point": point} if point else {}),
         )
         self.publish()
@@ -144,10 +179,26 @@ class Handshake(RuleBasedStateMachine):
         v = RESPONSE.decode(self.bank.read_registers(100, 68))
         if v["STATUS"] in (Status.OK, Status.OK_DEGRADED):
             assert self.asked == (v["ECHO"], v["POINT"])
-            assert v["EC32_X"] == self.got[-1].nonce % 1000
-            assert (v["EC32_Z"], v["EC32_Y"]) == self.asked
+            assert v["EC32_X"] == 1000 * (self.got[-1].nonce % 1000)
+            assert (v["EC32_Z"], v["EC32_Y"] / 1000) == self.asked
         else:
             assert v["EC32_X"] == -(2**31)
+
+    @invariant()
+    def a_line_says_what_the_registers_say_of_its_own_request_and_of_no_other(self) -> None:
+        for number, last in enumerate(self.line_asked):
+            if last is None:
+                continue
+            trig, point = last
+            fields = self.line(number, point, trig)
+            v = RESPONSE.decode(self.bank.read_registers(100, 68))
+            if self.owner != number:
+                assert int(fields[1]) == Status.SUPERSEDED
+                continue
+            assert (int(fields[1]), v["ECHO"]) == (v["STATUS"], 0)
+            if v["STATUS"] in (Status.OK, Status.OK_DEGRADED):
+                assert v["POINT"] == point
+                assert [1000 * float(mm) for mm in fields[4:6]] == [v["EC32_X"], v["EC32_Y"]]
 
     @invariant()
     def a_request_ends(self) -> None:

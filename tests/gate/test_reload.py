@@ -45,6 +45,12 @@ def table(port: int, *specs: ProcessSpec, loaded_unix_s: float = 1.0) -> dict[st
     }
 
 
+def lines_at(line_port: object, made: dict[str, object]) -> dict[str, object]:
+    address = made["modbus"]
+    assert isinstance(address, dict)
+    return {**made, "modbus": {**address, "line_port": line_port}}
+
+
 def pids(supervisor: Supervisor) -> dict[str, int]:
     return {row.name: row.pid for row in supervisor.reports()}
 
@@ -124,6 +130,8 @@ PRESENT = GateSettings("test", "127.0.0.1", 1502, ("127.0.0.1",), (spec("one"),)
     ("wanted", "words"),
     [
         (table(1503, spec("one"), loaded_unix_s=3.0), "needs a restart"),
+        (lines_at(1503, table(1502, spec("one"), loaded_unix_s=3.0)), "line_port needs a restart"),
+        (lines_at("x", table(1502, loaded_unix_s=3.0)), "line_port: 'x' is not a int"),
         ({**table(1502, loaded_unix_s=3.0), "cell": 5}, "is not a str"),
     ],
 )

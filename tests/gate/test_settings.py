@@ -7,6 +7,7 @@ import pytest
 from vgrd.config.cell_file import load_config
 from vgrd.config.resolved import Resolved, save_resolved
 from vgrd.config.setup import process_table
+from vgrd.errors import ConfigError
 from vgrd.gate.settings import load_settings, save_table
 from vgrd.registers import Scale16
 
@@ -21,6 +22,24 @@ def test_the_int16_scale_of_the_cell_file_reaches_the_gate(tmp_path, scale):
     resolved = Resolved(config, str(EXAMPLE), 0.0)
     save_table(tmp_path, process_table(resolved, save_resolved(resolved, tmp_path)))
     assert load_settings(tmp_path / "processes.json").int16_scale is scale
+
+
+@pytest.mark.parametrize("line_port", [None, 1503])
+def test_the_line_port_of_the_cell_file_reaches_the_gate(tmp_path, line_port):
+    text = EXAMPLE.read_text()
+    assert "\n# line_port = 1503" in text
+    path = tmp_path / "cell.toml"
+    path.write_text(text.replace("\n# line_port", "\nline_port") if line_port else text)
+    resolved = Resolved(load_config(path), str(path), 0.0)
+    save_table(tmp_path, process_table(resolved, save_resolved(resolved, tmp_path)))
+    assert load_settings(tmp_path / "processes.json").line_port == line_port
+
+
+def test_the_ports_of_registers_and_lines_are_two(tmp_path):
+    path = tmp_path / "cell.toml"
+    path.write_text(EXAMPLE.read_text().replace("\n# line_port = 1503", "\nline_port = 1502"))
+    with pytest.raises(ConfigError, match=r"port and line_port are both 1502.*such as 1503"):
+        load_config(path)
 
 
 def test_every_int16_scale_can_be_written_in_the_cell_file(tmp_path):

@@ -5,6 +5,7 @@ The rules (`asking`, `accidents`, `breakdowns`) are made of these methods.
 
 import contextlib
 import logging
+import math
 from collections.abc import Callable, Coroutine, Iterator
 from contextvars import copy_context
 from dataclasses import replace
@@ -24,6 +25,7 @@ from tests.invariant.simulation.devices import READING_S
 from tests.invariant.simulation.simulated_time import PROCESS
 from tests.invariant.simulation.teaching import Variant
 from vgrd.cell.serving.faults import TCP_CHANGED_MM
+from vgrd.config.limits_section import LimitsSection
 from vgrd.errors import ControlError, VgrdError
 from vgrd.gate.supervisor import FIRST_DELAY_S
 from vgrd.geometry import Pose
@@ -106,6 +108,17 @@ class Rig:
     def write(self, client: int, address: int, words: list[int]) -> None:
         self._in_loop(lambda: self.robots.write(client, address, words))
 
+    def ask_by_line(self, client: int, asked: Asked) -> None:
+        """A program asks by a line."""
+        self._in_loop(lambda: self.robots.ask_by_line(client, asked))
+
+    def drop_by_line(self, client: int) -> None:
+        self._in_loop(lambda: self.robots.drop_by_line(client))
+
+    def garbage_by_line(self, client: int, data: bytes) -> None:
+        """Bytes that are no line, or one that is refused."""
+        self._in_loop(lambda: self.robots.lines[client].send(data))
+
     def coil(self, client: int, address: int, *, on: bool) -> None:
         self._in_loop(lambda: self.robots.write_coil(client, address, on=on))
 
@@ -165,13 +178,14 @@ class Rig:
             self.promises.kept("tcp")
         self.judge.faster()
 
-    def reload(self, max_age_s: float, scale: str) -> None:
+    def reload(self, max_age_s: float, scale: str, outer_radius_mm: float | None = None) -> None:
         """The gate takes over another table, and the cell starts anew with what is in it."""
         if self.daemon.gate is not None and not self.daemon.loop.is_stopped("gate"):
             self.kill("cell")
-            self.daemon.reload(max_age_s, scale)
+            self.daemon.reload(max_age_s, scale, LimitsSection(outer_radius_mm=outer_radius_mm))
             self.wait(CONFIRMED_S)
             self.judge.max_age_s = max_age_s
+            self.judge.limits.outer_radius_mm = outer_radius_mm or math.inf
 
     # Cables, processes, time.
 

@@ -14,7 +14,14 @@ from tests.invariant.simulation.teaching import VARIANTS, Variant
 
 WAIT_S = 0.9  # the longest pause between two rules
 REMEMBERED = 25  # rules that a failure names, the last ones
-_OF_ALL = ("reads", "reads of one register", "sets of registers", "valid")
+_OF_ALL = (
+    "reads",
+    "reads of one register",
+    "reads of lines",
+    "sets of registers",
+    "valid",
+    "valid lines",
+)
 
 
 @dataclass(slots=True)
@@ -41,7 +48,8 @@ class Walk:
             [
                 f"{counts['reads']:,} reads in {self.simulated_s / 3600:.2f} h of the cell, of these "
                 f"{counts['reads of one register']:,} of single registers "
-                f"({counts['sets of registers']:,} sets that were the same before and after)",
+                f"({counts['sets of registers']:,} sets that were the same before and after) and "
+                f"{counts['reads of lines']:,} of lines ({counts['valid lines']:,} of them valid)",
                 f"{counts['valid']:,} valid; worst right one at {self.worst:.2f} u95 (limit 3)",
                 *(f"  {count:>9,} {name}" for name, count in kinds),
             ]

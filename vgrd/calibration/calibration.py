@@ -10,6 +10,7 @@ from vgrd.calibration.joint import JointSolution
 from vgrd.calibration.stepwise import SpecialSolution, UniversalSolution, is_open
 from vgrd.errors import InputError
 from vgrd.geometry import Array, Pose
+from vgrd.geometry.rotation_formats import rotvec_near, usual_rotvec
 from vgrd.model import (
     UNMOVED,
     AdoptedSlip,
@@ -71,6 +72,12 @@ class Calibration:
     def tcp_in_wrist(self) -> Array | None:
         """(3,) of it."""
         return None if self.tcp is None else self.tcp.in_wrist
+
+    def taught_rotvec(self, target_name: str) -> Array:
+        """(3,) rad of a taught wrist, near those of the other targets: what answers are written near to."""
+        first = min(self.taught.values(), key=lambda point: point.target.id)
+        wanted = usual_rotvec(first.base_from_work)
+        return rotvec_near(self.taught[target_name].base_from_work, wanted)
 
 
 def expected_coordinate(

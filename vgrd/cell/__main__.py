@@ -26,7 +26,7 @@ from vgrd.cell.serving.service import Serving
 from vgrd.cell.serving.vouching import Hold
 from vgrd.clock import Clock, SystemClock
 from vgrd.config.resolved import Resolved, load_resolved
-from vgrd.config.setup import CONTROL_SOCKET, camera_stability, cell_facts
+from vgrd.config.setup import CONTROL_SOCKET, camera_stability, cell_bounds, cell_facts
 from vgrd.errors import StoreError, VgrdError
 from vgrd.ipc.health import HealthReporter
 from vgrd.ipc.messages import decode_line, encode_line
@@ -84,6 +84,7 @@ class Cell:
             serving.moved_mm,
             serving.timeout_s,
             Hold(serving.hold_s if serving.hidden_tag == "hold" else 0.0, serving.approach_mm),
+            cell_bounds(config),
         )
         self.serving = Serving(
             self.measuring,

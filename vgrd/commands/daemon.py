@@ -3,9 +3,10 @@
 import os
 import sys
 import time
+from collections.abc import Mapping
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -16,6 +17,7 @@ from vgrd.errors import ConfigError, InputError
 
 if TYPE_CHECKING:  # pydantic is slow to load, and most commands do without
     from vgrd.config.cell_file import CellSection
+    from vgrd.geometry import Array, Pose
 
 _SOCKET_FOLDER_BYTES = 90  # of the 108 of sun_path (unix(7)); "/control.sock" and NUL need 14
 # What earlier versions left open to all, and what tells that a folder is the daemon's.
@@ -134,15 +136,38 @@ def ec(
         str | None,
         typer.Option(help="Orientation of the wrist at the touch, such as '180 0 0'."),
     ] = None,
+    brand: Annotated[
+        str | None,
+        typer.Option(
+            "--for",
+            help="Also as this brand writes it: ur, kuka, fanuc, abb, ... (docs/poses.md).",
+        ),
+    ] = None,
     config: ConfigOption = None,
     socket: SocketOption = None,
     json_to: JsonOption = None,
 ) -> None:
-    """Compute an expected coordinate from a fresh picture."""
+    """Compute an expected coordinate from a fresh picture: where the flange must be, in the robot's base."""
+    if brand is not None:
+        from vgrd.geometry.brands import brand_form
+
+        form = brand_form(brand)  # a wrong name is told at once
     result = ask(
         config, socket, "ec", target=target, policy=policy, work_rotvec_deg=work_rotvec_deg
     )
+    if brand is not None:
+        result[f"for_{brand.lower()}"] = form.write(*_pose_told(result))
     print_result(result, json_to, show_fields(f"expected coordinate of {target}"))
+
+
+def _pose_told(result: Mapping[str, Any]) -> tuple["Pose", "Array"]:
+    """The pose of a result of `ec`, and its rotation vector, (3,) rad, as it was written."""
+    import numpy as np
+
+    from vgrd.geometry import Pose
+
+    rotvec = np.radians(result["rotvec_deg"])
+    return Pose.from_rotvec(rotvec, result["position_mm"]), rotvec
 
 
 def confirm(

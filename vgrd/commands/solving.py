@@ -114,7 +114,13 @@ def _print_goodness(result: Result) -> None:
             (name, _place(pose["matrix"]), _three(pose["sigma_mm"]), _three(pose["sigma_deg"]))
             for name, pose in poses.items()
         ]
-        console.print(table("poses", ("pose", "x y z mm", "sigma mm", "sigma deg"), rows))
+        console.print(
+            table(
+                "poses (target_from_source: the source, seen in the target)",
+                ("pose", "x y z mm", "sigma mm", "sigma deg"),
+                rows,
+            )
+        )
     if levels := result.get("levels"):
         keys = ("noise", "unit", "stated", "found")
         console.print(table("noise, 1 sigma", keys, [[one[k] for k in keys] for one in levels]))

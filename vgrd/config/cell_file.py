@@ -13,15 +13,15 @@ from typing import Annotated, Any, Literal, Self
 import numpy as np
 from pydantic import AfterValidator, Field, ValidationError, model_validator
 
+from vgrd.config.limits_section import LimitsSection
+from vgrd.config.metrics_section import MetricsSection
+from vgrd.config.quantities import Positive, Vector
 from vgrd.documents.tables import Table, faults_of
 from vgrd.documents.toml import hint, read_toml
 from vgrd.errors import ConfigError
 from vgrd.geometry.camera import implausible_matrix
 from vgrd.geometry.coincidence import are_in_line
 from vgrd.judging.thresholds import LINE
-
-Vector = Annotated[list[float], Field(min_length=3, max_length=3)]
-Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
 
 
 def _json_able(settings: dict[str, Any]) -> dict[str, Any]:
@@ -56,8 +56,7 @@ class CellSection(Table):
     group: str = Field(
         default="",
         pattern=r"^([A-Za-z0-9_][A-Za-z0-9_.-]{0,31})?$",
-        description="its members may use the control socket and read the files; none: that of the unit, "
-        "and without one nobody else",
+        description="its members may use the control socket and read the files; none: as the unit says",
     )
     simulation: bool = Field(default=False, description="tells the robot so (STATE bit 15)")
 
@@ -200,6 +199,7 @@ class TargetSection(Table):
         default=None,
         description="diameter of the hole minus that of what goes in: how often it goes in is then told",
     )
+    limits: LimitsSection = LimitsSection()
 
     @model_validator(mode="after")
     def _hole_in_cad(self) -> Self:
@@ -308,6 +308,12 @@ class ServingSection(Table):
     port: int = Field(  # Modbus' own 502 and 1000: below 1024 it needs privileges
         default=1502, ge=1, le=65535, description="below 1024: with config/vgrd.socket"
     )
+    line_port: int | None = Field(
+        default=None,
+        ge=1,
+        le=65535,
+        description="of the line server, for controllers without Modbus; without it there is none",
+    )
     allow: list[str] = Field(
         default=["127.0.0.1"], min_length=1, description="robots that may connect"
     )
@@ -346,17 +352,15 @@ class ServingSection(Table):
     int16_scale: Literal["mrad", "centidegree", "fine"] = Field(
         default="mrad",
         description="steps of the int16 registers: 0.1 mm and 1 mrad, 0.1 mm and 0.01 deg, or"
-        " 0.05 mm and 0.1 mrad (no farther than 1.638 m from the base)",
+        " 0.05 mm and 0.1 mrad (no farther than 1.638 m from the base, rotation vectors up to 187 degrees)",
     )
 
-
-class MetricsSection(Table):
-    """What Prometheus may read of the cell (docs/metrics.md); off without a port."""
-
-    host: str = Field(default="127.0.0.1", description="address to listen at, one of this machine")
-    port: int | None = Field(
-        default=None, ge=1024, le=65535, description="such as 9502; none: nobody is told"
-    )
+    @model_validator(mode="after")
+    def _two_ports(self) -> Self:
+        if self.line_port == self.port:
+            msg = f"port and line_port are both {self.port}: give the lines another one, such as 1503"
+            raise ValueError(msg)
+        return self
 
 
 class CellConfig(Table):
@@ -372,6 +376,7 @@ class CellConfig(Table):
     pedal: PedalSection = PedalSection()
     recording: RecordingSection = RecordingSection()
     serving: ServingSection = ServingSection()
+    limits: LimitsSection = LimitsSection()
     metrics: MetricsSection = MetricsSection()
 
 

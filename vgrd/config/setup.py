@@ -1,16 +1,19 @@
 """From the checked cell file to the values that the layers below work with."""
 
 import json
+import math
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from vgrd.config.resolved import Resolved
 from vgrd.geometry import Array, Pose, exp_rotation
 from vgrd.model import (
+    Bounds,
+    CellBounds,
     CellFacts,
     Motion,
     Mount,
@@ -24,7 +27,18 @@ from vgrd.model import (
 
 if TYPE_CHECKING:  # at run time the sections are those of `vgrd.config.resolved`
     from vgrd.config.cell_file import CellConfig, TagSection
+    from vgrd.config.limits_section import LimitsSection
 
+_LIMIT_KEYS: Mapping[str, tuple[str, Callable[[Any], object]]] = {  # of the file: name, conversion
+    "lowest_mm": ("lowest", lambda corner: frozen_array(corner, 3)),
+    "highest_mm": ("highest", lambda corner: frozen_array(corner, 3)),
+    "inner_radius_mm": ("inner_radius_mm", float),
+    "outer_radius_mm": ("outer_radius_mm", float),
+    "volume_margin_mm": ("margin_mm", float),
+    "cone_deg": ("cone_rad", math.radians),
+    "step_mm": ("step_mm", float),
+    "step_deg": ("step_rad", math.radians),
+}
 CONTROL_SOCKET = "control.sock"
 # The processes share the cores among themselves; libraries that start a thread per core fight over them.
 ONE_THREAD = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
@@ -63,6 +77,26 @@ def camera_stability(config: "CellConfig") -> Array:
         return frozen_array(np.full(6, np.inf), 6)
     sigmas = [camera.stability_mm] * 3 + [1e-3 * camera.stability_mrad] * 3
     return frozen_array(sigmas, 6)
+
+
+def cell_bounds(config: "CellConfig") -> CellBounds:
+    """Where answers may send the arm: the keys of a target, then those of the cell, then the defaults."""
+    targets = {
+        target.name: _bounds(target.limits, config.limits)
+        for target in config.object.targets
+        if any(getattr(target.limits, key) is not None for key in _LIMIT_KEYS)
+    }
+    return CellBounds(_bounds(config.limits), targets)
+
+
+def _bounds(*sections: "LimitsSection") -> Bounds:
+    """The first section that has a key counts."""
+    given: dict[str, Any] = {}
+    for key, (name, convert) in _LIMIT_KEYS.items():
+        value = next((v for s in sections if (v := getattr(s, key)) is not None), None)
+        if value is not None:
+            given[name] = convert(value)
+    return Bounds(**given)
 
 
 def _tag(section: "TagSection") -> TagSpec:
@@ -137,6 +171,7 @@ def process_table(resolved: Resolved, path: Path) -> dict[str, object]:
         "modbus": {
             "host": config.serving.host,
             "port": config.serving.port,
+            "line_port": config.serving.line_port,
             "allow": list(config.serving.allow),
         },
         "processes": [

@@ -1,4 +1,4 @@
-"""The parent process: serves the registers, supervises the others, talks to systemd.
+"""The parent process: serves registers and lines, supervises the others, talks to systemd.
 
-May import registers and ipc: the standard library and structlog, no numpy and no pydantic.
+May import registers, lines and ipc: the standard library and structlog, no numpy and no pydantic.
 """

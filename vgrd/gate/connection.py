@@ -1,4 +1,4 @@
-"""One Modbus connection: bytes in, answers out, on the event loop and without a task of its own.
+"""One connection: bytes in, answers out, on the event loop and without a task of its own.
 
 There is no await between a request and its answer, so a write is whole and in force before it is
 answered.
@@ -6,18 +6,12 @@ answered.
 
 import asyncio
 import socket
-import struct
-from collections import Counter
+from collections import Counter, deque
 from collections.abc import Callable
-from typing import Final, Protocol
+from typing import Any, Final, Protocol, TypeVar
 
 from vgrd.clock import Clock
-from vgrd.gate.pdu import EXCEPTION_BIT, Data, GarbageError, respond
 
-_HEADER = struct.Struct(">HHHB")  # transaction, protocol, length, unit id
-_BEFORE_LENGTH: Final = 6  # bytes that the length does not count: transaction, protocol, length
-_BUFFER_BYTES: Final = 4096  # worked off before the other connections have their turn
-_LONGEST: Final = 254  # unit id and the longest PDU: 253 bytes (Modbus protocol V1.1b3, 4.1)
 _ONCE: Final = 1  # who asked once may never ask again; who asked twice polls
 # A connection whose cable was pulled ends after about 6 s (3 + 3 x 1); without these options it was
 # still there after 20 s (tried with a veth pair).
@@ -31,8 +25,26 @@ _OPTIONS: Final = (
 )
 
 
+class GarbageError(Exception):
+    """Bytes that are no request, and after which nobody knows where one begins."""
+
+
+D = TypeVar("D")
+
+
+class Talk(Protocol[D]):
+    """What is said on one connection, about `data`. requests: so many were answered."""
+
+    data: D
+    requests: int
+
+    def answer(self, received: bytes) -> tuple[bytes, int]:
+        """Answers to the first whole requests, and how many bytes these were. Raises GarbageError."""
+        ...
+
+
 class Times(Protocol):
-    """How long a connection may be silent, see `modbus.ConnectionLimits`."""
+    """How long a connection may be silent, see `server.ConnectionLimits`."""
 
     @property
     def idle_s(self) -> float: ...  # noqa: D102
@@ -42,44 +54,75 @@ class Times(Protocol):
     def silent_s(self) -> float: ...  # noqa: D102
 
 
+class Turns:
+    """Bounds what all connections of a server do in one turn of the loop, so that another is not delayed.
+
+    Who has requests waits in a queue; `per_turn` of them have a turn each, then others may read.
+    """
+
+    def __init__(self, per_turn: int) -> None:
+        self._per_turn = per_turn
+        self._queue: deque[Callable[[], bool]] = deque()
+
+    def enter(self, work: Callable[[], bool]) -> None:
+        """Call `work` in a later turn, again and again while it returns True."""
+        if not self._queue:
+            asyncio.get_running_loop().call_soon(self._turn)
+        self._queue.append(work)
+
+    def _turn(self) -> None:
+        for _ in range(min(self._per_turn, len(self._queue))):
+            work = self._queue.popleft()
+            if work():
+                self._queue.append(work)
+        if self._queue:
+            asyncio.get_running_loop().call_soon(self._turn)
+
+
 class Connection:
-    """Serves `data` to one peer. `counters` are the server's; `forget` takes it off its list."""
+    """Talks with one peer. `counters` are the server's; `forget` takes it off its list.
+
+    turns: None to answer whatever is there at once. buffer_bytes: answered before more is read.
+    """
 
     def __init__(
         self,
         link: socket.socket,
         peer: str,
-        data: Data,
+        talk: Talk[Any],
         clock: Clock,
         counters: Counter[str],
         forget: Callable[["Connection"], None],
+        turns: Turns | None,
+        buffer_bytes: int,
     ) -> None:
-        self.peer = peer
-        self.requests = 0
+        self.peer, self.talk = peer, talk
         self.last_read_s = self._frame_s = clock.monotonic()
-        self._socket, self.data, self._clock = link, data, clock
-        self._counters, self._forget = counters, forget
-        self._buffer = memoryview(bytearray(_BUFFER_BYTES))
-        self._filled = 0
+        self._socket, self._clock = link, clock
+        self._counters, self._forget, self._turns = counters, forget, turns
+        self._buffer_bytes = buffer_bytes
+        self._received = b""
         self._unsent = b""
+        self._waits = False  # for its turn
         link.setblocking(False)
         for level, option, value in _OPTIONS:
             link.setsockopt(level, option, value)
         self._loop = asyncio.get_running_loop()
         self._loop.add_reader(link, self._read)
+        self._reads = True
 
     @property
     def priority(self) -> tuple[int, float]:
         """The least is closed first: who never asked, then who asked once, then the longest silent."""
-        return min(self.requests, _ONCE + 1), self.last_read_s
+        return min(self.talk.requests, _ONCE + 1), self.last_read_s
 
     def is_polling(self, now_s: float, times: Times) -> bool:
         """Whether a program uses it: it asks again and again, and did just now."""
-        return self.requests > _ONCE and now_s - self.last_read_s < times.silent_s
+        return self.talk.requests > _ONCE and now_s - self.last_read_s < times.silent_s
 
     def is_overdue(self, now_s: float, times: Times) -> bool:
         """Whether a frame stays cut, answers are not taken, or nothing was said for too long."""
-        if self._filled or self._unsent:
+        if self._received or self._unsent:
             return now_s - self._frame_s > times.partial_s
         return now_s - self.last_read_s > times.idle_s
 
@@ -93,30 +136,56 @@ class Connection:
             self._loop.remove_reader(self._socket)
             self._loop.remove_writer(self._socket)
             self._socket.close()
+        self._received = b""
         self._forget(self)
 
     def _read(self) -> None:
+        """Every read of a register comes here: few calls, and no copy unless a request came in pieces."""
         try:
-            received = self._socket.recv_into(self._buffer[self._filled :])
+            received = self._socket.recv(self._buffer_bytes - len(self._received))
         except BlockingIOError:
             return
         except OSError:
-            received = 0
+            received = b""
         if not received:
             self._close()
             return
-        self._filled += received
         self.last_read_s = self._clock.monotonic()
+        if self._received:
+            received = self._received + received
+        else:
+            self._frame_s = self.last_read_s
+        self._received = received
+        if self._turns is None:
+            self._work()
+        else:
+            self._wait_for_turn(self._turns)
+            self._read_if_wanted()
+
+    def _wait_for_turn(self, turns: Turns) -> None:
+        if self._received and not self._waits:
+            self._waits = True
+            turns.enter(self._work)
+
+    def _work(self) -> bool:
+        """Answer requests; whether there may be more of them."""
+        self._waits = False
+        received = self._received
+        if not received or self._unsent:
+            return False
         try:
-            answers, length = self._answer_frames(bytes(self._buffer[: self._filled]))
+            answers, length = self.talk.answer(received)
         except GarbageError:
             self.drop("garbage")
-            return
-        if length:
-            rest = self._filled - length
-            self._buffer[:rest] = bytes(self._buffer[length : self._filled])
-            self._filled, self._frame_s = rest, self.last_read_s
+            return False
+        if not length:
+            return False
+        self._received = received[length:]
+        self._frame_s = self.last_read_s if self._turns is None else self._clock.monotonic()
+        if answers:
             self._send(answers)
+        self._waits = bool(self._received) and not self._unsent
+        return self._waits
 
     def _send(self, answers: bytes) -> None:
         """Send what the peer takes; while it does not take all, nothing more is read."""
@@ -127,33 +196,30 @@ class Connection:
         except OSError:
             self._close()
             return
-        if self._unsent and sent == len(answers):
-            self._loop.remove_writer(self._socket)
-            self._loop.add_reader(self._socket, self._read)
-        elif not self._unsent and sent < len(answers):
+        if sent == len(answers) and self._reads:
+            return
+        if sent < len(answers) and not self._unsent:
             self._frame_s = self._clock.monotonic()
-            self._loop.remove_reader(self._socket)
             self._loop.add_writer(self._socket, self._send_rest)
         self._unsent = answers[sent:]
+        self._read_if_wanted()
 
     def _send_rest(self) -> None:
         self._send(self._unsent)
+        if not self._unsent and self._socket.fileno() >= 0:
+            self._loop.remove_writer(self._socket)
+            if self._turns is None:
+                self._work()
+            else:
+                self._wait_for_turn(self._turns)
 
-    def _answer_frames(self, received: bytes) -> tuple[bytes, int]:
-        """Answers to all whole frames, and how many bytes these were. Raises GarbageError."""
-        answers, start = [], 0
-        counters = self._counters
-        while len(received) - start >= _HEADER.size:
-            transaction, protocol, length, unit = _HEADER.unpack_from(received, start)
-            if protocol or not 2 <= length <= _LONGEST:
-                raise GarbageError
-            end = start + _BEFORE_LENGTH + length
-            if end > len(received):
-                break
-            answer = respond(self.data, received[start + _HEADER.size : end])
-            self.requests += 1
-            counters["requests"] += 1
-            counters["exceptions"] += answer[0] >= EXCEPTION_BIT
-            answers.append(_HEADER.pack(transaction, 0, 1 + len(answer), unit) + answer)
-            start = end
-        return b"".join(answers), start
+    def _read_if_wanted(self) -> None:
+        """Be told what comes, unless the peer does not take its answers or the buffer is full."""
+        wanted = not self._unsent and len(self._received) < self._buffer_bytes
+        if wanted is self._reads or self._socket.fileno() < 0:
+            return
+        self._reads = wanted
+        if wanted:
+            self._loop.add_reader(self._socket, self._read)
+        else:
+            self._loop.remove_reader(self._socket)

@@ -7,6 +7,7 @@ import signal
 import socket
 from collections import Counter
 from collections.abc import Callable, Coroutine
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, Final
 
@@ -17,9 +18,11 @@ from vgrd.clock import Clock
 from vgrd.errors import AlreadyRunning
 from vgrd.gate import systemd
 from vgrd.gate.image_feed import ImageFeed
+from vgrd.gate.lines import LINES, Desk
 from vgrd.gate.link import CellLink
-from vgrd.gate.modbus import ConnectionLimits, ModbusServer
+from vgrd.gate.pdu import MODBUS, Data
 from vgrd.gate.register_bank import RegisterBank
+from vgrd.gate.server import ConnectionLimits, Server
 from vgrd.gate.settings import GateSettings
 from vgrd.gate.supervisor import CONFIG_EXIT, Supervisor
 from vgrd.gate.wanted import WantedTable
@@ -33,7 +36,9 @@ REPORT_S: Final = 0.25  # chosen: `vgrd status` and `vgrd reload` wait no longer
 SWEEP_S: Final = 0.25  # a quarter of the second after which cut frames end
 ABUSE_LOG_S: Final = 1.0  # at most one line a second, however hard somebody knocks
 _PID_BYTES: Final = 32  # more digits than any process number has
-_ABUSE: Final = ("refused", "garbage", "timeouts", "evicted")
+LINE_CONNECTIONS: Final = 128  # chosen: a hundred clients, and room for those who come back
+_KINDS: Final = ("refused", "garbage", "timeouts", "evicted")
+_ABUSE: Final = (*_KINDS, *(f"line_{kind}" for kind in _KINDS))
 
 log = structlog.get_logger()
 
@@ -67,12 +72,15 @@ class Gate:
         self._runtime_dir = runtime_dir
         self._bank = self._new_bank()
         self._wanted = WantedTable(runtime_dir)
-        self._server = ModbusServer(self._bank, clock, ConnectionLimits(allow=settings.allow))
+        limits = ConnectionLimits(allow=settings.allow)
+        self._server = Server[Data](MODBUS, self._bank, clock, limits)
+        more = replace(limits, connections=LINE_CONNECTIONS)
+        self._lines = Server[Desk](LINES, self._bank, clock, more)
         self._supervisor = Supervisor(
             settings.processes, runtime_dir, clock, self._cell_started, self._cell_ended
         )
         self._ring = RingWriter.create(runtime_dir / GATE_RING, GATE_SLOTS, GATE_BYTES, GATE_KIND)
-        self._port = settings.port
+        self._port, self._line_port = settings.port, settings.line_port
         self._status_words = ""
         self._abuse: Counter[str] = Counter()
 
@@ -85,7 +93,15 @@ class Gate:
         settings = self._settings
         inherited = systemd.inherited_socket()
         self._port = await self._server.listen(settings.host, settings.port, inherited)
-        log.info("serving", cell=settings.cell, host=settings.host, port=self._port)
+        if settings.line_port is not None:
+            self._line_port = await self._lines.listen(settings.host, settings.line_port)
+        log.info(
+            "serving",
+            cell=settings.cell,
+            host=settings.host,
+            port=self._port,
+            line_port=self._line_port,
+        )
         self._manager.tell(READY="1", STATUS=f"serving on {settings.host}:{self._port}")
         try:
             async with asyncio.TaskGroup() as tasks:
@@ -96,6 +112,7 @@ class Gate:
                     chore.cancel()
         finally:
             self._server.close()
+            self._lines.close()
             self._ring.close()
         if self._failure is not None:
             raise self._failure
@@ -107,6 +124,7 @@ class Gate:
             self._each(TICK_S, self._refresh),
             self._follow_wanted(),
             self._each(SWEEP_S, self._server.sweep),
+            self._each(SWEEP_S, self._lines.sweep),
             self._each(REPORT_S, self._report),
             self._each(ABUSE_LOG_S, self._log_abuse),
         ]
@@ -147,6 +165,7 @@ class Gate:
         self._bank.counters.update(counters)
         self._bank.cell_lost()  # its last image belongs to the old table
         self._server.serve_from_now_on(self._bank, wanted.allow)
+        self._lines.serve_from_now_on(self._bank, wanted.allow)
         self._supervisor.start()
         self._wanted.mark_in_force(wanted)
 
@@ -191,8 +210,7 @@ class Gate:
         self._manager.tell(WATCHDOG="1")
 
     def _report(self) -> None:
-        counters = {**self._server.counters, **self._bank.counters}
-        counters["connections"] = self._server.connections
+        counters = {**self._counters(), **self._bank.counters}
         rows = self._supervisor.reports()
         report = GateReport(
             os.getpid(),
@@ -202,6 +220,7 @@ class Gate:
             rows,
             self._wanted.asked_unix_s,
             self._wanted.refused,
+            self._line_port,
         )
         self._ring.publish(report.pack(), stamp_s=self._clock.monotonic())
         words = ", ".join(f"{row.name} {row.health}" for row in rows)
@@ -210,10 +229,19 @@ class Gate:
             self._manager.tell(STATUS=words)
         self._manager.catch_up()
 
+    def _counters(self) -> dict[str, int]:
+        """Of both servers, and how many connections each has."""
+        counters = {**self._server.counters, "connections": self._server.connections}
+        if self._line_port is not None:
+            counters |= {f"line_{name}": n for name, n in self._lines.counters.items()}
+            counters["line_connections"] = self._lines.connections
+        return counters
+
     def _log_abuse(self) -> None:
         """At most one line a second, however hard somebody knocks, and the sums of the others."""
-        now = Counter({name: self._server.counters[name] for name in _ABUSE})
+        counters = self._counters()
+        now = Counter({name: count for name, count in counters.items() if name in _ABUSE})
         if more := now - self._abuse:
-            log.warning("modbus_clients", **more)
+            log.warning("clients", **more)
         self._abuse = now
         logs.sum_up()

@@ -1,8 +1,17 @@
-"""From Modbus requests to answers: functions 1-6, 15, 16, 22 and 23 over data held elsewhere."""
+"""From Modbus requests to answers: functions 1-6, 15, 16, 22 and 23 over data held elsewhere.
+
+Every request is answered, and every byte judged. A frame that is not Modbus closes its connection: the next
+"frame" might be the tail of this one.
+"""
 
 import struct
+from collections import Counter
 from collections.abc import Callable, Sequence
 from typing import Final, Protocol
+
+from vgrd.clock import Clock
+from vgrd.gate.connection import GarbageError
+from vgrd.gate.server import Language
 
 # All numbers of this file: Modbus Application Protocol Specification V1.1b3, chapters 6 and 7.
 ILLEGAL_FUNCTION: Final = 1  # V1.1b3, 7
@@ -16,6 +25,11 @@ _MOST_WRITTEN_REGISTERS: Final = 123  # V1.1b3, 6.12: function 16
 _MOST_EXCHANGED_REGISTERS: Final = 121  # V1.1b3, 6.17: written by function 23
 _COIL_OFF: Final = 0x0000  # V1.1b3, 6.5: the two values that function 5 may write
 _COIL_ON: Final = 0xFF00  # V1.1b3, 6.5
+_HEADER: Final = struct.Struct(">HHHB")  # transaction, protocol, length, unit id
+_ADDRESS_COUNT: Final = struct.Struct(">HH")  # of a read
+_BEFORE_LENGTH: Final = 6  # bytes that the length does not count: transaction, protocol, length
+_BUFFER_BYTES: Final = 4096  # worked off before the other connections have their turn
+_LONGEST: Final = 254  # unit id and the longest PDU: 253 bytes (Modbus protocol V1.1b3, 4.1)
 
 
 class Data(Protocol):
@@ -49,8 +63,33 @@ class _RefusedError(Exception):
         self.code = code
 
 
-class GarbageError(Exception):
-    """The length of a request does not fit its function."""
+class ModbusFrames:
+    """What one Modbus connection says: all whole frames are answered at once, whatever their unit id."""
+
+    def __init__(self, data: Data, counters: Counter[str], clock: Clock) -> None:
+        del clock
+        self.data, self.requests = data, 0
+        self._counters = counters
+
+    def answer(self, received: bytes) -> tuple[bytes, int]:
+        """Answers to all whole frames, and how many bytes these were. Raises GarbageError."""
+        answers, start = [], 0
+        counters = self._counters
+        while len(received) - start >= _HEADER.size:
+            transaction, protocol, length, unit = _HEADER.unpack_from(received, start)
+            if protocol or not 2 <= length <= _LONGEST:
+                raise GarbageError
+            end = start + _BEFORE_LENGTH + length
+            if end > len(received):
+                break
+            answer = respond(self.data, received[start + _HEADER.size : end])
+            self.requests += 1
+            counters["requests"] += 1
+            if answer[0] >= EXCEPTION_BIT:
+                counters["exceptions"] += 1
+            answers.append(_HEADER.pack(transaction, 0, 1 + len(answer), unit) + answer)
+            start = end
+        return b"".join(answers), start
 
 
 def respond(data: Data, pdu: bytes) -> bytes:
@@ -116,7 +155,11 @@ def _read_inputs(data: Data, body: bytes) -> bytes:
 
 
 def _read_registers(data: Data, body: bytes) -> bytes:
-    address, count = _fixed(body, ">HH")
+    """What robots do most: nothing is computed twice."""
+    try:
+        address, count = _ADDRESS_COUNT.unpack(body)
+    except struct.error:
+        raise GarbageError from None
     _check_count(count, _MOST_READ_REGISTERS)
     return _words(data.read_registers(address, count))
 
@@ -190,3 +233,5 @@ _HANDLERS: Final[dict[int, Callable[[Data, bytes], bytes]]] = {  # V1.1b3, 6: fu
     22: _mask_register,
     23: _read_write_registers,
 }
+
+MODBUS: Final = Language[Data]("Modbus", "port", ModbusFrames, _BUFFER_BYTES)

@@ -90,9 +90,10 @@ class RegisterBank:
     def read_registers(self, address: int, count: int) -> bytes | None:
         """Read registers of one block, None outside."""
         self.refresh()
-        if not any(start <= address and address + count <= end for start, end in _BLOCKS):
-            return None
-        return self._space[2 * address : 2 * (address + count)]
+        for start, end in _BLOCKS:
+            if start <= address and address + count <= end:
+                return self._space[2 * address : 2 * (address + count)]
+        return None
 
     def write_registers(self, address: int, data: bytes) -> bool:
         """Write into the request block, then look at TRIG."""
@@ -147,6 +148,38 @@ class RegisterBank:
         toggle = self._view.beat // _BEATS_PER_TOGGLE % 2
         bits = int(self._view.state) | toggle << _ALIVE_INPUT
         return [bool(bits >> i & 1) for i in range(address, address + count)]
+
+    def ask(self, registers: bytes) -> int:
+        """Take a request that was not written into registers 0-31, which stay; returns its nonce.
+
+        registers: the same as if it were, with TRIG 0, so that in the registers its answer is nobody's.
+        """
+        self._nonce += 1
+        if self._final_status is None:
+            self._start(Request.parse(registers, self._nonce))
+        self._refresh(self._clock.monotonic())
+        return self._nonce
+
+    def drop(self, nonce: int) -> None:
+        """Drop that request and its answer, unless another one took its place."""
+        if nonce == self._nonce and self._final_status is None:
+            self._clear(echo=0)
+            self._refresh(self._clock.monotonic())
+
+    def answer_to(self, nonce: int) -> Answer:
+        """What the registers say now, if it is the answer to that request; else an answer that says why not."""
+        self.refresh()
+        answer = self._view.answer
+        if answer.nonce == nonce or self._final_status is not None:
+            return answer
+        if nonce != self._nonce:
+            return Answer(Status.SUPERSEDED)
+        return Answer() if answer.status.is_ok else answer
+
+    @property
+    def beat(self) -> int:
+        """HB of the registers."""
+        return self._view.beat
 
     def cell_lost(self) -> None:
         """Invalidate, and answer what is pending, now: the cell's process is dead."""
@@ -207,7 +240,9 @@ class RegisterBank:
         """Whether the cell publishes something newer that nobody asked for: it may be shown."""
         if answer.nonce or answer.echo or answer.seq == self._seq:
             return False
-        return answer.status.is_ok or (self._refusal is not None and self._refusal.echo == 0)
+        return answer.status.is_ok or (
+            self._refusal is not None and not (self._refusal.echo or self._refusal.nonce)
+        )
 
     def _trig(self) -> int:
         """The TRIG that was written last."""
@@ -239,6 +274,10 @@ class RegisterBank:
         if request.trig == 0 or request.command == Command.CLEAR:
             self._clear(echo=request.trig)
             return
+        self._start(request, from_coil=from_coil)
+
+    def _start(self, request: Request, *, from_coil: bool = False) -> None:
+        """Have the cell work on a request, in place of any other."""
         self._feed.poll()
         now = self._clock.monotonic()
         self.counters["triggers"] += 1
@@ -256,6 +295,7 @@ class RegisterBank:
 
     def _clear(self, *, echo: int) -> None:
         self._feed.poll()
+        self._nonce += 1  # whoever waits for an answer waits for none
         self._pending, self._answered_request, self._overdue_s = None, None, math.inf
         self._written_registers = set()
         self._remember_answer()

@@ -40,7 +40,8 @@ class ProcessSpec:
 class GateSettings:
     """The gate's part of the cell file. timeout_s: for requests that name no TMO.
 
-    int16_scale: name of a `Scale16`, the units of the int16 registers.
+    line_port: of the line server, None: there is none. int16_scale: name of a `Scale16`, the units of the
+    int16 registers.
     loaded_unix_s: when the cell file was read; it names this table.
     """
 
@@ -53,6 +54,7 @@ class GateSettings:
     timeout_s: float = REQUEST_TIMEOUT_S
     int16_scale: Scale16 = Scale16.MRAD
     loaded_unix_s: float = 0.0
+    line_port: int | None = None
 
 
 def save_table(runtime_dir: Path, table: Mapping[str, object], name: str = PROCESS_TABLE) -> None:
@@ -85,6 +87,7 @@ def load_settings(path: Path) -> GateSettings:
         timeout_s=_take(table, "timeout_s", float, faults, REQUEST_TIMEOUT_S, optional=True),
         int16_scale=_scale(table, faults),
         loaded_unix_s=_take(table, "loaded_unix_s", float, faults, 0.0, optional=True),
+        line_port=_line_port(modbus, faults),
     )
     for entry in settings.allow:
         _check(ip_network, entry, f"modbus.allow: {entry!r} is no address or network", faults)
@@ -112,6 +115,10 @@ def _process(row: object, faults: list[str]) -> ProcessSpec:
         hang_s=None if hang_s is None else _take(table, "hang_s", float, faults, 0.0),
         start_s=_take(table, "start_s", float, faults, START_S, optional=True),
     )
+
+
+def _line_port(table: Mapping[str, object], faults: list[str]) -> int | None:
+    return None if table.get("line_port") is None else _take(table, "line_port", int, faults, 0)
 
 
 def _scale(table: object, faults: list[str]) -> Scale16:

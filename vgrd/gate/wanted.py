@@ -42,5 +42,9 @@ class WantedTable:
 
 
 def _check_address(wanted: GateSettings, present: GateSettings) -> None:
-    if (wanted.host, wanted.port) != (present.host, present.port):
-        raise ConfigError(WANTED_TABLE, ["a new host or port needs a restart"])
+    if _address(wanted) != _address(present):
+        raise ConfigError(WANTED_TABLE, ["a new host, port or line_port needs a restart"])
+
+
+def _address(settings: GateSettings) -> tuple[str, int, int | None]:
+    return settings.host, settings.port, settings.line_port

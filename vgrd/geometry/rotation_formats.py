@@ -19,6 +19,10 @@ from vgrd.geometry.pose import Array, Pose
 
 _UNIT_TOLERANCE = 1e-3  # of a quaternion's length: numbers with four decimals are off by 1e-4
 
+TURN_RAD = 2 * np.pi
+_HALF_TURN_RAD = np.radians(5)  # far more than touches tell a wrist's orientation by
+_LEADING = 0.3  # below it a component may be noise; one of three is at least 0.57
+
 _Axes = Literal["xyz", "XYZ", "ZYX", "ZYZ"]
 
 
@@ -118,6 +122,36 @@ def rotation_to(rotation: ArrayLike, fmt: RotationFormat) -> Array:
     if fmt in _SCALAR_FIRST:
         return matrix.as_quat(canonical=True, scalar_first=_SCALAR_FIRST[fmt])
     return matrix.as_rotvec(degrees=fmt is RotationFormat.ROTVEC_DEG)
+
+
+def rotvec_near(rotation: ArrayLike, near: ArrayLike) -> Array:
+    """Rotation vector (3,), rad, of a rotation matrix (3, 3): of all that mean it, the nearest to `near` (3,).
+
+    Turns about one axis that differ by whole turns are one orientation. So a wrist that stands by half a turn
+    has a vector on either side, and noise would choose; near a fixed vector nothing jumps but half a turn from it.
+    """
+    shortest = Rotation.from_matrix(np.asarray(rotation, dtype=np.float64)).as_rotvec()
+    angle = float(np.linalg.norm(shortest))
+    if angle == 0.0:
+        return shortest
+    axis, wanted = shortest / angle, np.asarray(near, dtype=np.float64)
+    turns = round((float(axis @ wanted) - angle) / TURN_RAD)
+    return np.asarray((angle + turns * TURN_RAD) * axis)
+
+
+def usual_rotvec(rotation: ArrayLike) -> Array:
+    """Rotation vector (3,), rad, of a rotation matrix (3, 3), with one sign wherever a wrist stands by half a turn.
+
+    There its first component that is not small is positive: of wrists that differ by noise, none is on the
+    other side.
+    """
+    shortest = Rotation.from_matrix(np.asarray(rotation, dtype=np.float64)).as_rotvec()
+    angle = float(np.linalg.norm(shortest))
+    if angle < np.pi - _HALF_TURN_RAD:
+        return shortest
+    axis = shortest / angle
+    leading = axis[np.flatnonzero(np.abs(axis) > _LEADING)[0]]
+    return rotvec_near(rotation, np.copysign(np.pi, leading) * axis)
 
 
 def pose_from(values: ArrayLike, fmt: RotationFormat, length_unit: str) -> Pose:

@@ -75,8 +75,9 @@ class ProcessReport:
 
 @dataclass(frozen=True, slots=True)
 class GateReport:
-    """What the gate publishes for `vgrd status`: processes, and counters of the Modbus server.
+    """What the gate publishes for `vgrd status`: processes, and counters of its servers.
 
+    counters: those of the line server begin with `line_`. line_port: None where there is none.
     asked_unix_s: names the last table that was to be taken over. refused: why it was not, else "".
     """
 
@@ -87,6 +88,7 @@ class GateReport:
     processes: tuple[ProcessReport, ...]
     asked_unix_s: float = 0.0
     refused: str = ""
+    line_port: int | None = None
 
     def pack(self) -> bytes:
         """JSON for the gate's ring."""

@@ -24,6 +24,7 @@ from vgrd.model.cell import (
     Target,
     Tool,
 )
+from vgrd.model.limits import Bounds, CellBounds
 from vgrd.model.links import (
     UNMOVED,
     AdoptedSlip,
@@ -50,7 +51,9 @@ __all__ = [
     "AdoptedSlip",
     "ArmKnowledge",
     "ArmModel",
+    "Bounds",
     "CameraPlace",
+    "CellBounds",
     "CellFacts",
     "ExpectedCoordinate",
     "Finding",

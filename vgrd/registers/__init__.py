@@ -22,7 +22,7 @@ from vgrd.registers.codes import (
     State,
     Status,
 )
-from vgrd.registers.image import View, view
+from vgrd.registers.image import View, age_ms, view
 from vgrd.registers.layout import (
     MAP_VERSION,
     REQUEST,
@@ -54,6 +54,7 @@ __all__ = [
     "State",
     "Status",
     "View",
+    "age_ms",
     "parse_message",
     "reply",
     "request_message",

@@ -30,6 +30,10 @@ class Status(_Described):
     UNKNOWN_COMMAND = 101, "CMD is not known"
     UNKNOWN_POINT = 102, "POINT is not taught"
     BAD_PARAMETER = 103, "a parameter cannot be used; DETAIL holds its register"
+    SUPERSEDED = (
+        104,
+        "another request, or a clear, took its place; told by the line server, ECHO tells it here",
+    )
     TIMEOUT = 106, "no answer within TMO"
     CAMERA_OFFLINE = 201, "the camera does not answer"
     GRAB_TIMEOUT = 202, "no picture in time"
@@ -40,6 +44,10 @@ class Status(_Described):
         "the camera may be moved, and the tag on the flange that tells where is not seen",
     )
     TAG_B_NOT_FOUND = 302, "the tag on the object is not seen"
+    OUTSIDE_CALIBRATED_VOLUME = (
+        305,
+        "the target is not where its object can take it; DETAIL tells the limit",
+    )
     ROBOT_OFFLINE = 401, "the robot does not answer"
     ROBOT_MOVING = 403, "the robot moved during the exposure"
     TCP_OFFSET_CHANGED = 404, "the active TCP is not the calibrated one"
@@ -51,7 +59,10 @@ class Status(_Described):
         505,
         "the calibration was made for another cell than the cell file describes",
     )
+    OUT_OF_WORKSPACE = 601, "flange or tip would leave the workspace; DETAIL tells the limit"
     ENCODING_OVERFLOW = 602, "the coordinate does not fit this block; DETAIL holds the axis"
+    POINT_NOT_VISIBLE = 603, "the tool would come from the wrong side; DETAIL tells the limit"
+    UNREACHABLE = 604, "outside of the target's window; DETAIL tells the limit"
     INTERNAL_ERROR = 900, "the measuring process was lost"
     STARTING = 901, "the daemon is starting"
     SHUTTING_DOWN = 902, "the daemon is stopping"
@@ -127,20 +138,15 @@ class Scale16(_Described):
 # together with the code that emits or obeys it.
 RESERVED: Final[Mapping[type[Status | Command], Mapping[int, str]]] = {
     Status: {
-        104: "SUPERSEDED: only the newest request is answered, so nobody could read it",
         105: "NOT_ALLOWED: there are no modes that allow and forbid",
         203: "FRAME_INCOMPLETE: a damaged picture is dropped by its driver; 202 follows",
         204: "EXPOSURE_BAD: the brightness is not judged; 302 follows where it hides tag B",
         303: "POSE_AMBIGUOUS: a tag that two poses fit is not taken as seen; 302",
         304: "REPROJECTION_HIGH: a tag that does not fit its pose is not taken as seen; 302",
-        305: "OUTSIDE_CALIBRATED_VOLUME: no volume is judged, only the uncertainty; 504",
         306: "TAG_CLIPPED: a clipped tag is not seen; 302",
         402: "POSE_STALE: a robot whose poses stop is offline; 401",
-        406: "POSE_IMPLAUSIBLE: poses are not compared with limits or steps",
+        406: "POSE_IMPLAUSIBLE: what the robot tells of its pose is compared with no limit or step",
         502: "CALIBRATION_EXPIRED: a calibration has no greatest age",
-        601: "OUT_OF_WORKSPACE: the cell file describes no workspace",
-        603: "POINT_NOT_VISIBLE: which side a point is on is not looked at",
-        604: "UNREACHABLE: targets have no yaw window",
         904: "SIMULATED: bit SIMULATION of STATE tells it beside every status",
     },
     Command: {

@@ -4,8 +4,18 @@ import sys
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 
-from vgrd.registers.codes import Command, Frame, PolicyCode, RotationCode, Scale16, State, Status
+from vgrd.registers.codes import (
+    RESERVED,
+    Command,
+    Frame,
+    PolicyCode,
+    RotationCode,
+    Scale16,
+    State,
+    Status,
+)
 from vgrd.registers.layout import REQUEST, RESPONSE, SWAPPED_FROM, Block
+from vgrd.registers.limits import LIMIT_STATUS, LimitCode
 
 _INTRODUCTION = """\
 # Register map v1
@@ -28,7 +38,8 @@ copy at 300-367** (CDAB): choose the word order by the address.
    CMD, POINT, OPT and all other registers keep what was written, with one exception: policy 3
    (REQUESTED) wants registers 23-28 written anew for each request, after TRIG changed the last
    time. Else it is refused with STATUS 103, DETAIL 23: an old orientation, or none, is no wish.
-2. Read 100-167 until ECHO is TRIG. While BUSY, ECHO is 0.
+2. Read 100-167 until ECHO is TRIG. While BUSY, ECHO is 0; so it is beside what was asked by a line of
+   the [line server](line-server.md).
 3. Use the coordinate only if STATUS is 1 (or 2), AGE is small enough, and HB has moved since a
    second ago: a client that goes on showing old registers after the daemon died shows a standing
    HB.
@@ -66,6 +77,12 @@ the others hold it and STATUS is 1. **Judge by the STATUS of the block that you 
 the int16 block are those of FMT, always; `[serving] int16_scale` in the cell file chooses them.
 vgrd is not a safety function.
 
+The coordinate is of the **flange** in the robot's base, or of the touch tip (OPT b1), never of the TCP that is
+active on the pendant. A program that moves its active TCP converts: on a UR, `pose_trans(ec, get_tcp_offset())`;
+`vgrd ec P1 --for BRAND` shows one in the form of a brand ([poses](poses.md)). A rotation vector is the one
+nearest to how the target was taught, so that a taught box may hold RX, RY and RZ; angles of the other formats lie
+within -180 to 180 degrees and are compared modulo 360.
+
 Numbers that are missing in the tables below are reserved. A CMD that is not there is refused with
 STATUS 101 and DETAIL the CMD. Write 0 into request registers that are not there: anything else is
 refused with STATUS 103 and DETAIL the register. Take a STATUS that is not there as an error: a later
@@ -83,9 +100,12 @@ The addresses are those of before.
   They were ignored.
 * Registers 10-21 and 29-31 are reserved: a request with another value than 0 there is refused with
   103, DETAIL the register. They were ignored.
-* CMD 3, 5 and 6 and the STATUS codes 104, 105, 203, 204, 301, 303-306, 402, 406, 502, 601, 603, 604
-  and 904 are no longer listed: no version obeyed or told them. The commands are refused with 101,
-  as before; the numbers are never used for anything else.
+* CMD 3, 5 and 6 and the STATUS codes under "Reserved numbers" are not in use: no version obeyed or told
+  them. The commands are refused with 101, as before; the numbers are never used for anything else.
+* STATUS 305, 601, 603 and 604 are told: a coordinate beyond a limit of the cell file, or of the teaching where
+  the file says nothing, is refused ([limits](limits.md)). No version told them before.
+* RX, RY, RZ of a rotation vector are, of all that mean the orientation, those nearest to how the target was
+  taught. They do not jump between +pi and -pi from answer to answer, and may be a little beyond them.
 * CLHB (register 22) is reserved. It was never read, and a value in it is not refused.
 * A coordinate too large for the int16 block is refused there alone (EC16_STATUS 602, EC16_SEQ odd),
   not in all blocks. STATUS is 1 then and DETAIL the axis: who reads EC16 judges by EC16_STATUS.
@@ -138,6 +158,7 @@ _DETAILS = (
         "is 602 then, and only the other two blocks hold the coordinate; 0 when all hold it",
     ),
     ("602", "the axis, 1-6, that does not fit any block"),
+    ("305, 601, 603, 604", "the limit that the coordinate would break, see below"),
     ("any other", "0"),
 )
 
@@ -166,12 +187,14 @@ def document() -> str:
             "| discrete input | 16 | ALIVE | changes each 0.5 s while HB counts |",
             "",
             *_codes_of_detail(),
+            *_limits(),
             "## STATE bits",
             "",
             *_table(("bit", "name"), ((bit.value.bit_length() - 1, bit.name) for bit in State)),
             "",
             *_codes("STATUS codes", Status),
             *_codes("CMD", Command),
+            *_reserved(),
             *_codes("Rotation formats (OPT b4-7, FMT b0-3)", RotationCode),
             *_codes("Policies (OPT b8-9)", PolicyCode),
             *_codes("Frames (FMT b4)", Frame),
@@ -182,6 +205,27 @@ def document() -> str:
 
 def _codes_of_detail() -> list[str]:
     return ["## DETAIL", "", *_table(("with STATUS", "DETAIL"), _DETAILS), ""]
+
+
+def _limits() -> list[str]:
+    rows = (
+        (int(code), code.name, int(LIMIT_STATUS[code]), code.description, code.key)
+        for code in LimitCode
+    )
+    head = ("DETAIL", "name", "STATUS", "what is beyond", "keys of the limits")
+    return ["## Limits (DETAIL of 305, 601, 603, 604)", "", *_table(head, rows), ""]
+
+
+def _reserved() -> list[str]:
+    """Numbers of the first register map that are not in use, each with the reason."""
+    rows = (
+        (register, number, *why.split(": ", 1))
+        for register, numbers in (("STATUS", RESERVED[Status]), ("CMD", RESERVED[Command]))
+        for number, why in numbers.items()
+    )
+    head = ("register", "number", "old name", "reserved, because")
+    text = "A reserved STATUS is never sent, a reserved CMD is refused with 101."
+    return ["## Reserved numbers", "", text, "", *_table(head, rows), ""]
 
 
 def _table(head: tuple[str, ...], rows: Iterable[tuple[object, ...]]) -> list[str]:

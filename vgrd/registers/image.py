@@ -23,10 +23,14 @@ _NO_ERROR = (Status.IDLE, Status.OK, Status.OK_DEGRADED, Status.BUSY)
 
 @dataclass(frozen=True, slots=True)
 class View:
-    """What a client may read until `good_until_s`: 136 bytes from 100 on, and from 300 on."""
+    """What a client may read until `good_until_s`: 136 bytes from 100 on, and from 300 on.
+
+    answer: what they say, judged at that moment; it holds a coordinate where its status is OK.
+    """
 
     response: bytes
     swapped: bytes
+    answer: Answer
     state: State
     beat: int
     good_until_s: float
@@ -66,9 +70,9 @@ def view(
         until.append(image.published_s + deadline_s)
     if valid:
         until.append(answer.valid_until_s)
-    if _age_ms(answer, now_s) < UNKNOWN16:
+    if age_ms(answer, now_s) < UNKNOWN16:
         until.append(now_s + AGE_STEP_S)
-    return View(response, swapped, state, beat, min(until))
+    return View(response, swapped, answer, state, beat, min(until))
 
 
 def _shown(
@@ -146,7 +150,7 @@ def _values(
         "STATUS": answer.status,
         "DETAIL": narrow_axis(answer, scale) if valid else answer.detail,
         "POINT": answer.point,
-        "AGE": _age_ms(answer, now_s),
+        "AGE": age_ms(answer, now_s),
         "U95P": min(answer.u95_um, UNKNOWN16) if valid else UNKNOWN16,
         "U95R": min(answer.u95_rot_10urad, UNKNOWN16) if valid else UNKNOWN16,
         "NTAG": answer.tags,
@@ -159,7 +163,8 @@ def _values(
     }
 
 
-def _age_ms(answer: Answer, now_s: float) -> int:
+def age_ms(answer: Answer, now_s: float) -> int:
+    """AGE, ms: 65535 for more, or unknown."""
     if not math.isfinite(answer.captured_s):
         return UNKNOWN16
     age_ms = (now_s - answer.captured_s) * 1000

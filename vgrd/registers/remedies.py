@@ -39,6 +39,10 @@ REMEDIES: Final[Mapping[str, Remedy]] = {
         "Call the integrator: the robot program is wrong.",
         "DETAIL is the register: see DETAIL in registers.md.",
     ),
+    "SUPERSEDED": Remedy(
+        "Start again. If it comes back, call the integrator.",
+        "Somebody else asked before the answer was there: one program asks at a time.",
+    ),
     "TIMEOUT": Remedy(
         "Start again. If it comes back, call the integrator.",
         "Give TMO or `[serving] timeout_s` twice the time of one picture; look for a load on the"
@@ -70,8 +74,9 @@ REMEDIES: Final[Mapping[str, Remedy]] = {
         "DETAIL is the tag's id: compare it with `[tags.b]`; look at light, focus, size of the tag.",
     ),
     "OUTSIDE_CALIBRATED_VOLUME": Remedy(
-        "Put the part where it was taught; start again.",
-        "DETAIL tells the limit. Teach there too, or widen `[limits]` where the uncertainty allows it.",
+        "Put the part into its place properly, as it was taught; start again.",
+        "DETAIL names the limit: was the part lifted, or its tag put elsewhere? Teach there too, or widen"
+        " `volume_margin_mm` (limits.md).",
     ),
     "ROBOT_OFFLINE": Remedy(
         "Look whether the robot is on and its network cable is in; start again.",
@@ -108,7 +113,7 @@ REMEDIES: Final[Mapping[str, Remedy]] = {
     ),
     "OUT_OF_WORKSPACE": Remedy(
         "Put the part where the robot may go; start again.",
-        "DETAIL tells the limit of `[limits]`: is the part misplaced, or are they too narrow?",
+        "DETAIL names the limit (limits.md): is the part misplaced, or are they too narrow?",
     ),
     "ENCODING_OVERFLOW": Remedy(
         "Call the integrator.",
@@ -116,11 +121,11 @@ REMEDIES: Final[Mapping[str, Remedy]] = {
     ),
     "POINT_NOT_VISIBLE": Remedy(
         "Turn the part so that the point faces the robot; start again.",
-        "The tool would come from the wrong side; DETAIL tells the limit of `[limits]`.",
+        "The tool would come from the wrong side: is the part upside down, the policy wrong (limits.md)?",
     ),
     "UNREACHABLE": Remedy(
         "Turn or move the part as it was taught; start again.",
-        "The wrist would turn or step farther than the target allows; DETAIL tells the limit.",
+        "DETAIL names the limit: flange or wrist would go farther from the taught pose than it allows (limits.md).",
     ),
     "INTERNAL_ERROR": Remedy(
         "Wait half a minute, start again. If it comes back, call the integrator.",

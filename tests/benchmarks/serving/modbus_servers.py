@@ -1,10 +1,11 @@
-"""The two servers that bench_modbus compares: `... modbus_servers ours|pymodbus`; prints its port.
+"""Servers that benchmarks load: `... modbus_servers ours|pymodbus`; prints its ports, ours that of the lines too.
 
 Both hold a response block at 100-167. Ours does its whole work: the cell's image changes at 50 Hz.
 pymodbus's registers stand still, which favours it.
 """
 
 import asyncio
+import gc
 import sys
 import tempfile
 from pathlib import Path
@@ -14,8 +15,10 @@ from pymodbus.simulator import DataType, SimData, SimDevice
 
 from vgrd.clock import SystemClock
 from vgrd.gate.image_feed import ImageFeed
-from vgrd.gate.modbus import ConnectionLimits, ModbusServer
+from vgrd.gate.lines import LINES
+from vgrd.gate.pdu import MODBUS
 from vgrd.gate.register_bank import RegisterBank
+from vgrd.gate.server import ConnectionLimits, Server
 from vgrd.ipc.ring import RingWriter
 from vgrd.registers import (
     PACKED_BYTES,
@@ -28,12 +31,13 @@ from vgrd.registers import (
 )
 
 HOST = "127.0.0.1"
+PEERS = "127.0.0.0/28"  # sixteen addresses: a hundred clients are no one peer's; not those of strangers
 PUBLISH_S = 0.02
 
 
-def tell(port: int) -> None:
-    """Say on which port to connect."""
-    sys.stdout.write(f"{port}\n")
+def tell(*ports: int) -> None:
+    """Say on which ports to connect."""
+    sys.stdout.write(" ".join(map(str, ports)) + "\n")
     sys.stdout.flush()
 
 
@@ -45,8 +49,11 @@ async def serve_ours(folder: Path) -> None:
     answer = Answer(Status.OK, seq=1, captured_s=start, valid_until_s=start + 3600)
     feed = ImageFeed(folder, clock)
     bank = RegisterBank(feed, clock, deadline_s=0.25, forward=lambda _: True, abort=lambda: None)
-    server = ModbusServer(bank, clock, ConnectionLimits())
-    tell(await server.listen(HOST, 0))
+    limits = ConnectionLimits(allow=(PEERS,), connections=128)
+    server, lines = Server(MODBUS, bank, clock, limits), Server(LINES, bank, clock, limits)
+    tell(await server.listen(HOST, 0), await lines.listen(HOST, 0))
+    gc.collect()
+    gc.freeze()  # as the gate does
     while True:
         now = clock.monotonic()
         beat = int((now - start) * 10)

@@ -1,4 +1,4 @@
-"""The Modbus server in a thread of its own, and sockets that talk to it."""
+"""A server in a thread of its own, and sockets that talk to it."""
 
 import asyncio
 import contextlib
@@ -8,8 +8,9 @@ import threading
 from fakes.controllers.raw_modbus import RawModbus
 from vgrd.clock import SystemClock
 from vgrd.gate.image_feed import ImageFeed
-from vgrd.gate.modbus import ConnectionLimits, ModbusServer
+from vgrd.gate.pdu import MODBUS
 from vgrd.gate.register_bank import RegisterBank
+from vgrd.gate.server import ConnectionLimits, Server
 
 LIMITS = ConnectionLimits(
     allow=("127.0.0.0/30",), connections_per_peer=4, idle_s=0.6, partial_s=0.2, silent_s=0.2
@@ -19,13 +20,13 @@ LIMITS = ConnectionLimits(
 class ServerThread:
     """The server with a desk behind it, in an event loop of its own."""
 
-    def __init__(self, runtime_dir, limits=LIMITS):
+    def __init__(self, runtime_dir, limits=LIMITS, language=MODBUS):
         clock = SystemClock()
         feed = ImageFeed(runtime_dir, clock)
         self.bank = RegisterBank(
             feed, clock, deadline_s=0.25, forward=lambda _: True, abort=lambda: None
         )
-        self.server = ModbusServer(self.bank, clock, limits)
+        self.server = Server(language, self.bank, clock, limits)
         self.loop = asyncio.new_event_loop()
         self.port = self.loop.run_until_complete(self.server.listen("127.0.0.1", 0))
         self.sweep()

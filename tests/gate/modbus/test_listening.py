@@ -11,8 +11,9 @@ from tests.gate.modbus.server import LIMITS, connect_from
 from vgrd.clock import SystemClock
 from vgrd.errors import ServingError
 from vgrd.gate.image_feed import ImageFeed
-from vgrd.gate.modbus import ACCEPTS_PER_TURN, ModbusServer
+from vgrd.gate.pdu import MODBUS
 from vgrd.gate.register_bank import RegisterBank
+from vgrd.gate.server import ACCEPTS_PER_TURN, Server
 
 
 class Turns:
@@ -28,7 +29,7 @@ class Turns:
             abort=lambda: None,
         )
         self.loop = asyncio.new_event_loop()
-        self.server = ModbusServer(bank, clock, LIMITS)
+        self.server = Server(MODBUS, bank, clock, LIMITS)
         self.port = self.loop.run_until_complete(self.server.listen("127.0.0.1", 0))
 
     def turn(self) -> None:
@@ -73,7 +74,7 @@ def test_a_socket_that_listens_already_is_served_with_a_queue_of_our_length(tmp_
     bank = RegisterBank(feed, clock, deadline_s=0.25, forward=lambda _: True, abort=lambda: None)
 
     async def serve() -> None:
-        server = ModbusServer(bank, clock, LIMITS)
+        server = Server(MODBUS, bank, clock, LIMITS)
         given = socket.create_server(("127.0.0.1", 0), backlog=1)
         port = given.getsockname()[1]
         assert await server.listen("127.0.0.1", port, given) == port
@@ -128,7 +129,7 @@ def test_without_descriptors_the_server_rests_and_accepts_again_later(turns, mon
 
 
 def test_a_port_that_is_taken_is_named_with_the_remedy(serving):
-    second = ModbusServer(serving.bank, SystemClock(), LIMITS)
+    second = Server(MODBUS, serving.bank, SystemClock(), LIMITS)
     with pytest.raises(ServingError, match=rf"127.0.0.1:{serving.port}.*\[serving\] port"):
         asyncio.run(second.listen("127.0.0.1", serving.port))
     with pytest.raises(ServingError, match=r"does not have that address.*\[serving\] host"):

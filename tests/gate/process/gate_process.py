@@ -32,6 +32,7 @@ class GateProcess:
         processes: list[dict],
         env: dict[str, str] | None = None,
         deadline_s: float = DEADLINE_S,
+        line_port: int | None = None,
     ):
         self.runtime_dir = runtime_dir
         self.env = {**os.environ, **(env or {})}
@@ -39,7 +40,12 @@ class GateProcess:
         table = {
             "cell": "test",
             "deadline_s": deadline_s,
-            "modbus": {"host": "127.0.0.1", "port": 0, "allow": ["127.0.0.1"]},
+            "modbus": {
+                "host": "127.0.0.1",
+                "port": 0,
+                "line_port": line_port,
+                "allow": ["127.0.0.1"],
+            },
             "processes": processes,
         }
         (runtime_dir / "processes.json").write_text(json.dumps(table))

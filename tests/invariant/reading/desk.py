@@ -10,7 +10,10 @@ _CLEARS = 0
 
 
 class Desk:
-    """`asked` is the request that a valid answer must belong to; `state` the STATE that was read last."""
+    """`asked` is the request that a valid answer must belong to; `state` the STATE that was read last.
+
+    owner: the robot at a line whose request that is, None for one of the registers.
+    """
 
     def __init__(self) -> None:
         self.state = 0
@@ -18,10 +21,14 @@ class Desk:
 
     def forget(self) -> None:
         """The gate began anew: nothing is asked, nothing is written."""
-        self.asked: Asked | None = None
+        self.put(None)
         self._words = [0] * REQUEST.end
         self._parameters: tuple[int, ...] = ()
         self._coils = [False, False]
+
+    def put(self, asked: Asked | None, owner: object = None) -> None:
+        """Only this is asked from now on."""
+        self.asked, self.owner = asked, owner
 
     def wrote(self, address: int, words: list[int], now_s: float) -> None:
         """Registers were written, and the gate has said so."""
@@ -31,14 +38,14 @@ class Desk:
             self._triggered(now_s)
         elif address == 0 and old and self._written_parameters() != self._parameters:
             self._parameters = self._written_parameters()
-            self.asked = None  # the same TRIG with other parameters is refused
+            self.put(None)  # the same TRIG with other parameters is refused
 
     def wrote_coil(self, address: int, on: bool, now_s: float) -> None:
         """A coil was written; rising edges count."""
         rises = on and not self._coils[address]
         self._coils[address] = on
         if rises and address == 1:
-            self.asked = None
+            self.put(None)
         elif rises:
             self._words[0] = self._words[0] % 0xFFFF + 1
             self._triggered(now_s)
@@ -58,7 +65,7 @@ class Desk:
             at_s=now_s,
         )
         clears = asked.trig == _CLEARS or asked.command == Command.CLEAR
-        self.asked = None if clears else replace(asked)
+        self.put(None if clears else replace(asked))
 
     def _written_parameters(self) -> tuple[int, ...]:
         return (*self._words[1:10], *self._words[23:])

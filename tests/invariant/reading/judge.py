@@ -12,6 +12,7 @@ import numpy as np
 
 from fakes.world.poses import WORK_ROTATION
 from tests.invariant.reading.desk import Desk
+from tests.invariant.reading.limits import LimitsInForce
 from tests.invariant.reading.promises import Promises
 from tests.invariant.reading.robots import Asked
 from tests.invariant.reading.undetectable import TOLD_SIGMAS, effect_mm, expected_misfit
@@ -90,6 +91,7 @@ class Judge:
         self.worst = 0.0
         self.slowest_s, self.watch_s, self.max_age_s = SLOWEST_S, WATCH_S, MAX_AGE_S
         self.promises = Promises()
+        self.limits = LimitsInForce()
         self._last: tuple[bytes, Told] | None = None
         self._point: tuple[object, str, Array] | None = None
 
@@ -171,6 +173,11 @@ class Judge:
         if asked.options & 2 and calibration.tcp_in_wrist is not None:
             place = place - R @ calibration.tcp_in_wrist
         flange = Pose(R, place)
+        tip = flange.translation
+        if calibration.tcp_in_wrist is not None:
+            tip = flange @ calibration.tcp_in_wrist
+        if broken := self.limits.broken(flange, tip):
+            raise Lie(f"beyond a limit, {broken}: {values}")
         picture = self._picture(age_read_s - values["AGE"] / 1000)
         if picture is None:
             raise Lie(f"of no picture that shows tag B: {values}")

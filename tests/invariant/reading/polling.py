@@ -1,4 +1,4 @@
-"""The robots of a machine: two that write and read whole blocks, one that reads register by register."""
+"""The robots of a machine: two that write and read whole blocks, one that reads register by register, two at lines."""
 
 import asyncio
 from collections.abc import Coroutine
@@ -8,7 +8,8 @@ import numpy as np
 
 from tests.invariant.reading.desk import Desk
 from tests.invariant.reading.judge import Judge, Lie
-from tests.invariant.reading.robots import BLOCK, Link, pieces
+from tests.invariant.reading.lines import LineRobot
+from tests.invariant.reading.robots import BLOCK, Asked, Link, pieces
 from tests.invariant.simulation.daemon import Daemon
 from tests.invariant.simulation.simulated_time import PROCESS
 from vgrd.gate.gate import Gate
@@ -33,6 +34,7 @@ class Robots:
         self.pause = False
         self.lies: list[str] = []
         self.links = [Link(daemon.loop) for _ in range(3)]
+        self.lines = [LineRobot(daemon.loop, desk, judge.counts) for _ in range(2)]
         self.rng: np.random.Generator = daemon.rng
         self._bank: object = None
         daemon.on_gate.append(self._connect)
@@ -40,6 +42,8 @@ class Robots:
     def start(self) -> None:
         for program in (self._poll_block(), self._poll_copy(), self._poll_pieces()):
             self._run(program)
+        for line in self.lines:
+            self._run(self._poll_line(line))
 
     def read(self, number: int) -> bool:
         """Read a block now; whether it is valid."""
@@ -58,6 +62,16 @@ class Robots:
         if self.links[number].write_coil(address, on):
             self.desk.wrote_coil(address, on, now)
 
+    def ask_by_line(self, number: int, asked: Asked) -> None:
+        """A line, with the next TRIG of its connection."""
+        self._look_at_desk()
+        self.lines[number].ask(asked, self.daemon.clock.now_s)
+
+    def drop_by_line(self, number: int) -> None:
+        """TRIG 0."""
+        self._look_at_desk()
+        self.lines[number].drop()
+
     def crowd(self, count: int) -> None:
         """So many connections more, which ask once and stay."""
         for _ in range(count):
@@ -71,7 +85,7 @@ class Robots:
         self.daemon.loop.create_task(program, context=context)
 
     def _connect(self, gate: Gate) -> None:
-        for link in self.links:
+        for link in (*self.links, *self.lines):
             link.connect(gate)
 
     def _look_at_desk(self) -> None:
@@ -93,6 +107,25 @@ class Robots:
             copy = None if self.pause else self.links[1].read(SWAPPED_FROM, BLOCK)
             if copy is not None:
                 self._judge(RESPONSE.swapped(copy), copy)
+
+    async def _poll_line(self, line: LineRobot) -> None:
+        while True:
+            await asyncio.sleep(self.rng.uniform(2.0, 6.0) * self.read_s)
+            if not self.pause:
+                self._look_at_desk()
+                self._judge_line(line)
+
+    def _judge_line(self, line: LineRobot) -> None:
+        """A line is held against the registers of the same moment, and these against the truth."""
+        told = line.read(self.daemon.clock.now_s)
+        block = None if told is None else self.links[0].read(RESPONSE.start, BLOCK)
+        if told is None or block is None:
+            return
+        is_valid = self._judge(block)
+        try:
+            line.compare(told, RESPONSE.decode(block), is_valid=is_valid)
+        except Lie as lie:
+            self.lies.append(str(lie))
 
     async def _poll_pieces(self) -> None:
         """Sometimes so slow that much happens meanwhile."""

@@ -33,13 +33,11 @@ class Line:
     def fileno(self) -> int:
         return 1 if self.is_open else -1
 
-    def recv_into(self, buffer: memoryview) -> int:
-        count = min(len(buffer), len(self.asked))
-        if not count:
+    def recv(self, count: int) -> bytes:
+        if not self.asked:
             raise BlockingIOError
-        buffer[:count] = self.asked[:count]
-        self.asked = self.asked[count:]
-        return count
+        received, self.asked = self.asked[:count], self.asked[count:]
+        return received
 
     def send(self, data: bytes) -> int:
         self.answered += data
@@ -51,6 +49,8 @@ class Line:
 
 class Link:
     """A robot's connection; made anew when the gate has closed it. None for an answer: there is none."""
+
+    is_line = False  # of the line server
 
     def __init__(self, loop: SimulatedLoop) -> None:
         self.loop = loop
@@ -69,14 +69,21 @@ class Link:
         """Send bytes, whatever they are; returns what comes back at once."""
         if self.gate is None or self.loop.is_stopped("gate"):
             return b""
+        server = self.gate._lines if self.is_line else self.gate._server
         if not self.line.is_open:
             self.line = Line()
-            self.gate._server._admit(self.line, PEER)
+            self.on_new()
+            server._admit(self.line, PEER)
         self.line.asked, self.line.answered = data, b""
         read = self.loop.lines.get(self.line)
-        if read is not None:
+        while read is not None and self.line.asked and self.line.is_open:
             read()
+            if server._turns is not None:
+                server._turns._turn()  # at this moment, so that the desk of the judge is that of the gate
         return self.line.answered
+
+    def on_new(self) -> None:
+        """A connection begins."""
 
     def read(self, address: int, count: int, function: int = READ_HOLDING) -> bytes | None:
         """Registers, big-endian."""

@@ -22,6 +22,49 @@ OPTIONS = Among(
     )
 )
 TURNED_DOWN = (3_000_000, 100_000, 0)  # urad: a wrist that stands nearly as at the touches
+UPSIDE_DOWN = (0, 0, 0)  # the tool points up, the flange is below the table
+LYING = (1_800_000, 0, 0)
+
+
+@rule(
+    weight=20,
+    client=CLIENTS,
+    point=POINTS,
+    fresh=Among((True, False)),
+    options=OPTIONS,
+    max_age_ms=Among((0, 0, 300)),
+    patience_s=Between(0.0, 2.0),
+)
+def line_request(
+    rig: Rig,
+    client: int,
+    point: int,
+    fresh: bool,
+    options: int,
+    max_age_ms: int,
+    patience_s: float,
+) -> None:
+    """A program without Modbus asks by a line, and polls it while the arm moves."""
+    command = Command.EC_FRESH if fresh else Command.EC_NEWEST
+    rig.ask_by_line(client, Asked(0, command, point, options, max_age_ms))
+    rig.wait(patience_s)
+
+
+@rule(client=CLIENTS)
+def line_dropped(rig: Rig, client: int) -> None:
+    rig.drop_by_line(client)
+
+
+@rule("F42 F44", client=CLIENTS, seed=SEEDS)
+def line_garbage(rig: Rig, client: int, seed: int) -> None:
+    """Lines that are refused, halves of lines, and bytes that are no line."""
+    rng = np.random.default_rng(seed)
+    for data in (
+        b"EC,1\nGO\n",
+        b"EC,1,",
+        bytes(rng.integers(0, 256, int(rng.integers(1, 300)), dtype=np.uint8)),
+    ):
+        rig.garbage_by_line(client, data)
 
 
 @rule(
@@ -64,10 +107,17 @@ def odd_request(rig: Rig, client: int, point: int, command: int) -> None:
     rig.ask(client, Asked(0, command, point))
 
 
-@rule(client=CLIENTS, point=POINTS, again=Among((False, True)))
-def oriented_request(rig: Rig, client: int, point: int, again: bool) -> None:
+@rule(
+    client=CLIENTS,
+    point=POINTS,
+    again=Among((False, True)),
+    orientation=Among((TURNED_DOWN, UPSIDE_DOWN, LYING)),
+)
+def oriented_request(
+    rig: Rig, client: int, point: int, again: bool, orientation: tuple[int, int, int]
+) -> None:
     """Policy 3: the orientation goes with the request, or is left over from the one before."""
-    asked = Asked(0, Command.EC_FRESH, point, 0x300, orientation=TURNED_DOWN)
+    asked = Asked(0, Command.EC_FRESH, point, 0x300, orientation=orientation)
     rig.ask(client, asked)
     rig.wait(1.0)
     if again:

@@ -117,7 +117,13 @@ def activated(rig: Rig, which: int) -> None:
     rig.activate(rig.daemon.names[which])
 
 
-@rule("F38 F39 C6 S3", weight=0.5, seconds=Among((0.5, 1.5, 3.0)), scale=Among(("mrad", "fine")))
-def reloaded(rig: Rig, seconds: float, scale: str) -> None:
-    """`vgrd reload` of a cell file with another greatest age and another unit."""
-    rig.reload(seconds, scale)
+@rule(
+    "F38 F39 C6 S3",
+    weight=0.5,
+    seconds=Among((0.5, 1.5, 3.0)),
+    scale=Among(("mrad", "fine")),
+    outer_radius_mm=Among((None, 450.0, 480.0)),
+)
+def reloaded(rig: Rig, seconds: float, scale: str, outer_radius_mm: float | None) -> None:
+    """`vgrd reload` of a cell file with another greatest age, another unit and another workspace."""
+    rig.reload(seconds, scale, outer_radius_mm)

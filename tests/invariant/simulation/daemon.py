@@ -17,6 +17,7 @@ from tests.invariant.simulation.plant import Plant
 from tests.invariant.simulation.simulated_time import PROCESS, SimulatedClock, SimulatedLoop
 from tests.invariant.simulation.teaching import PORT, Variant, library, resolved
 from vgrd.cell.__main__ import Cell
+from vgrd.config.limits_section import LimitsSection
 from vgrd.gate.gate import Gate
 from vgrd.gate.settings import WANTED_TABLE, GateSettings, save_table
 from vgrd.gate.supervisor import FIRST_DELAY_S, GROWTH, LAST_DELAY_S
@@ -57,11 +58,11 @@ class Daemon:
         """How long a thread of the cell takes while the machine has time to spare."""
         return float(self.rng.uniform(0.005, 0.04))
 
-    def reload(self, max_age_s: float, scale: str) -> None:
+    def reload(self, max_age_s: float, scale: str, limits: LimitsSection) -> None:
         """Leave another table for the gate; the cell finds another cell file at its next start."""
         config = self.resolved.config
         serving = config.serving.model_copy(update={"max_age_s": max_age_s, "int16_scale": scale})
-        config = config.model_copy(update={"serving": serving})
+        config = config.model_copy(update={"serving": serving, "limits": limits})
         self.resolved = replace(self.resolved, config=config)
         table = {
             "cell": "fake",
@@ -182,6 +183,7 @@ class Daemon:
                 self._keepers[name].cancel()
             gate._cell_ended(KILLED)
             gate._server.close()
+            gate._lines.close()
             gate._ring.close()
 
     async def _live_cell(self) -> None:

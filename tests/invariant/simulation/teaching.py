@@ -19,7 +19,7 @@ from vgrd.config.cell_file import load_config
 from vgrd.config.resolved import Resolved
 from vgrd.config.setup import cell_facts
 from vgrd.judging.findings import finding
-from vgrd.model import CellFacts, Motion, Observation, Recording, Verdict
+from vgrd.model import CellFacts, Motion, Observation, Plan, Recording, Verdict
 from vgrd.store.calibrations import CalibrationStore
 
 VISION = COARSE.finer(2)  # with less noise answers stand longer, and there is more to be wrong
@@ -96,6 +96,14 @@ def _taught() -> tuple[Recording, ...]:
 def calibrations(motion: Motion) -> tuple[Calibration, ...]:
     """Two calibrations of one cell, of which either is right."""
     return tuple(calibrate_system(_moving(recording, motion)) for recording in _taught())
+
+
+@cache
+def calibration_by(plan: Plan) -> Calibration:
+    """One of the same cell by a plan of the paper; the special one has touches with one wrist only."""
+    recording = _taught()[0]
+    count = len(Layout().targets) if plan is Plan.SPECIAL else len(recording.touches)
+    return calibrate_system(replace(recording, plan=plan, touches=recording.touches[:count]))
 
 
 def _useless(motion: Motion) -> tuple[Calibration, ...]:

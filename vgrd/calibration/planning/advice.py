@@ -28,6 +28,7 @@ from vgrd.calibration.planning.with_cad import errors_with_cad_mm
 from vgrd.calibration.turntable import without_useless_spins
 from vgrd.errors import CalibrationError, DidNotConverge, VgrdError
 from vgrd.geometry import Array
+from vgrd.geometry.rotation_formats import usual_rotvec
 from vgrd.judging.findings import finding
 from vgrd.judging.thresholds import WRONG_SIGMA
 from vgrd.model import Finding, Plan, Policy, Recording
@@ -287,7 +288,9 @@ def _next(best: Advice, no_pose: str) -> dict[str, object]:
         "words": best.sentence,
         "no_pose": no_pose,
         "flange_mm": None if pose is None else [float(x) for x in pose.translation],
-        "rotvec_deg": None if pose is None else [float(x) for x in np.degrees(pose.rotvec())],
+        "rotvec_deg": None
+        if pose is None
+        else [float(x) for x in np.degrees(usual_rotvec(pose.rotation))],
         "u95_before_mm": best.before_mm,
         "u95_after_mm": best.after_mm,
     }

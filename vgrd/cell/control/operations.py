@@ -13,6 +13,7 @@ import numpy as np
 from vgrd.calibration.adoption import link_called
 from vgrd.calibration.calibration import expected_coordinate
 from vgrd.calibration.insertion import insertion_of
+from vgrd.calibration.places import base_from_tag, followed_point, work_tip
 from vgrd.cell.control.lines import (
     Arguments,
     flag_argument,
@@ -26,6 +27,7 @@ from vgrd.cell.measuring import Measuring
 from vgrd.cell.recording.teaching import PICTURE_TIMEOUT_S, Teaching
 from vgrd.cell.serving.activation import Activation
 from vgrd.cell.serving.latches import LatchBook
+from vgrd.cell.serving.limits import excess_of, summary, words_of
 from vgrd.cell.serving.service import Serving
 from vgrd.clock import Clock
 from vgrd.config.resolved import Resolved
@@ -36,11 +38,15 @@ from vgrd.errors import (
     TagNotSeen,
 )
 from vgrd.geometry import Array, exp_rotation
+from vgrd.geometry.rotation_formats import rotvec_near
+from vgrd.registers.limits import LIMIT_STATUS
 from vgrd.solving.advisor import policy_called
 from vgrd.solving.goodness import levels_in_words
 from vgrd.solving.servable import places_without_cad
 from vgrd.store.sessions import SampleKind, list_sessions, session_directory
 
+# What the numbers of `ec` are: people type them into a move of the TCP that is active on the pendant.
+EC_IS = "base_from_wrist: the flange, not the TCP of the pendant, in the robot's base"
 SOLVE_TIMEOUT_S = 280.0  # below the 300 s of `vgrd solve`, which so gets this reason
 
 
@@ -109,6 +115,9 @@ class Operations:
             "fault": None if fault is None else {"status": fault[0].name, "reason": fault[1]},
             "calibration": None if calibration is None else calibration.id,
             "without_cad": {} if calibration is None else places_without_cad(calibration),
+            "limits": {}
+            if calibration is None
+            else summary(calibration, self.serving.limits.bounds),
             "noise": {} if calibration is None else levels_in_words(calibration),
             "robot": self.measuring.robot_trouble() or "ok",
             "camera": self.measuring.camera_trouble() or "ok",
@@ -202,18 +211,30 @@ class Operations:
         expected = expected_coordinate(
             calibration, target, sight.tag_b, policy, work, self.serving.cameras.place(sight)
         )
+        pose = expected.base_from_wrist
+        tag_pose = base_from_tag(calibration, sight.tag_b, expected.taught_from_camera)
+        bounds = self.serving.limits.bounds
+        if excess := excess_of(calibration, target, pose, policy, bounds, tag_pose):
+            status = LIMIT_STATUS[excess.code]
+            raise ControlError(
+                f"{excess.words(target)} (registers: STATUS {status:d} {status.name}, DETAIL {excess.code:d})"
+            )
         configured = self.teaching.facts.object.targets.get(target)
         clearance_mm = None if configured is None else configured.clearance_mm
         odds = insertion_of(expected, calibration.facts.tool, clearance_mm)
-        pose = expected.base_from_wrist
+        rotvec = rotvec_near(pose.rotation, calibration.taught_rotvec(target))
+        tip = None if work_tip(calibration) is None else followed_point(calibration, pose)
         return {
             "target": target,
             "policy": policy.value,
+            "pose": EC_IS,
             "position_mm": pose.translation.tolist(),
-            "rotvec_deg": np.degrees(pose.rotvec()).tolist(),
+            "rotvec_deg": np.degrees(rotvec).tolist(),
+            "tip_in_base_mm": None if tip is None else tip.tolist(),
             "u95_mm": expected.u95_mm,
             "age_s": round(self.clock.monotonic() - sight.stamp_s, 3),
             "calibration": calibration.id,
+            "limits": words_of(bounds.of(target)),
             **({} if odds is None else {"insertion": odds.to_json()}),
         }
 

@@ -4,14 +4,26 @@ import math
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
 
+import numpy as np
+
 from vgrd.calibration.calibration import Calibration, expected_coordinate
+from vgrd.calibration.places import base_from_tag
 from vgrd.cell.measuring import Sight
+from vgrd.cell.serving.limits import Excess, excess_of
 from vgrd.cell.serving.vouching import Hold
 from vgrd.errors import Contradiction, InputError, NotObservable, TagNotSeen
-from vgrd.geometry import Array
+from vgrd.geometry import Array, Pose
 from vgrd.geometry.rotation_formats import RotationFormat as Format
-from vgrd.geometry.rotation_formats import rotation_from, rotation_to
-from vgrd.model import UNMOVED, CameraPlace, ExpectedCoordinate, Link, Policy, Target
+from vgrd.geometry.rotation_formats import rotation_from, rotation_to, rotvec_near
+from vgrd.model import (
+    UNMOVED,
+    CameraPlace,
+    CellBounds,
+    ExpectedCoordinate,
+    Link,
+    Policy,
+    Target,
+)
 from vgrd.registers import (
     REQUEST,
     Answer,
@@ -23,8 +35,10 @@ from vgrd.registers import (
     Status,
     reply,
 )
+from vgrd.registers.limits import LIMIT_STATUS
 
 NO_HOLD = Hold()
+DEFAULT_BOUNDS = CellBounds()
 _FORMATS = {
     RotationCode.ROTVEC: Format.ROTVEC,
     RotationCode.RPY: Format.RPY_FIXED_XYZ_DEG,
@@ -51,6 +65,7 @@ class Limits:
     moved_mm: float
     timeout_s: float = 2.0  # as `serving.timeout_s` of the cell file
     hold: Hold = NO_HOLD
+    bounds: CellBounds = DEFAULT_BOUNDS
 
 
 def check_request(request: Request, calibration: Calibration) -> Answer | None:
@@ -114,7 +129,7 @@ def answer_request(
     if sight.tag_b is None or target is None:
         detail = calibration.facts.tag_b.id
         return replace(answer, status=Status.TAG_B_NOT_FOUND, detail=detail), None
-    policy = _POLICIES.get(request.policy, limits.policy)
+    policy = policy_of(request, limits)
     work = requested_orientation(request) if policy is Policy.REQUESTED else None
     try:
         expected = expected_coordinate(calibration, target.name, sight.tag_b, policy, work, camera)
@@ -133,7 +148,35 @@ def answer_request(
         return replace(answer, status=Status.BAD_PARAMETER, detail=ORIENTATION_REGISTER), None
     if not _is_finite(expected):
         return replace(answer, status=Status.UNCERTAINTY_TOO_HIGH), None
-    return _encode(request, answer, expected, calibration, limits), expected
+    encoded = _encode(request, answer, expected, calibration, limits)
+    tag_pose = base_from_tag(calibration, sight.tag_b, expected.taught_from_camera)
+    flange = told_flange(encoded, calibration)
+    excess = excess_of(calibration, target.name, flange, policy, limits.bounds, tag_pose)
+    return _within(encoded, excess), expected
+
+
+def policy_of(request: Request, limits: Limits) -> Policy:
+    """The policy that was asked for, or else is configured."""
+    return _POLICIES.get(request.policy, limits.policy)
+
+
+def _within(answer: Answer, excess: Excess | None) -> Answer:
+    """The answer, or the refusal of one that breaks a limit; a place that is too uncertain is not called wrong."""
+    if excess is None:
+        return answer
+    status = LIMIT_STATUS[excess.code]
+    if status is Status.OUTSIDE_CALIBRATED_VOLUME and not answer.status.is_ok:
+        return answer
+    return replace(answer, status=status, detail=excess.code)
+
+
+def told_flange(answer: Answer, calibration: Calibration) -> Pose:
+    """base_from_wrist as the numbers of a valid answer tell it to a robot."""
+    rotation = rotation_from(answer.rotation, _FORMATS[answer.rotation_format])
+    position = np.array(answer.position_um) / 1000
+    if answer.frame is Frame.TCP and calibration.tcp_in_wrist is not None:
+        position = position - rotation @ calibration.tcp_in_wrist
+    return Pose(rotation, position)
 
 
 def links_detail(links: Iterable[Link]) -> int:
@@ -186,7 +229,10 @@ def _encode(
     position: Array = pose.translation
     if request.wants_tcp and calibration.tcp_in_wrist is not None:
         position = pose.apply(calibration.tcp_in_wrist)
-    a, b, c = rotation_to(pose.rotation, _FORMATS[format_code])
+    if format_code is RotationCode.ROTVEC:
+        a, b, c = rotvec_near(pose.rotation, calibration.taught_rotvec(expected.target.name))
+    else:
+        a, b, c = rotation_to(pose.rotation, _FORMATS[format_code])
     u95_um = micrometres(expected.u95_mm)
     x, y, z = (round(1000 * float(value)) for value in position)
     allowed_um = request.max_u95_um or round(1000 * limits.max_u95_mm)

@@ -8,9 +8,16 @@ import structlog
 
 from vgrd.calibration.calibration import Calibration
 from vgrd.cell.measuring import Measuring, Sight
-from vgrd.cell.serving.answering import Limits, answer_request, check_request, micrometres
+from vgrd.cell.serving.answering import (
+    Limits,
+    answer_request,
+    check_request,
+    micrometres,
+    policy_of,
+)
 from vgrd.cell.serving.camera_memory import CameraMemory
 from vgrd.cell.serving.faults import DRIFT_PICTURES, Fault, Faults
+from vgrd.cell.serving.limits import carried_flange, excess_of, way_in_base
 from vgrd.cell.serving.standing_answer import Basis, StandingAnswer
 from vgrd.cell.serving.vouching import Vouch, agree, points_in_tag
 from vgrd.clock import Clock
@@ -18,6 +25,7 @@ from vgrd.errors import CalibrationError, DeviceUnavailable, InputError, VgrdErr
 from vgrd.geometry import Array
 from vgrd.ipc.ring import RingWriter
 from vgrd.registers import Answer, Command, RegisterImage, Request, Status, reply
+from vgrd.registers.limits import LIMIT_STATUS
 
 PUBLISH_S = 0.02  # with the gate's tick (20 ms) the registers are 40 ms behind the cell at most
 PICTURE_SHARE = 0.8  # of a request's time, so that the reason arrives before the gate's timeout
@@ -138,7 +146,20 @@ class Serving:
         """Each new picture may show that the object or the cell moved since the answer."""
         self.faults.check_links(sight)
         if self.standing.watch(sight):
+            self._check_bounds(sight)
             self.publish()
+
+    def _check_bounds(self, sight: Sight) -> None:
+        """End an answer whose target has moved out of the limits, were it by less than `moved_mm`."""
+        basis, calibration = self.standing.basis, self.calibration
+        if basis is None or calibration is None or sight.tag_b is None:
+            return
+        way = way_in_base(calibration, basis.tag_b, sight.tag_b)
+        flange = carried_flange(calibration, basis.base_from_wrist, way, basis.policy)
+        excess = excess_of(calibration, basis.target, flange, basis.policy, self.limits.bounds)
+        if excess is not None:
+            log.warning("moved_out_of_limits", reason=excess.words(basis.target))
+            self.standing.withdraw(LIMIT_STATUS[excess.code], excess.code)
 
     async def _serve(self, request: Request) -> None:
         """Work on a request; it ends with an answer, whatever happens, unless a newer one came."""
@@ -218,7 +239,10 @@ class Serving:
             return answer, None
         pose = expected.base_from_wrist
         points = points_in_tag(calibration, pose, sight.tag_b, expected.taught_from_camera)
-        return answer, Basis(pose, points, sight.tag_b, sight.stamp_s, sight.stamp_s)
+        policy = policy_of(request, self.limits)
+        stamp_s = sight.stamp_s
+        basis = Basis(pose, expected.target.name, policy, points, sight.tag_b, stamp_s, stamp_s)
+        return answer, basis
 
     async def _picture(self, end_s: float, *, whole: bool) -> Sight | None:
         """A picture taken from now on, None when none comes until `end_s`."""

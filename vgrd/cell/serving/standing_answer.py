@@ -17,7 +17,7 @@ from vgrd.cell.serving.faults import Fault
 from vgrd.cell.serving.vouching import Vouch, displacement_mm
 from vgrd.clock import Clock
 from vgrd.geometry import Array, Pose
-from vgrd.model import TagObservation
+from vgrd.model import Policy, TagObservation
 from vgrd.registers import Answer, Status
 
 SIGHTS_KEPT = 4  # of tag B: the one that is answered from, and earlier ones to agree with it
@@ -31,12 +31,15 @@ log = structlog.get_logger()
 class Basis:
     """What a valid answer rests on.
 
-    points: (n, 3) mm in tag B, as `vouching.points_in_tag`. tag_b, stamp_s: of the picture that
-    the answer was computed from. latest_stamp_s: exposure of the newest picture that shows the
-    object at the same place. hidden: the newest picture of all does not show tag B.
+    base_from_wrist: what was answered, for a target and under a policy. points: (n, 3) mm in tag B,
+    as `vouching.points_in_tag`. tag_b, stamp_s: of the picture that the answer was computed from.
+    latest_stamp_s: exposure of the newest picture that shows the object at the same place. hidden: the
+    newest picture of all does not show tag B.
     """
 
     base_from_wrist: Pose
+    target: str
+    policy: Policy
     points: Array
     tag_b: TagObservation
     stamp_s: float
@@ -72,13 +75,13 @@ class StandingAnswer:
             self.vouch.end()
         else:
             self.vouch.begin(self._clock.monotonic())
-        if answer.echo and not answer.status.is_ok and answer.status is not Status.IDLE:
+        if answer.nonce and not answer.status.is_ok and answer.status is not Status.IDLE:
             log.warning("answer", status=answer.status.name, point=answer.point)
 
     def current(self, fault: Fault | None, now_s: float) -> Answer:
         """The answer as it is published now; an answer that cannot stand any longer is withdrawn."""
         if self.answer.status.is_ok and (status := self._objection(fault, now_s)):
-            self._withdraw(status)
+            self.withdraw(status)
         if self.answer.status.is_ok:
             until_s = min(self.answer.valid_until_s, self.vouch.until_s)
             return replace(self.answer, valid_until_s=until_s)
@@ -103,7 +106,7 @@ class StandingAnswer:
         moved_mm = displacement_mm(basis.points, basis.tag_b, sight.tag_b)
         if not moved_mm <= self._limits.moved_mm:  # not a number counts as moved
             log.warning("object_moved", moved_mm=round(moved_mm, 3))
-            self._withdraw(Status.OBJECT_MOVED)
+            self.withdraw(Status.OBJECT_MOVED)
         else:
             self.basis = replace(basis, latest_stamp_s=sight.stamp_s, hidden=False)
             self.vouch.see(sight.stamp_s, whole=sight.is_whole)
@@ -138,6 +141,14 @@ class StandingAnswer:
         moved_mm = displacement_mm(basis.points, basis.tag_b, sight.tag_b)
         return None if moved_mm <= self._limits.moved_mm else Status.OBJECT_MOVED
 
+    def withdraw(self, status: Status, detail: int = 0) -> None:
+        """End the answer for good."""
+        log.warning("answer_withdrawn", status=status.name, point=self.answer.point)
+        self.answer = replace(self.answer, status=status, detail=detail, seq=self.answer.seq + 1)
+        self.basis = None
+        self._measuring.watching = False
+        self.vouch.end()
+
     def _objection(self, fault: Fault | None, now_s: float) -> Status | None:
         """Why the present answer cannot stand any longer; None while it can."""
         if fault is not None:
@@ -159,11 +170,3 @@ class StandingAnswer:
             return False
         way = reading.base_from_wrist.translation - basis.base_from_wrist.translation
         return float(np.linalg.norm(way)) <= hold.approach_mm
-
-    def _withdraw(self, status: Status) -> None:
-        """End the answer for good."""
-        log.warning("answer_withdrawn", status=status.name, point=self.answer.point)
-        self.answer = replace(self.answer, status=status, seq=self.answer.seq + 1)
-        self.basis = None
-        self._measuring.watching = False
-        self.vouch.end()

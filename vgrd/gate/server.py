@@ -1,9 +1,8 @@
-"""A strict Modbus TCP server: every request answered, every byte judged, nobody starved.
+"""A TCP server of a language that robots speak, Modbus or lines: listed peers only, and nobody starved.
 
-Every unit id is answered, and pipelined requests all are. A frame that is not Modbus closes its
-connection: the next "frame" might be the tail of this one. Connections are accepted by our own
-loop: a host that is not listed costs one `accept` and one `close`, however often it comes, and the
-queue before it is as long as the system allows, so that a listed robot does not wait behind it.
+Connections are accepted by our own loop: a host that is not listed costs one `accept` and one `close`,
+however often it comes, and the queue before it is as long as the system allows, so that a listed robot
+does not wait behind it.
 """
 
 import asyncio
@@ -12,16 +11,16 @@ import ipaddress
 import socket
 import struct
 from collections import Counter
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import lru_cache
-from typing import Final
+from typing import Final, Generic, NamedTuple, TypeVar
 
 import structlog
 
 from vgrd.clock import Clock
 from vgrd.errors import ServingError
-from vgrd.gate.connection import Connection
-from vgrd.gate.pdu import Data
+from vgrd.gate.connection import Connection, Talk, Turns
 
 ACCEPTS_PER_TURN: Final = 64  # under 1 ms of refusals, then the connections have their turn
 _BACKLOG: Final = 4096  # Linux's own limit (net.core.somaxconn) since 5.4
@@ -30,6 +29,23 @@ _RESET = struct.pack("ii", 1, 0)  # SO_LINGER: close by reset, leaves no TIME_WA
 _SHORTAGE: Final = (errno.EMFILE, errno.ENFILE, errno.ENOBUFS, errno.ENOMEM)
 
 log = structlog.get_logger()
+
+
+D = TypeVar("D")
+
+
+class Language(NamedTuple, Generic[D]):
+    """What a server speaks. key: of the port in [serving]. buffer_bytes: of a connection.
+
+    talk: begins a conversation about data. per_turn: so many requests of all connections in a turn of the
+    loop, None: all that were read.
+    """
+
+    name: str
+    key: str
+    talk: Callable[[D, Counter[str], Clock], Talk[D]]
+    buffer_bytes: int
+    per_turn: int | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,11 +65,15 @@ class ConnectionLimits:
     silent_s: float = 1.0  # as the second in which a robot program must see HB move
 
 
-class ModbusServer:
+class Server(Generic[D]):
     """Serves `data` at one address. `sweep` is to be called a few times a second."""
 
-    def __init__(self, data: Data, clock: Clock, limits: ConnectionLimits) -> None:
+    def __init__(
+        self, language: Language[D], data: D, clock: Clock, limits: ConnectionLimits
+    ) -> None:
+        self._language = language
         self.data, self.clock, self.limits = data, clock, limits
+        self._turns = None if language.per_turn is None else Turns(language.per_turn)
         self.counters: Counter[str] = Counter()
         self._allow = [ipaddress.ip_network(entry) for entry in limits.allow]
         self._is_allowed = lru_cache(_PEERS)(self._is_listed)
@@ -75,20 +95,21 @@ class ModbusServer:
                 listener.listen(_BACKLOG)
         except OSError as error:
             self.close()
+            name, key = self._language.name, self._language.key
             raise ServingError(
-                f"cannot serve Modbus on {host}:{port}: {_remedy(error)}"
+                f"cannot serve {name} on {host}:{port}: {_remedy(error, key)}"
             ) from error
         for listener in self._listeners:
             self._wait_for_peers(listener)
         return int(self._listeners[0].getsockname()[1])
 
-    def serve_from_now_on(self, data: Data, allow: tuple[str, ...]) -> None:
+    def serve_from_now_on(self, data: D, allow: tuple[str, ...]) -> None:
         """Serve other data, and drop who is not allowed any more."""
         self.data, self.limits = data, replace(self.limits, allow=allow)
         self._allow = [ipaddress.ip_network(entry) for entry in allow]
         self._is_allowed.cache_clear()
         for link in list(self._links):
-            link.data = data
+            link.talk.data = data
             if not self._is_allowed(link.peer):
                 link.drop("refused")
 
@@ -146,13 +167,24 @@ class ModbusServer:
             link.close()
             return
         self.counters["accepted"] += 1
-        forget = self._links.discard
         try:
-            connection = Connection(link, peer, self.data, self.clock, self.counters, forget)
+            connection = Connection(
+                link,
+                peer,
+                self._talk(),
+                self.clock,
+                self.counters,
+                self._links.discard,
+                self._turns,
+                self._language.buffer_bytes,
+            )
         except OSError:
             link.close()  # it went while it was let in
         else:
             self._links.add(connection)
+
+    def _talk(self) -> Talk[D]:
+        return self._language.talk(self.data, self.counters, self.clock)
 
     def _is_listed(self, peer: str) -> bool:
         address = ipaddress.ip_address(peer)
@@ -207,14 +239,14 @@ def _check_address(inherited: socket.socket, host: str, port: int) -> None:
         )
 
 
-def _remedy(error: OSError) -> str:
+def _remedy(error: OSError, key: str) -> str:
     if error.errno == errno.EADDRINUSE:
-        return "the port is taken; stop the other server or change [serving] port"
+        return f"the port is taken; stop the other server or change [serving] {key}"
     if error.errno == errno.EACCES:
         return (
             "ports below 1024 need a privilege; have the port opened by config/vgrd.socket"
-            " or change [serving] port (1502 is free for all)"
+            f" or change [serving] {key} (1502 is free for all)"
         )
     if error.errno == errno.EADDRNOTAVAIL:
         return "this machine does not have that address; change [serving] host"
-    return f"{error.strerror or error}; check [serving] host and port"
+    return f"{error.strerror or error}; check [serving] host and {key}"
