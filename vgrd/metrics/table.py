@@ -32,6 +32,7 @@ _NAMED: Final = {
     *(f"{prefix}{name}" for _, prefix in _SERVERS for name in _OF_SERVERS),
     *(_TRIGGERS, _SUPERSEDED),
 }
+_CODES: Final = {status.name: int(status) for status in Status}
 _STATUS_NAMES: Final = {status.name.lower(): status for status in Status}
 
 
@@ -100,7 +101,7 @@ def _code(*keys: str) -> Read:
     def read(facts: Facts) -> Iterable[Sample]:
         if facts.status is not None:
             name = _entry(facts, *keys)
-            yield (), float(Status.__members__.get(str(name), Status.IDLE))
+            yield (), float(_CODES.get(str(name), 0))
 
     return read
 
