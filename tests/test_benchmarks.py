@@ -9,6 +9,9 @@ from pathlib import Path
 
 import pytest
 
+from tests.benchmarks.__main__ import cells_of
+from tests.benchmarks.harness import Row
+from tests.benchmarks.serving.clients import Missing, built
 from vgrd.orphans import dying_with_us
 
 ROOT = Path(__file__).parents[1]
@@ -167,3 +170,15 @@ def test_pictures_that_no_camera_should_send_do_not_upset_the_tag_finders() -> N
     )
     assert done.returncode == 0, f"picture {done.stdout.split()[-1:]}: {done.stderr[-2000:]}"
     assert done.stdout.split() == [str(number) for number in range(200)]
+
+
+def test_a_row_that_needs_what_is_not_there_is_skipped_with_the_reason() -> None:
+    row = Row(**Row.skipped("figure", "no libmodbus").as_message())
+    assert row.ok
+    assert cells_of(row) == ("figure", "", "", "", "skipped", "no libmodbus")
+    assert row.as_json() == {"name": "figure", "value": None, "ok": True, "skip": "no libmodbus"}
+
+
+def test_a_program_in_c_that_cannot_be_made_is_missing_and_not_an_error() -> None:
+    with pytest.raises(Missing, match=r"libmodbus_server\.c was not compiled"):
+        built("libmodbus_server", "-lnosuchlibrary")

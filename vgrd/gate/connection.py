@@ -184,7 +184,8 @@ class Connection:
         self._frame_s = self.last_read_s if self._turns is None else self._clock.monotonic()
         if answers:
             self._send(answers)
-        self._waits = bool(self._received) and not self._unsent
+        if self._received and not self._unsent:
+            self._waits = True
         return self._waits
 
     def _send(self, answers: bytes) -> None:

@@ -26,9 +26,8 @@ class ImageFeed:
     def poll(self) -> bool:
         """Take a newer image, if there is one."""
         try:
-            if self._reader is None and not self._open():
-                return False
-            return self._reader is not None and self._take(self._reader)
+            reader = self._reader or self._opened()
+            return reader is not None and reader.index != self._index and self._take(reader)
         except IpcError:
             self._reader = None
             return False
@@ -39,17 +38,15 @@ class ImageFeed:
         if self.image:
             self.image = replace(self.image, published_s=-math.inf)
 
-    def _open(self) -> bool:
+    def _opened(self) -> RingReader | None:
         now = self._clock.monotonic()
         if now < self._retry_s:
-            return False
+            return None
         self._retry_s = now + _REOPEN_S
         self._reader = RingReader.open(self._path, REGISTER_KIND, self._clock)
-        return True
+        return self._reader
 
     def _take(self, reader: RingReader) -> bool:
-        if reader.index == self._index:
-            return False
         message = reader.newest()
         if message is None:
             return False

@@ -73,7 +73,8 @@ class ModbusFrames:
 
     def answer(self, received: bytes) -> tuple[bytes, int]:
         """Answers to all whole frames, and how many bytes these were. Raises GarbageError."""
-        answers, start = [], 0
+        answers: list[bytes] = []
+        start = 0
         counters = self._counters
         while len(received) - start >= _HEADER.size:
             transaction, protocol, length, unit = _HEADER.unpack_from(received, start)
@@ -87,7 +88,10 @@ class ModbusFrames:
             counters["requests"] += 1
             if answer[0] >= EXCEPTION_BIT:
                 counters["exceptions"] += 1
-            answers.append(_HEADER.pack(transaction, 0, 1 + len(answer), unit) + answer)
+            framed = _HEADER.pack(transaction, 0, 1 + len(answer), unit) + answer
+            if end == len(received) and not answers:
+                return framed, end  # as nearly always: one request, and nothing to join
+            answers.append(framed)
             start = end
         return b"".join(answers), start
 

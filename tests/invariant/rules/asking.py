@@ -107,21 +107,22 @@ def odd_request(rig: Rig, client: int, point: int, command: int) -> None:
     rig.ask(client, Asked(0, command, point))
 
 
-@rule(
-    client=CLIENTS,
-    point=POINTS,
-    again=Among((False, True)),
-    orientation=Among((TURNED_DOWN, UPSIDE_DOWN, LYING)),
-)
-def oriented_request(
-    rig: Rig, client: int, point: int, again: bool, orientation: tuple[int, int, int]
-) -> None:
+@rule(client=CLIENTS, point=POINTS, again=Among((False, True)))
+def oriented_request(rig: Rig, client: int, point: int, again: bool) -> None:
     """Policy 3: the orientation goes with the request, or is left over from the one before."""
-    asked = Asked(0, Command.EC_FRESH, point, 0x300, orientation=orientation)
+    asked = Asked(0, Command.EC_FRESH, point, 0x300, orientation=TURNED_DOWN)
     rig.ask(client, asked)
     rig.wait(1.0)
     if again:
         rig.write(client, 0, [77, Command.EC_FRESH, point, 0x300])
+
+
+# Not in the walk, which counts what is valid: this is always refused.
+@rule(weight=0.0, client=CLIENTS, point=POINTS, orientation=Among((UPSIDE_DOWN, LYING)))
+def leaning_request(rig: Rig, client: int, point: int, orientation: tuple[int, int, int]) -> None:
+    """Policy 3 with a tool that would come from below, or lie."""
+    rig.ask(client, Asked(0, Command.EC_FRESH, point, 0x300, orientation=orientation))
+    rig.wait(1.0)
 
 
 @rule("S5", weight=3, trigs=Among(((1, 2, 1), (5, 5), (1, 2, 3, 1))), gap_s=Between(0.0, 0.2))
