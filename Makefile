@@ -7,7 +7,7 @@ export OPENBLAS_NUM_THREADS ?= 1
 # Which fake cell: default, or one of the paper's two, sampler and fruit.
 CELL ?= default
 
-.PHONY: demo cell paper test test-robust soak lint bench run format clean
+.PHONY: install demo cell paper test test-robust soak lint bench run format clean
 
 .venv: pyproject.toml constraints.txt
 	$(PYTHON) -m venv .venv
@@ -15,6 +15,10 @@ CELL ?= default
 	$(BIN)/pip install --quiet --constraint constraints.txt --editable '.[dev]'
 	$(BIN)/python -m vgrd.vision
 	touch .venv
+
+# On a cell computer, as root, before anything else: docs/service.md. ARGS="--cell my-cell.toml".
+install:
+	python3 -m vgrd.installing install $(ARGS)
 
 demo: .venv
 	$(BIN)/python -m fakes demo --cell $(CELL)

@@ -18,6 +18,7 @@ from vgrd.commands import (
     intrinsics,
     recording,
     reloading,
+    service,
     solving,
     study,
     target,
@@ -46,6 +47,7 @@ for group in (
     solving,
     study,
     target,
+    *service.GROUPS,
 ):
     group.register(app)
 

@@ -28,6 +28,7 @@
         RingUnavailable      the ring's file is not there (yet) or is another kind of ring
       ServingError           the registers cannot be served: port taken, address not here
         AlreadyRunning       another daemon uses the runtime folder
+      StepFailed             a step of an installation; what ran before runs on
       InternalError          a fault of vgrd itself, as the user is told of it
       ControlError           the daemon refused a command
         DaemonUnreachable    no daemon answers on the control socket
@@ -192,6 +193,10 @@ class ServingError(VgrdError):
 
 class AlreadyRunning(ServingError):
     """Another daemon uses the runtime folder."""
+
+
+class StepFailed(VgrdError):
+    """A step of an installation could not be done; what ran before runs on."""
 
 
 class InternalError(VgrdError):

@@ -64,15 +64,18 @@ def take_after(entry: int | Path, folder: Path) -> None:
     _set_mode(entry, status.st_mode | _FOR_OWNER, shared=shared)
 
 
-def own_folder(path: Path, group: str, parts: Collection[str]) -> list[Path]:
+def own_folder(path: Path, group: str | int | None, parts: Collection[str]) -> list[Path]:
     """Make `path` if need be, and close it and its `parts` (names in it) to all but user and `group`.
 
-    Returns what stays open since it is not ours to change. Raises InputError where `path` itself
-    cannot be closed, or is evidently not a folder of the daemon's own; OSError where it cannot be made.
+    group: a name or a number, none: the user alone. Returns what stays open since it is not ours to
+    change. Raises InputError where `path` itself cannot be closed, or is evidently not a folder of the
+    daemon's own; OSError where it cannot be made.
     """
     make_folder(path)
     gid = _number_of(group) if group else None
     check_ours(path, gid, parts)
+    gid = (_number_of(group) if group else None) if isinstance(group, str) else group
+    _check_ours(path, gid, parts)
     try:
         _close(path, gid)
     except OSError as err:
@@ -83,6 +86,18 @@ def own_folder(path: Path, group: str, parts: Collection[str]) -> list[Path]:
 
 
 def check_ours(path: Path, gid: int | None, parts: Collection[str]) -> None:
+def group_let_in(path: Path) -> int | None:
+    """Number of the group that a folder lets in, None where none or others too; raises OSError.
+
+    systemd makes the folders of a unit as that says, before the daemon starts.
+    """
+    status = path.stat()
+    if status.st_mode & OTHERS or status.st_mode & _GROUP_ENTERS != _GROUP_ENTERS:
+        return None
+    return status.st_gid
+
+
+def _check_ours(path: Path, gid: int | None, parts: Collection[str]) -> None:
     """Nobody's home, /tmp or /var/lib may change its mode because a cell file names it."""
     status = path.stat()
     wanted = _mode(status.st_mode, shared=gid is not None)
@@ -96,7 +111,9 @@ def check_ours(path: Path, gid: int | None, parts: Collection[str]) -> None:
         )
 
 
-def _check_close_enough(path: Path, group: str, gid: int | None, error: OSError) -> None:
+def _check_close_enough(
+    path: Path, group: str | int | None, gid: int | None, error: OSError
+) -> None:
     """A folder that cannot be changed will do if others are out and the group, if any, is in."""
     status = path.stat()
     if error.errno == errno.EROFS:

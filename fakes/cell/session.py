@@ -43,8 +43,8 @@ def check_served(world: World, host: str, port: int) -> None:
         raise ValueError(f"served {miss} mm beside {target}")
 
 
-def work(world: World, daemon: Daemon, host: str, port: int) -> None:
-    """The whole of it. Raises what the daemon refuses with, ValueError, TimeoutError."""
+def calibrate(world: World, daemon: Daemon) -> None:
+    """Teach, solve, activate, arm aside. Raises what the daemon refuses with, ValueError."""
     operator = Operator(world, daemon.control, world.seed)
     teach(operator, world)
     solved = daemon.control.call("solve", timeout_s=120.0)
@@ -52,6 +52,11 @@ def work(world: World, daemon: Daemon, host: str, port: int) -> None:
         raise ValueError(f"no calibration was accepted: {solved['verdict']}")
     operator.press("activate", calibration=solved["calibration"], by="test")
     operator.jog(retracted_pose(world.layout))
+
+
+def work(world: World, daemon: Daemon, host: str, port: int) -> None:
+    """The whole of it. Raises what the daemon refuses with, ValueError, TimeoutError."""
+    calibrate(world, daemon)
     check_served(world, host, port)
     for process in ("cell", "robot", "camera"):
         victim = daemon.pid_of(process)

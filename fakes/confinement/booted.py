@@ -29,6 +29,9 @@ _TARGETS: Final = (
     "sockets",
     "sysinit",
 )
+_UNITS: Final = (
+    "etc/systemd/system"  # where an installation writes its own; the machine's are hidden
+)
 _DEVICES: Final = ("null", "zero", "full", "random", "urandom", "tty")
 _INIT: Final = "/lib/systemd/systemd"
 _START_S: Final = 120.0  # a second, on a machine that is not busy
@@ -85,7 +88,7 @@ def main(scratch: Path, cgroup: Path, units: Path, *shared: Path) -> None:
         if child:
             os._exit(os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]) & 0xFF)
         _libc.prctl(_SET_PDEATHSIG, signal.SIGKILL, 0, 0, 0)  # its parent is not in its namespace
-        _build_root(scratch, [units, *shared])
+        _build_root(scratch, units, shared)
     except OSError as error:
         if error.errno not in _NOT_ALLOWED:
             raise
@@ -94,7 +97,7 @@ def main(scratch: Path, cgroup: Path, units: Path, *shared: Path) -> None:
     env = {
         "PATH": "/usr/local/sbin:/usr/local/bin:/usr/sbin:/usr/bin:/sbin:/bin",
         "container": "other",
-        "SYSTEMD_UNIT_PATH": str(units),
+        "SYSTEMD_UNIT_PATH": f"/{_UNITS}",
         "SYSTEMD_GENERATOR_PATH": "/nowhere",
         "SYSTEMD_ENVIRONMENT_GENERATOR_PATH": "/nowhere",
     }
@@ -102,7 +105,7 @@ def main(scratch: Path, cgroup: Path, units: Path, *shared: Path) -> None:
     os.execve(_INIT, [_INIT, *words], env)  # noqa: S606
 
 
-def _build_root(scratch: Path, shared: list[Path]) -> None:
+def _build_root(scratch: Path, units: Path, shared: Iterable[Path]) -> None:
     """Everything as it is here, but each write goes into a tmpfs that ends with the namespace."""
     _mount("none", "/", "", _MS_REC | _MS_PRIVATE)
     _mount("tmpfs", scratch, "tmpfs", 0, "mode=755")
@@ -118,10 +121,10 @@ def _build_root(scratch: Path, shared: list[Path]) -> None:
     _mount("sysfs", root / "sys", "sysfs", _MS_READ_ONLY)
     _mount("cgroup2", root / "sys/fs/cgroup", "cgroup2")
     _make_devices(root / "dev")
-    for folder in shared:
-        place = root / folder.relative_to("/")
-        place.mkdir(parents=True, exist_ok=True)
-        _mount(str(folder), place, "", _MS_BIND | _MS_REC)
+    places = {folder: folder.relative_to("/") for folder in shared} | {units: Path(_UNITS)}
+    for folder, place in places.items():
+        (root / place).mkdir(parents=True, exist_ok=True)
+        _mount(str(folder), root / place, "", _MS_BIND | _MS_REC)
     os.chdir(root)
     old = root / "mnt"
     number = _PIVOT_ROOT[os.uname().machine]
@@ -149,7 +152,10 @@ class Unbootable(OSError):
 
 
 class Booted:
-    """A systemd with `units` (name -> text) and nothing else, once booted; it ends with the `with`."""
+    """A systemd with `units` (name -> text) and nothing else, once booted; it ends with the `with`.
+
+    What is installed in it lies in memory. shared: folders of the machine that are seen there too.
+    """
 
     def __init__(
         self, folder: Path, units: Mapping[str, str], shared: Iterable[Path] = ()
@@ -233,15 +239,22 @@ class Booted:
         process = self.run("systemctl", *words)
         return process.stdout or process.stderr
 
-    def run(self, *command: str) -> subprocess.CompletedProcess[str]:
+    def run(self, *command: str, timeout_s: float = _START_S) -> subprocess.CompletedProcess[str]:
         """Run a command in the namespace, as root."""
         return subprocess.run(
             dying_with_us(["nsenter", "--all", "--target", str(self.pid), "--", *command]),
             capture_output=True,
             text=True,
             check=False,
-            timeout=_START_S,
+            timeout=timeout_s,
         )
+
+    def do(self, *command: str) -> str:
+        """Run a command in the namespace; what it says. Raises OSError where it ends with an error."""
+        done = self.run(*command)
+        if done.returncode:
+            raise OSError(f"{' '.join(command)}: {done.stdout}{done.stderr}")
+        return done.stdout
 
     def __exit__(self, *_: object) -> None:
         if pid := self.pid:

@@ -21,16 +21,16 @@ from fakes.confinement.seccomp import filters
 from fakes.confinement.unit_file import Directives, is_on, last, read_section
 from vgrd.orphans import die_with
 
-DYNAMIC_USER: Final = 64990  # of the range that systemd takes DynamicUser= from
+SERVICE_USER: Final = 64990  # stands for the unit's User= and Group=; of nobody else
 # What of a unit is enforced here. The rest is for the service manager or needs control groups.
 ENFORCED: Final = frozenset(
     {
         "CacheDirectory",
         "CacheDirectoryMode",
         "CapabilityBoundingSet",
-        "DynamicUser",
         "Environment",
         "ExecStart",
+        "Group",
         "LimitCORE",
         "LockPersonality",
         "NoNewPrivileges",
@@ -56,6 +56,7 @@ ENFORCED: Final = frozenset(
         "SystemCallErrorNumber",
         "SystemCallFilter",
         "UMask",
+        "User",
     }
 )
 # Nothing to do: the allow list and the empty set of capabilities refuse these already, or (RemoveIPC)
@@ -181,21 +182,21 @@ def _directory(unit: Directives, kind: str, source: Path, base: str) -> _Kept:
     source.chmod(int(last(unit, f"{kind}DirectoryMode", "0755"), 8))
     if os.geteuid() == 0:
         for path in (source, *source.rglob("*")):
-            os.chown(path, DYNAMIC_USER, DYNAMIC_USER, follow_symlinks=False)
+            os.chown(path, SERVICE_USER, SERVICE_USER, follow_symlinks=False)
     return _Kept.of(f"{base}/{last(unit, f'{kind}Directory')}", str(source))
 
 
 def give_up_rights(unit: Directives) -> None:
     """User, capabilities, limits and filters; nothing of it can be had back."""
-    if os.geteuid() == 0 and is_on(unit, "DynamicUser"):
+    if os.geteuid() == 0 and last(unit, "User"):
         os.setgroups([])
-        os.setresgid(DYNAMIC_USER, DYNAMIC_USER, DYNAMIC_USER)
-        os.setresuid(DYNAMIC_USER, DYNAMIC_USER, DYNAMIC_USER)
+        os.setresgid(SERVICE_USER, SERVICE_USER, SERVICE_USER)
+        os.setresuid(SERVICE_USER, SERVICE_USER, SERVICE_USER)
         _libc.prctl(_SET_DUMPABLE, 1, 0, 0, 0)  # else /proc/self is root's
         die_with(os.getppid())  # a change of user had made it forget
         if is_on(unit, "PrivateUsers"):
             _call(_libc.unshare(_NEWUSER), "unshare user")
-            _map_self(DYNAMIC_USER, DYNAMIC_USER)
+            _map_self(SERVICE_USER, SERVICE_USER)
     resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
     os.umask(int(last(unit, "UMask", "0022"), 8))
     if "CapabilityBoundingSet" in unit and not unit["CapabilityBoundingSet"]:

@@ -49,3 +49,21 @@ def test_every_int16_scale_can_be_written_in_the_cell_file(tmp_path):
         line = f'[serving]\nint16_scale = "{scale.name.lower()}"\n'
         path.write_text(text.replace("[serving]\n", line) if "[serving]" in text else text + line)
         assert load_config(path).serving.int16_scale == scale.name.lower()
+
+
+@pytest.mark.parametrize(
+    ("section", "told"),
+    [
+        ("", []),
+        ("[metrics]\nport = 9502\n", ["127.0.0.1", "9502"]),
+        ('[metrics]\nhost = "::1"\n', []),
+    ],
+)
+def test_prometheus_is_told_where_a_port_is_named_for_it(tmp_path, section, told) -> None:
+    text = EXAMPLE.read_text()
+    (tmp_path / "cell.toml").write_text(f"{text}\n{section}")
+    resolved = Resolved(load_config(tmp_path / "cell.toml"), "cell.toml", 1.7e9)
+    save_table(tmp_path, process_table(resolved, save_resolved(resolved, tmp_path)))
+    rows = load_settings(tmp_path / "processes.json").processes
+    found = [[*row.argv[-2:]] for row in rows if row.name == "metrics"]
+    assert found == ([told] if told else [])

@@ -1,6 +1,7 @@
 """The shipped units are good in systemd's own eyes, and as little exposed as they claim."""
 
 import json
+import re
 import shutil
 import subprocess
 from pathlib import Path
@@ -15,6 +16,7 @@ from vgrd.config.cell_file import ServingSection
 SOCKET = TEMPLATE.with_name("vgrd.socket")
 TOOL = shutil.which("systemd-analyze")
 EXPOSURE = 1.1
+CHANGED = 1.3  # with a drop-in of docs/service.md
 # Of a [Service] section: what the manager itself does, and what takes control groups.
 BY_MANAGER = {
     "KillMode",
@@ -47,7 +49,7 @@ def unit(tmp_path: Path) -> Path:
 @analyzed
 def test_systemd_accepts_the_units(tmp_path, unit) -> None:
     socket = tmp_path / "vgrd.socket"
-    socket.write_text(SOCKET.read_text().replace("@HOST@", "127.0.0.1"))
+    socket.write_text(SOCKET.read_text().replace("@HOST@", "127.0.0.1").replace("@PORT@", "502"))
     done = analyze("verify", "--man=no", str(unit), str(socket))
     ours = [line for line in done.stderr.splitlines() if "vgrd" in line]
     assert ours == []
@@ -62,6 +64,19 @@ def test_the_unit_is_exposed_no_more_than_is_claimed(unit) -> None:
     assert good.returncode == 0, good.stdout
     unit.write_text(unit.read_text().replace("SystemCallFilter=~@privileged @resources\n", ""))
     assert analyze(*options, threshold, str(unit)).returncode != 0
+
+
+@analyzed
+@pytest.mark.parametrize("number", range(3))
+def test_a_drop_in_of_the_page_exposes_it_little_more(unit, number: int) -> None:
+    page = (TEMPLATE.parents[1] / "docs" / "service.md").read_text()
+    drop_ins = re.findall(r"^```ini\n(.*?)^```", page, re.MULTILINE | re.DOTALL)
+    assert len(drop_ins) == 3
+    unit.write_text(f"{unit.read_text()}\n{drop_ins[number]}")
+    options = ("security", "--offline=true", "--no-pager", f"--threshold={round(10 * CHANGED)}")
+    done = analyze(*options, str(unit))
+    assert done.returncode == 0, done.stdout
+    assert analyze("verify", "--man=no", str(unit)).stderr == ""
 
 
 @analyzed

@@ -12,7 +12,7 @@ from vgrd.registers.codes import RESERVED
 from vgrd.registers.document import document
 
 SOURCES = Path(vgrd.__file__).parent
-DECLARING = ("registers/codes.py", "registers/document.py")
+DECLARING = ("registers/codes.py", "registers/document.py", "registers/remedies.py")
 
 
 def uses(codes: str, *, compared: bool) -> Iterator[str]:

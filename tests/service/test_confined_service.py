@@ -164,7 +164,7 @@ def test_the_daemon_teaches_solves_serves_and_restarts_under_the_unit(
         work(world, daemon, "127.0.0.1", cell.port)
         told = daemon.heard()
         folders = [cell.folder / "state", cell.folder / "run"]
-        lax = [p for top in folders for p in top.rglob("*") if p.lstat().st_mode & 0o077]
+        lax = [p for top in folders for p in top.rglob("*") if p.lstat().st_mode & 0o007]
     assert {"READY=1", "WATCHDOG=1"} <= set(told)
     assert "STOPPING=1" in daemon.last_words
     assert daemon.process.returncode == 0

@@ -18,7 +18,7 @@ from vgrd.gate.settings import save_table
 from vgrd.ipc.health import HealthReporter
 from vgrd.model import Plan
 from vgrd.orphans import dying_with_us
-from vgrd.permissions import OTHERS, make_folder, opener, own_folder, take_after
+from vgrd.permissions import OTHERS, group_let_in, make_folder, opener, own_folder, take_after
 from vgrd.store.calibrations import CalibrationStore
 from vgrd.store.sessions import SampleKind, SessionWriter, load_session
 
@@ -245,3 +245,16 @@ def test_an_open_file_keeps_its_content_and_a_session_stays_readable(tmp_path) -
     writer.close()
     assert load_session(writer.path).warnings == ()
     assert mode(writer.path) & OTHERS == 0
+
+
+@pytest.mark.parametrize(
+    ("access", "is_let_in"), [(0o750, True), (0o700, False), (0o755, False), (0o710, False)]
+)
+def test_the_unit_says_by_its_folder_which_group_is_let_in(tmp_path, access, is_let_in) -> None:
+    folder = tmp_path / "run"
+    folder.mkdir()
+    folder.chmod(access)
+    group = group_let_in(folder)
+    assert group == (folder.stat().st_gid if is_let_in else None)
+    own_folder(folder, group, RUNTIME)
+    assert mode(folder) == (0o750 if is_let_in else 0o700)

@@ -17,9 +17,22 @@ _FRESH_S = 2.0  # the gate reports four times a second
 SAMPLE_TIMEOUT_S = 15.0  # a sample's two pictures, 5 s each, and 5 s of room
 SOLVE_TIMEOUT_S = 300.0  # a guess; the daemon gives up at 280 s, so that its reason arrives
 
+_INSTALLED = Path("/etc/vgrd/cell.toml")  # where `vgrd install` puts it; sudo forgets VGRD_CONFIG
+
+
+def _or_installed(named: Path | None) -> Path | None:
+    """The cell file that was named, else that of the service on this machine, if there is one."""
+    return named or (_INSTALLED if _INSTALLED.exists() else None)
+
+
 ConfigOption = Annotated[
     Path | None,
-    typer.Option("--config", envvar="VGRD_CONFIG", help="The cell file of the daemon."),
+    typer.Option(
+        "--config",
+        envvar="VGRD_CONFIG",
+        callback=_or_installed,
+        help="The cell file of the daemon; that of the service if left out.",
+    ),
 ]
 SocketOption = Annotated[
     Path | None,

@@ -19,6 +19,12 @@ if TYPE_CHECKING:  # pydantic is slow to load, and most commands do without
     from vgrd.config.cell_file import CellSection
     from vgrd.geometry import Array, Pose
 
+_SOCKET_FOLDER_BYTES = 90  # of the 108 of sun_path (unix(7)); "/control.sock" and NUL need 14
+# What earlier versions left open to all, and what tells that a folder is the daemon's.
+_RUNTIME_PARTS = ("health", "processes.json", "gate.lock")
+_STATE_PARTS = ("sessions", "calibrations")
+_OF_UNIT = {"runtime_dir": "RUNTIME_DIRECTORY", "state_dir": "STATE_DIRECTORY"}
+
 
 def register(app: typer.Typer) -> None:
     """Add run, status, activate, ec and confirm."""
@@ -37,6 +43,7 @@ def run(config: Annotated[Path, typer.Argument(help="The cell file.")]) -> None:
     loaded = load_config(config)
     runtime = _runtime_folder(loaded.cell)
     _own_folder("state_dir", loaded.cell.state_dir, loaded.cell.group, STATE_PARTS)
+    _own_folder("state_dir", loaded.cell, _STATE_PARTS)
     lock(runtime)  # released by exec, and taken again by the gate
     resolved = Resolved(loaded, str(config.resolve()), time.time())
     path = save_resolved(resolved, runtime)
@@ -56,13 +63,17 @@ def _runtime_folder(cell: "CellSection") -> Path:
             f"{SOCKET_FOLDER_BYTES} bytes); set [cell] runtime_dir to a shorter path"
         )
     return _own_folder("runtime_dir", path, cell.group, RUNTIME_PARTS)
+    return _own_folder("runtime_dir", cell, _RUNTIME_PARTS)
 
 
-def _own_folder(key: str, path: str, group: str, parts: tuple[str, ...]) -> Path:
+def _own_folder(key: str, cell: "CellSection", parts: tuple[str, ...]) -> Path:
     """Make the folder, or close an old one to all but the user and the group."""
-    from vgrd.permissions import own_folder
+    from vgrd.permissions import group_let_in, own_folder
 
+    path = getattr(cell, key)
+    is_units = path == os.environ.get(_OF_UNIT[key])
     try:
+        group = cell.group or (group_let_in(Path(path)) if is_units else None)
         open_to_others = own_folder(Path(path), group, parts)
     except OSError as err:
         raise InputError(

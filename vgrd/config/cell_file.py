@@ -18,6 +18,10 @@ from vgrd.config.quantities import Finite, Name, Positive, Vector
 from vgrd.documents.tables import FaultAt, Table, located_faults
 from vgrd.documents.toml import hint, read_with_places
 from vgrd.documents.toml_lines import KeyPlaces, Location
+from vgrd.config.metrics_section import MetricsSection
+from vgrd.config.quantities import Positive, Vector
+from vgrd.documents.tables import Table, faults_of
+from vgrd.documents.toml import hint, read_toml
 from vgrd.errors import ConfigError
 from vgrd.geometry.camera import implausible_matrix
 from vgrd.geometry.coincidence import are_in_line
@@ -40,7 +44,7 @@ class CellSection(Table):
     group: str = Field(
         default="",
         pattern=r"^([A-Za-z0-9_][A-Za-z0-9_.-]{0,31})?$",
-        description="its members may use the control socket and read the files; none: nobody else",
+        description="its members may use the control socket and read the files; none: as the unit says",
     )
     simulation: bool = Field(default=False, description="tells the robot so (STATE bit 15)")
 
@@ -362,6 +366,7 @@ class CellConfig(Table):
     recording: RecordingSection = RecordingSection()
     serving: ServingSection = ServingSection()
     limits: LimitsSection = LimitsSection()
+    metrics: MetricsSection = MetricsSection()
 
 
 class CellText(NamedTuple):

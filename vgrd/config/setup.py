@@ -3,7 +3,7 @@
 import json
 import math
 import sys
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -47,6 +47,7 @@ STATE_PARTS = ("sessions", "calibrations")
 # The processes share the cores among themselves; libraries that start a thread per core fight over them.
 ONE_THREAD = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
 DEVICE_HANG_S = 5.0  # longer than a picture may take (2 s), or a slow camera would be killed
+METRICS_HANG_S = 5.0  # its loop turns each 0.1 s
 CELL_HANG_S = 5.0  # its loop tells every 20 ms: only one that is stuck is silent so long
 
 
@@ -188,5 +189,21 @@ def process_table(resolved: Resolved, path: Path) -> dict[str, object]:
                 "env": ONE_THREAD,
                 "hang_s": CELL_HANG_S,
             },
+            *_telling(config),
         ],
+    }
+
+
+def _telling(config: "CellConfig") -> Iterator[object]:
+    """The process that tells Prometheus, where a port is named for it."""
+    metrics = config.metrics
+    if metrics.port is None:
+        return
+    told = [config.cell.runtime_dir, metrics.host, str(metrics.port)]
+    yield {
+        "name": "metrics",
+        "kind": "metrics",
+        "argv": [sys.executable, "-m", "vgrd.metrics", *told],
+        "env": ONE_THREAD,
+        "hang_s": METRICS_HANG_S,
     }
