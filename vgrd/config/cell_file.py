@@ -14,14 +14,11 @@ from pydantic import Field, ValidationError, model_validator
 
 from vgrd.config.cell_values import Matrix, Network, Settings, no_wrist
 from vgrd.config.limits_section import LimitsSection
+from vgrd.config.metrics_section import MetricsSection
 from vgrd.config.quantities import Finite, Name, Positive, Vector
 from vgrd.documents.tables import FaultAt, Table, located_faults
 from vgrd.documents.toml import hint, read_with_places
 from vgrd.documents.toml_lines import KeyPlaces, Location
-from vgrd.config.metrics_section import MetricsSection
-from vgrd.config.quantities import Positive, Vector
-from vgrd.documents.tables import Table, faults_of
-from vgrd.documents.toml import hint, read_toml
 from vgrd.errors import ConfigError
 from vgrd.geometry.camera import implausible_matrix
 from vgrd.geometry.coincidence import are_in_line

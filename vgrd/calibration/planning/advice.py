@@ -31,7 +31,6 @@ from vgrd.calibration.turntable import without_useless_spins
 from vgrd.errors import CalibrationError, DidNotConverge, VgrdError
 from vgrd.geometry import Array
 from vgrd.geometry.rotation_formats import usual_rotvec
-from vgrd.judging.findings import finding
 from vgrd.judging.findings import MISSING, finding
 from vgrd.judging.thresholds import WRONG_SIGMA
 from vgrd.model import Finding, Policy, Recording

@@ -45,7 +45,6 @@ from vgrd.geometry import Array, exp_rotation
 from vgrd.geometry.pose_formats import mm_and_degrees
 from vgrd.geometry.rotation_formats import rotvec_near
 from vgrd.registers.limits import LIMIT_STATUS
-from vgrd.solving.advisor import policy_called
 from vgrd.solving.advisor import FULL_S, WAIT_S, policy_called
 from vgrd.solving.goodness import levels_in_words
 from vgrd.solving.servable import places_without_cad
