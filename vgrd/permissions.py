@@ -72,10 +72,8 @@ def own_folder(path: Path, group: str | int | None, parts: Collection[str]) -> l
     daemon's own; OSError where it cannot be made.
     """
     make_folder(path)
-    gid = _number_of(group) if group else None
-    check_ours(path, gid, parts)
     gid = (_number_of(group) if group else None) if isinstance(group, str) else group
-    _check_ours(path, gid, parts)
+    check_ours(path, gid, parts)
     try:
         _close(path, gid)
     except OSError as err:
@@ -85,7 +83,6 @@ def own_folder(path: Path, group: str | int | None, parts: Collection[str]) -> l
     return [entry for part in parts for entry in _close_below(path / part, gid)]
 
 
-def check_ours(path: Path, gid: int | None, parts: Collection[str]) -> None:
 def group_let_in(path: Path) -> int | None:
     """Number of the group that a folder lets in, None where none or others too; raises OSError.
 
@@ -97,7 +94,7 @@ def group_let_in(path: Path) -> int | None:
     return status.st_gid
 
 
-def _check_ours(path: Path, gid: int | None, parts: Collection[str]) -> None:
+def check_ours(path: Path, gid: int | None, parts: Collection[str]) -> None:
     """Nobody's home, /tmp or /var/lib may change its mode because a cell file names it."""
     status = path.stat()
     wanted = _mode(status.st_mode, shared=gid is not None)
