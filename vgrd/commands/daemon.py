@@ -21,8 +21,6 @@ if TYPE_CHECKING:  # pydantic is slow to load, and most commands do without
 
 _SOCKET_FOLDER_BYTES = 90  # of the 108 of sun_path (unix(7)); "/control.sock" and NUL need 14
 # What earlier versions left open to all, and what tells that a folder is the daemon's.
-_RUNTIME_PARTS = ("health", "processes.json", "gate.lock")
-_STATE_PARTS = ("sessions", "calibrations")
 _OF_UNIT = {"runtime_dir": "RUNTIME_DIRECTORY", "state_dir": "STATE_DIRECTORY"}
 
 
@@ -42,8 +40,7 @@ def run(config: Annotated[Path, typer.Argument(help="The cell file.")]) -> None:
 
     loaded = load_config(config)
     runtime = _runtime_folder(loaded.cell)
-    _own_folder("state_dir", loaded.cell.state_dir, loaded.cell.group, STATE_PARTS)
-    _own_folder("state_dir", loaded.cell, _STATE_PARTS)
+    _own_folder("state_dir", loaded.cell, STATE_PARTS)
     lock(runtime)  # released by exec, and taken again by the gate
     resolved = Resolved(loaded, str(config.resolve()), time.time())
     path = save_resolved(resolved, runtime)
@@ -62,8 +59,7 @@ def _runtime_folder(cell: "CellSection") -> Path:
             f"runtime folder {path}: too long for a Unix socket in it (more than "
             f"{SOCKET_FOLDER_BYTES} bytes); set [cell] runtime_dir to a shorter path"
         )
-    return _own_folder("runtime_dir", path, cell.group, RUNTIME_PARTS)
-    return _own_folder("runtime_dir", cell, _RUNTIME_PARTS)
+    return _own_folder("runtime_dir", cell, RUNTIME_PARTS)
 
 
 def _own_folder(key: str, cell: "CellSection", parts: tuple[str, ...]) -> Path:
