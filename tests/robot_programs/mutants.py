@@ -41,7 +41,7 @@ def _others(code: str) -> Iterator[str]:
     yield "if True:"
     parts = code.removeprefix("if ").removesuffix(":").split(" or ")
     if len(parts) > 1:
-        for left_out in set(parts) - {_FOR_CB3}:
+        for left_out in (part for part in parts if part != _FOR_CB3):
             yield f"if {' or '.join(part for part in parts if part != left_out)}:"
 
 

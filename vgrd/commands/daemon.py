@@ -19,8 +19,6 @@ if TYPE_CHECKING:  # pydantic is slow to load, and most commands do without
     from vgrd.config.cell_file import CellSection
     from vgrd.geometry import Array, Pose
 
-_SOCKET_FOLDER_BYTES = 90  # of the 108 of sun_path (unix(7)); "/control.sock" and NUL need 14
-# What earlier versions left open to all, and what tells that a folder is the daemon's.
 _OF_UNIT = {"runtime_dir": "RUNTIME_DIRECTORY", "state_dir": "STATE_DIRECTORY"}
 
 

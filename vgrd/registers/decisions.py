@@ -275,8 +275,7 @@ LIMITS: Final = (
 )
 
 # Which STATUS passes by itself, and why it does or does not; what people do is told elsewhere. A
-# status that is not here stops a program: a later version may use it. Keys are numbers, as programs
-# hold them; 305, 601, 603 and 604 are told by a daemon that knows limits of its cell.
+# status that is not here stops a program: a later version may use it.
 STATUS_REACTIONS: Final[Mapping[int, tuple[Reaction, str]]] = {
     Status.IDLE: (_AGAIN, "the answer was dropped, or the daemon started anew"),
     Status.BUSY: (_AGAIN, "an answer that takes longer than ANSWER_S may come next time"),
@@ -294,7 +293,7 @@ STATUS_REACTIONS: Final[Mapping[int, tuple[Reaction, str]]] = {
     Status.OBJECT_MOVED: (_AGAIN, "the next answer is for where it is now"),
     Status.TAG_A_NOT_FOUND: (_STOP, "the wrist hides its tag until it is turned"),
     Status.TAG_B_NOT_FOUND: (_AGAIN, "a hand or a chip goes away"),
-    305: (_STOP, "the part stays where it is"),
+    Status.OUTSIDE_CALIBRATED_VOLUME: (_STOP, "the part stays where it is"),
     Status.ROBOT_OFFLINE: (_AGAIN, "a connection comes back within seconds"),
     Status.ROBOT_MOVING: (_AGAIN, "the arm comes to rest"),
     Status.TCP_OFFSET_CHANGED: (_STOP, "a person has to say which TCP is right"),
@@ -303,10 +302,10 @@ STATUS_REACTIONS: Final[Mapping[int, tuple[Reaction, str]]] = {
     Status.CALIBRATION_DRIFT: (_STOP, "a person has to look what moved"),
     Status.UNCERTAINTY_TOO_HIGH: (_STOP, "asking again does not make it more certain"),
     Status.CALIBRATION_MISMATCH: (_STOP, "a person has to choose a calibration"),
-    601: (_STOP, "the part stays where it is"),
+    Status.OUT_OF_WORKSPACE: (_STOP, "the part stays where it is"),
     Status.ENCODING_OVERFLOW: (_STOP, "the number stays too large for this block"),
-    603: (_STOP, "the part stays how it lies"),
-    604: (_STOP, "the part stays how it lies"),
+    Status.POINT_NOT_VISIBLE: (_STOP, "the part stays how it lies"),
+    Status.UNREACHABLE: (_STOP, "the part stays how it lies"),
     Status.INTERNAL_ERROR: (_AGAIN, "the process is started again within seconds"),
     Status.STARTING: (_AGAIN, "it passes within seconds"),
     Status.SHUTTING_DOWN: (_STOP, "somebody stops the daemon"),
