@@ -33,6 +33,7 @@
       ControlError           the daemon refused a command
         DaemonUnreachable    no daemon answers on the control socket
         DaemonSilent         a daemon runs, and does not answer yet: ask again
+        StaleVersion         the command was given by what is not so any more: look again
 
 Retrying is decided by type. Messages name what, where and the remedy.
 """
@@ -233,6 +234,15 @@ class DaemonUnreachable(ControlError):
 
 class DaemonSilent(ControlError):
     """A daemon runs and does not answer, since it starts or its cell process does: ask again."""
+
+    exit_code = os.EX_TEMPFAIL
+
+    def __init__(self, message: str) -> None:
+        super().__init__(message, error=type(self).__name__)
+
+
+class StaleVersion(ControlError):
+    """A command was given by what is not so any more, since somebody else did something: look again."""
 
     exit_code = os.EX_TEMPFAIL
 

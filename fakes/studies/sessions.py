@@ -8,11 +8,17 @@ import numpy as np
 
 from fakes.world.arm_errors import ArmErrors
 from fakes.world.simulation import Simulation
+from vgrd.judging.operator_time import MINUTES
 from vgrd.model import ArmModel, Plan, Recording
 
 TILT_RAD = np.radians(25)  # within the 30 degrees that an operator reaches
-STEP_MINUTES: Mapping[str, float] = MappingProxyType(  # the paper's table 4: minutes by samples
-    {"TCP": 8 / 10, "hand-eye": 2 / 8, "turntable": 1.5 / 10, "touches": 5 / 6}
+STEP_MINUTES: Mapping[str, float] = MappingProxyType(  # rows of the paper's table 4
+    {
+        "TCP": MINUTES["point"],
+        "hand-eye": MINUTES["look"],
+        "turntable": MINUTES["spin"],
+        "touches": MINUTES["touch"],
+    }
 )
 
 

@@ -7,7 +7,7 @@ import numpy as np
 
 from vgrd.calibration.calibration import Calibration, expected_coordinate
 from vgrd.errors import Contradiction, InputError, NotObservable, TagNotSeen
-from vgrd.geometry import Array
+from vgrd.geometry import Array, log_rotation
 from vgrd.geometry.chi2 import chi2_quantile
 from vgrd.judging.findings import finding
 from vgrd.model import (
@@ -21,6 +21,7 @@ from vgrd.model import (
     place_in,
 )
 
+TURNED_RAD = np.radians(60)  # of the object: as far as operators are asked to turn it
 _MARGIN = 1.5  # on what 95 % of the misses stay within: a good one fails 1 in 300 (one direction) to 1,900
 _EXACT_MM = 1e-6  # nothing is known better than that: keeps an exact direction invertible
 _95 = 0.95  # all radii are told at this confidence (u95)
@@ -76,6 +77,26 @@ def verify(
             findings.append(finding("verification_failed", words, fatal=True))
     findings += _tool(misses)
     return findings, {"verification_max_mm": max(miss.mm for miss in misses)} if misses else {}
+
+
+def turned_apart(taught: Sequence[Touch], verifications: Sequence[Touch]) -> list[int]:
+    """Which verifications (indices) were made with the object turned from all touches and each other.
+
+    Hand-eye and axis errors cancel in a touch at the taught turn. Turns are compared by tag B as a camera
+    that stands still sees it; a touch without it does not count.
+    """
+    seen = [touch.observation.tag_b for touch in taught if touch.observation is not None]
+    turns = [tag.camera_from_tag.rotation for tag in seen if tag is not None]
+    counted = []
+    for i, touch in enumerate(verifications):
+        tag = None if touch.observation is None else touch.observation.tag_b
+        if tag is None:
+            continue
+        R = tag.camera_from_tag.rotation
+        if all(np.linalg.norm(log_rotation(R @ turn.T)) >= TURNED_RAD for turn in turns):
+            counted.append(i)
+            turns.append(R)
+    return counted
 
 
 def _judged(

@@ -148,10 +148,11 @@ class GateFeed:
     def __init__(self, runtime_dir: Path, clock: Clock) -> None:
         self.feed = RingFeed(runtime_dir / GATE_RING, GATE_KIND, clock)
         self.last: GateReport | None = None
+        self.stamp_s = 0.0
 
     def poll(self) -> GateReport | None:
-        """The newest report so far, None before the first."""
+        """The newest report so far, None before the first; `stamp_s` tells when it was written."""
         message = self.feed.newest()
         if message is not None:
-            self.last = GateReport.unpack(message.payload)
+            self.last, self.stamp_s = GateReport.unpack(message.payload), message.stamp_s
         return self.last

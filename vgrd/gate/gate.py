@@ -43,6 +43,23 @@ _ABUSE: Final = (*_KINDS, *(f"line_{kind}" for kind in _KINDS))
 log = structlog.get_logger()
 
 
+class LastUse:
+    """When the robot asked and read last, by what the register bank has counted since the last look."""
+
+    def __init__(self) -> None:
+        self._counted = (0, 0)
+        self._times: list[float | None] = [None, None]
+
+    def times(self, requests: int, reads: int, now_s: float) -> tuple[float | None, float | None]:
+        """Of the last request and the last read, None for none so far; a new bank counts from 0."""
+        counted = (requests, reads)
+        for i, (now, before) in enumerate(zip(counted, self._counted, strict=True)):
+            if now not in (before, 0):
+                self._times[i] = now_s
+        self._counted = counted
+        return self._times[0], self._times[1]
+
+
 def lock(runtime_dir: Path) -> int:
     """Claim the runtime folder until the returned descriptor is closed. Raises AlreadyRunning."""
     fd = os.open(runtime_dir / LOCK_FILE, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o600)
@@ -82,6 +99,7 @@ class Gate:
         self._ring = RingWriter.create(runtime_dir / GATE_RING, GATE_SLOTS, GATE_BYTES, GATE_KIND)
         self._port, self._line_port = settings.port, settings.line_port
         self._status_words = ""
+        self._use = LastUse()
         self._abuse: Counter[str] = Counter()
 
     async def run(self) -> None:
@@ -211,7 +229,7 @@ class Gate:
 
     def _report(self) -> None:
         counters = {**self._counters(), **self._bank.counters}
-        rows = self._supervisor.reports()
+        rows, now_s = self._supervisor.reports(), self._clock.monotonic()
         report = GateReport(
             os.getpid(),
             self._settings.host,
@@ -221,8 +239,10 @@ class Gate:
             self._wanted.asked_unix_s,
             self._wanted.refused,
             self._line_port,
+            self._bank.response.hex(),
+            *self._use.times(self._bank.counters["triggers"], self._bank.reads, now_s),
         )
-        self._ring.publish(report.pack(), stamp_s=self._clock.monotonic())
+        self._ring.publish(report.pack(), stamp_s=now_s)
         words = ", ".join(f"{row.name} {row.health}" for row in rows)
         if words != self._status_words:
             self._status_words = words

@@ -65,6 +65,7 @@ class RegisterBank:
         scale: Scale16 = Scale16.MRAD,
     ) -> None:
         self.counters: Counter[str] = Counter()
+        self.reads = 0  # of registers, by whoever asks; a plain number, as reads are many
         self._feed, self._clock = feed, clock
         self._deadline_s, self._timeout_s = deadline_s, timeout_s
         self._forward, self._abort = forward, abort
@@ -90,6 +91,7 @@ class RegisterBank:
     def read_registers(self, address: int, count: int) -> bytes | None:
         """Read registers of one block, None outside."""
         self.refresh()
+        self.reads += 1
         for start, end in _BLOCKS:
             if start <= address and address + count <= end:
                 return self._space[2 * address : 2 * (address + count)]
@@ -175,6 +177,12 @@ class RegisterBank:
         if nonce != self._nonce:
             return Answer(Status.SUPERSEDED)
         return Answer() if answer.status.is_ok else answer
+
+    @property
+    def response(self) -> bytes:
+        """The response block as it is read now."""
+        self.refresh()
+        return self._view.response
 
     @property
     def beat(self) -> int:

@@ -79,6 +79,8 @@ class GateReport:
 
     counters: those of the line server begin with `line_`. line_port: None where there is none.
     asked_unix_s: names the last table that was to be taken over. refused: why it was not, else "".
+    registers: what a robot read at that moment, the response block in hexadecimal digits. request_s, read_s:
+    when a robot asked and read last (monotonic), None where it has not.
     """
 
     pid: int
@@ -89,6 +91,9 @@ class GateReport:
     asked_unix_s: float = 0.0
     refused: str = ""
     line_port: int | None = None
+    registers: str = ""
+    request_s: float | None = None
+    read_s: float | None = None
 
     def pack(self) -> bytes:
         """JSON for the gate's ring."""

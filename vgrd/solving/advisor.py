@@ -169,7 +169,9 @@ def advise_folder(
 def _numbered(advice: dict[str, Any], numbers: SampleNumbers) -> dict[str, Any]:
     """With the numbers by which samples are undone."""
     findings = [{**one, "message": numbers.told(one["message"])} for one in advice["findings"]]
-    return {**advice, "findings": findings, "trouble": numbers.told(advice["trouble"])}
+    touches = [{**one, "name": numbers.told(one["name"])} for one in advice["touches"]]
+    trouble = numbers.told(advice["trouble"])
+    return {**advice, "findings": findings, "trouble": trouble, "touches": touches}
 
 
 def policy_called(name: str) -> Policy:

@@ -35,6 +35,7 @@ from vgrd.calibration.joint.problem import (
     points_of,
     target_of,
 )
+from vgrd.calibration.joint.robust import TouchMiss, touch_misses
 from vgrd.calibration.joint.rows import (
     arm_jacobian,
     displacement_jacobian,
@@ -61,6 +62,7 @@ __all__ = [
     "PriorSigmas",
     "StepLayout",
     "Tags",
+    "TouchMiss",
     "Turntable",
     "adjoints",
     "arm_jacobian",
@@ -80,6 +82,7 @@ __all__ = [
     "start_near_tag_plane",
     "target_of",
     "taught_place",
+    "touch_misses",
     "turn_of",
     "variance_inflation",
     "whiten_arm",

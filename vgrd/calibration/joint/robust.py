@@ -36,6 +36,19 @@ class KindFit:
     degrees_of_freedom: int
 
 
+@dataclass(frozen=True, slots=True)
+class TouchMiss:
+    """One touch, mm: off_mm from what it touched by the fit, left_out_mm from where the others put it.
+
+    Both are along what it measured, None for one that was left out; reason: why it was, else "".
+    """
+
+    name: str
+    off_mm: float | None
+    left_out_mm: float | None
+    reason: str
+
+
 def screen(data: JointData, optimum: JointFit) -> JointFit:
     """The fit without what the other samples contradict, with a verdict on every sample.
 
@@ -53,6 +66,22 @@ def touches_left_out(optimum: JointFit) -> Array:
     W_inv = np.linalg.pinv(optimum.data.touches.base_sqrt_informations())
     misses = np.einsum("nij,njk,nk->ni", W_inv, off, residuals)
     return np.asarray(np.linalg.norm(misses, axis=1))
+
+
+def touch_misses(optimum: JointFit) -> tuple[TouchMiss, ...]:
+    """Every touch of the object, those that were left out too."""
+    rows = optimum.data.rows_of(EvidenceKind.TOUCHES)
+    whitened = optimum.whitened[rows].reshape(-1, SAMPLED[EvidenceKind.TOUCHES])
+    W_inv = np.linalg.pinv(optimum.data.touches.base_sqrt_informations())
+    off_mm = np.linalg.norm(np.einsum("nij,nj->ni", W_inv, whitened), axis=1)
+    names = optimum.data.names[EvidenceKind.TOUCHES]
+    off = dict(zip(names, off_mm.tolist(), strict=True))
+    left_out = dict(zip(names, touches_left_out(optimum).tolist(), strict=True))
+    return tuple(
+        TouchMiss(sample.name, off.get(sample.name), left_out.get(sample.name), sample.reason)
+        for sample in optimum.samples
+        if sample.kind == EvidenceKind.TOUCHES.value
+    )
 
 
 def leave_one_out(optimum: JointFit) -> dict[EvidenceKind, KindFit]:

@@ -11,17 +11,26 @@ from vgrd.calibration.first_samples import first_sample
 from vgrd.calibration.insertion import Insertion
 from vgrd.calibration.joint import (
     JointFit,
+    TouchMiss,
     as_seen_in_the_end,
     calibrate_joint,
     camera_moves,
     contradicted_targets,
+    touch_misses,
 )
 from vgrd.calibration.planning.insertions import (
     CLEAN_WANTED,
     further_touches,
     predicted_insertions,
 )
-from vgrd.calibration.planning.next_sample import Advice, next_best, without_pose
+from vgrd.calibration.planning.next_sample import (
+    Advice,
+    Candidate,
+    Looking,
+    Touching,
+    next_best,
+    without_pose,
+)
 from vgrd.calibration.planning.pose_trust import reason_against
 from vgrd.calibration.planning.predicted_error import Job, PredictedError, Undetermined
 from vgrd.calibration.planning.reach import Reach, camera_sees_tag_a, usual_wrist
@@ -55,7 +64,7 @@ class SessionAdvice:
     target with a clearance; further_touches: so many more make 95 % go in without contact, None: more than
     anybody would touch. with_cad_mm: the error by target without CAD, touched, if CAD knew all targets.
     untouched: names of those without CAD and without a touch, of which nothing is known. first: the sample that
-    the plan asks for next, told where there is no best one yet.
+    the plan asks for next, told where there is no best one yet. touches: how each fits the others.
     """
 
     policy: Policy
@@ -70,6 +79,7 @@ class SessionAdvice:
     with_cad_mm: Mapping[str, float] = field(default_factory=dict)
     untouched: tuple[str, ...] = ()
     first: str = ""
+    touches: tuple[TouchMiss, ...] = ()
 
     def to_json(self) -> dict[str, object]:
         """Everything in words and numbers: poses as flange x, y, z in mm and a rotation vector."""
@@ -89,6 +99,15 @@ class SessionAdvice:
                 for name, with_cad_mm in self.with_cad_mm.items()
             },
             "next": self._next(),
+            "touches": [
+                {
+                    "name": touch.name,
+                    "off_mm": touch.off_mm,
+                    "left_out_mm": touch.left_out_mm,
+                    "reason": touch.reason,
+                }
+                for touch in self.touches
+            ],
         }
 
     def _includes(self) -> str:
@@ -107,11 +126,14 @@ class SessionAdvice:
         if self.untouched and self.best is not None:
             return in_words_alone(
                 f"touch {self.untouched[0]} with the wrist as usual: it has no point_mm, and without a touch it "
-                "cannot be served"
+                "cannot be served",
+                "touch",
+                self.untouched[0],
             )
         if self.best is not None:
             return _next(self.best, self.no_pose)
-        return in_words_alone(self.first) if self.first else None
+        kind = self.first.partition(" ")[0]
+        return in_words_alone(self.first, kind) if self.first else None
 
 
 def advise_session(
@@ -234,6 +256,7 @@ def _advice(
         further,
         {name: with_cad[name] for name in bare},
         untouched,
+        touches=touch_misses(result),
     )
 
 
@@ -273,9 +296,11 @@ def _without_cad(now_mm: float, with_cad_mm: float) -> dict[str, object]:
     }
 
 
-def in_words_alone(words: str) -> dict[str, object]:
+def in_words_alone(words: str, kind: str, target: str | None = None) -> dict[str, object]:
     """A next sample of which no pose and no error can be told."""
     return {
+        "kind": kind,
+        "target": target,
         "words": words,
         "no_pose": "nothing tells where it is",
         "flange_mm": None,
@@ -287,7 +312,10 @@ def in_words_alone(words: str) -> dict[str, object]:
 
 def _next(best: Advice, no_pose: str) -> dict[str, object]:
     pose = best.base_from_wrist
+    kind, target = _kind_and_target(best.candidate)
     return {
+        "kind": kind,
+        "target": target,
         "words": best.sentence,
         "no_pose": no_pose,
         "flange_mm": None if pose is None else [float(x) for x in pose.translation],
@@ -297,3 +325,9 @@ def _next(best: Advice, no_pose: str) -> dict[str, object]:
         "u95_before_mm": best.before_mm,
         "u95_after_mm": best.after_mm,
     }
+
+
+def _kind_and_target(candidate: Candidate) -> tuple[str, str | None]:
+    if isinstance(candidate, Touching):
+        return "touch", candidate.target
+    return ("look" if isinstance(candidate, Looking) else "spin"), None

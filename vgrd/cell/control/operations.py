@@ -25,9 +25,12 @@ from vgrd.cell.control.lines import (
     whole_argument,
 )
 from vgrd.cell.control.server import Operation
+from vgrd.cell.control.versions import Versions
+from vgrd.cell.control.views import Views
 from vgrd.cell.feeds import GateFeed
 from vgrd.cell.measuring import Measuring
 from vgrd.cell.recording.teaching import PICTURE_TIMEOUT_S, Teaching
+from vgrd.cell.recording.wizard import Wizard
 from vgrd.cell.serving.activation import Activation
 from vgrd.cell.serving.latches import LatchBook
 from vgrd.cell.serving.limits import excess_of, summary, words_of
@@ -48,6 +51,7 @@ from vgrd.registers.limits import LIMIT_STATUS
 from vgrd.solving.advisor import FULL_S, WAIT_S, policy_called
 from vgrd.solving.goodness import levels_in_words
 from vgrd.solving.servable import places_without_cad
+from vgrd.solving.shelf import former_calibration
 from vgrd.store.sessions import SampleKind, list_sessions, session_directory
 
 # What the numbers of `ec` are: people type them into a move of the TCP that is active on the pendant.
@@ -79,45 +83,51 @@ class Operations:
         self.clock = clock
         self.resolved = resolved
         self.gate = GateFeed(runtime_dir, clock)
+        self.versions = Versions(teaching, serving)
+        self.wizard = Wizard(teaching, activation, serving, clock)
+        self.views = Views(measuring, serving, teaching, activation, self.gate, clock)
         self.disk: Callable[[], Mapping[str, Any]] = dict
         self.pedal: Callable[[], Mapping[str, Any]] = dict
 
     def table(self) -> Mapping[str, Operation]:
-        """Operations by name."""
-        teaching = self.teaching
+        """Operations by name; those that are guarded change something, and may name a version."""
+        teaching, guarded = self.teaching, self.versions.guarded
 
         return {
             "status": Operation(self._status),
-            "record.start": Operation(
+            "record.start": guarded(
                 lambda a: teaching.start(
                     text_argument(a, "plan", "joint"),
                     optional_text(a, "session"),
                     harvest=flag_argument(a, "harvest", default=True),
                 ),
-                ("plan", "session", "harvest"),
+                *("plan", "session", "harvest"),
             ),
-            "record.stop": Operation(lambda _: teaching.stop()),
-            "look": Operation(lambda _: teaching.look()),
-            "spin": Operation(lambda _: teaching.spin()),
-            "touch": Operation(
-                lambda a: teaching.touch(text_argument(a, "target"), SampleKind.TOUCH), ("target",)
+            "record.stop": guarded(lambda _: teaching.stop()),
+            "look": guarded(lambda _: teaching.look()),
+            "spin": guarded(lambda _: teaching.spin()),
+            "touch": guarded(
+                lambda a: teaching.touch(text_argument(a, "target"), SampleKind.TOUCH), "target"
             ),
-            "verify": Operation(self._verify, ("target",)),
-            "point": Operation(lambda a: teaching.point(text_argument(a, "name")), ("name",)),
-            "undo": Operation(
+            "verify": guarded(self._verify, "target"),
+            "point": guarded(lambda a: teaching.point(text_argument(a, "name")), "name"),
+            "undo": guarded(
                 lambda a: teaching.undo(optional_text(a, "kind"), optional_whole(a, "sample")),
-                ("kind", "sample"),
+                *("kind", "sample"),
             ),
-            "retag": Operation(
+            "retag": guarded(
                 lambda a: teaching.retag(whole_argument(a, "sample"), text_argument(a, "target")),
-                ("sample", "target"),
+                *("sample", "target"),
             ),
             "record.samples": Operation(self._samples),
             "advise": Operation(self._advise, ("policy", "tilt_deg", "yaw_deg", "wait_s")),
             "solve": Operation(self._solve, ("session",)),
-            "activate": Operation(self._activate, ("calibration", "by")),
+            "activate": guarded(self._activate, "calibration", "by"),
+            "rollback": guarded(self._roll_back, "by"),
             "ec": Operation(self._ec, ("target", "policy", "work_rotvec_deg")),
-            "confirm": Operation(self._confirm, ("accept", "by")),
+            "confirm": guarded(self._confirm, "accept", "by"),
+            "teaching": Operation(self._teaching),
+            **self.views.table(),
         }
 
     async def _status(self, _: Arguments) -> Mapping[str, Any]:
@@ -226,6 +236,15 @@ class Operations:
     async def _activate(self, arguments: Arguments) -> Mapping[str, Any]:
         name = text_argument(arguments, "calibration")
         return await self.activation.activate(name, text_argument(arguments, "by", ""))
+
+    async def _roll_back(self, arguments: Arguments) -> Mapping[str, Any]:
+        former = await asyncio.to_thread(former_calibration, self.activation.store)
+        replaced = self.serving.calibration
+        told = await self.activation.activate(former, text_argument(arguments, "by", ""))
+        return {**told, "former": None if replaced is None else replaced.id}
+
+    async def _teaching(self, _: Arguments) -> Mapping[str, Any]:
+        return {"version": self.versions.now, **await self.wizard.state()}
 
     async def _ec(self, arguments: Arguments) -> Mapping[str, Any]:
         target = text_argument(arguments, "target")

@@ -262,7 +262,8 @@ class Teaching:
         if "pending" not in advice or self.recorder.writer is None:
             return advice
         words = first_sample(recording_of(self.recorder.writer))
-        return {**advice, "next": {"words": words}} if words else advice
+        kind = words.partition(" ")[0]
+        return {**advice, "next": {"kind": kind, "words": words}} if words else advice
 
     async def _observe(self) -> Observation:
         """Pose and picture of one rest; NotSteady when robot or object still move."""

@@ -17,6 +17,7 @@ from vgrd.cell.serving.answering import (
 )
 from vgrd.cell.serving.camera_memory import CameraMemory
 from vgrd.cell.serving.faults import DRIFT_PICTURES, Fault, Faults
+from vgrd.cell.serving.history import AnswerHistory
 from vgrd.cell.serving.limits import carried_flange, excess_of, way_in_base
 from vgrd.cell.serving.standing_answer import Basis, StandingAnswer
 from vgrd.cell.serving.vouching import Vouch, agree, points_in_tag
@@ -58,6 +59,7 @@ class Serving:
         self.cameras = CameraMemory(stability)
         self.faults = Faults(measuring, self.cameras, clock)
         self.standing = StandingAnswer(measuring, limits, clock)
+        self.history = AnswerHistory(clock)
         self._tasks: asyncio.TaskGroup | None = None
         self._work: asyncio.Task[None] | None = None
         measuring.on_watch.append(self._watch)
@@ -167,6 +169,7 @@ class Serving:
             self._settle(reply(request, Status.IDLE), None)
             return
         answer, basis = reply(request, Status.INTERNAL_ERROR), None
+        asked_s = self.clock.monotonic()
         try:
             answer, basis = await self._answer(request)
         except asyncio.CancelledError:
@@ -178,6 +181,7 @@ class Serving:
             self._settle(answer, None)  # a fault of ours: answered, then the process starts anew
             raise
         self._settle(answer, basis)
+        self.history.note(answer, "" if basis is None else basis.target, asked_s)
 
     async def _answer(self, request: Request) -> tuple[Answer, Basis | None]:
         """Answer with the calibration that is active when the request comes, and still at its end."""

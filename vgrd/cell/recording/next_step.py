@@ -1,0 +1,145 @@
+"""The one next step of a teaching, for whoever shows it: page, terminal, script. Pure."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any, Final
+
+from vgrd.judging.findings import MISSING
+
+VERIFICATIONS: Final = 2  # of two turns of the object: one alone may hide an axis that leans
+SPINS: Final = 4  # as `first_samples.WANTED`: fewer tell the axis badly
+
+
+@dataclass(frozen=True, slots=True)
+class Step:
+    """kind: start, spin, look, point, touch, mend, wait, verify, solve, activate or done.
+
+    words: a whole sentence. target: of a touch. next: as `advice` tells it, with pose and errors, or empty.
+    done, of: how many of this kind there are, and are wanted; 0 where nobody counts.
+    """
+
+    kind: str
+    words: str
+    target: str | None = None
+    next: Mapping[str, Any] = field(default_factory=dict)
+    done: int = 0
+    of: int = 0
+
+    def to_json(self) -> dict[str, Any]:
+        """For a reply; poses are the flange in the robot's base."""
+        return {
+            "kind": self.kind,
+            "words": self.words,
+            "target": self.target,
+            "done": self.done,
+            "of": self.of,
+            "flange_mm": self.next.get("flange_mm"),
+            "rotvec_deg": self.next.get("rotvec_deg"),
+            "no_pose": self.next.get("no_pose", ""),
+            "u95_before_mm": self.next.get("u95_before_mm"),
+            "u95_after_mm": self.next.get("u95_after_mm"),
+        }
+
+
+@dataclass(frozen=True, slots=True)
+class Taken:
+    """An open session: what it has by kind, lacks by kind, its touches by target, and what is odd about it.
+
+    targets: names in the order of the cell file. advice: as `advise_session` gives it, or that it is pending.
+    verified: how many verifications count.
+    """
+
+    have: Mapping[str, int]
+    missing: Mapping[str, int]
+    touched: Mapping[str, int]
+    targets: Sequence[str]
+    harvests: bool
+    advice: Mapping[str, Any]
+    questions: Mapping[int, str]
+    verified: int
+    tolerance_mm: float
+
+
+def step_in_session(taken: Taken) -> Step:
+    """What comes next while a session is open."""
+    for number, question in taken.questions.items():
+        return Step("mend", f"sample {number}: {question.partition(': ')[2] or question}")
+    if wrong := _mistake(taken.advice):
+        return Step("mend", wrong)
+    first = _first_of_plan(taken)
+    if first is not None:
+        return first
+    predicted = taken.advice.get("predicted_u95_mm") or {}
+    best = taken.advice.get("next") or {}
+    if not predicted or max(predicted.values()) > taken.tolerance_mm:
+        return _further(taken, best)
+    if taken.verified < VERIFICATIONS:
+        worst = max(predicted, key=lambda name: predicted[name])
+        return Step(
+            "verify",
+            f"turn the object by 60 degrees or more from where it was touched and verified, touch {worst} "
+            f"as it works: verification {taken.verified + 1} of {VERIFICATIONS}",
+            worst,
+            done=taken.verified,
+            of=VERIFICATIONS,
+        )
+    return Step("solve", "all is there: end the session and solve it")
+
+
+def step_without_session(
+    last: str, candidate: Mapping[str, Any] | None, active: str | None
+) -> Step:
+    """What comes next while none is open. last: name of the last one, "" for none; candidate: made of it."""
+    if candidate is not None and not candidate["active"]:
+        if candidate["verdict"] == "good":
+            return Step("activate", f"{candidate['id']} is accepted: put it in use")
+        return Step(
+            "start", f"{candidate['id']} is {candidate['verdict']}: teach again, a new session"
+        )
+    if last and candidate is None:
+        return Step("solve", f"solve session {last}")
+    if active is not None:
+        return Step("done", f"{active} is in use; a new session teaches again")
+    return Step("start", "nothing is taught yet: start a session")
+
+
+def _mistake(advice: Mapping[str, Any]) -> str:
+    """What has to be mended before any other sample, or ""."""
+    for finding in advice.get("findings", ()):
+        if finding["fatal"] and finding["code"] not in MISSING:
+            return str(finding["message"])
+    return ""
+
+
+def _first_of_plan(taken: Taken) -> Step | None:
+    """What the plan asks for before anything else; None where an estimate may choose."""
+    if not taken.harvests:  # looks and spins do not come by themselves: in the order of the plan
+        return _further(taken, taken.advice.get("next") or {}) if taken.missing else None
+    spins = taken.have.get("spin", 0)
+    if "spin" in taken.missing:
+        words = (
+            "turn the object by about 90 degrees from where it stood, arm aside, tag B in view"
+            if spins
+            else "arm aside, tag B in view"
+        )
+        return Step("spin", words, done=spins, of=spins + taken.missing["spin"])
+    untouched = [name for name in taken.targets if not taken.touched.get(name)]
+    if untouched:
+        return Step(
+            "touch",
+            f"put the tip on {untouched[0]}, as it works",
+            untouched[0],
+            done=len(taken.targets) - len(untouched),
+            of=len(taken.targets),
+        )
+    return None
+
+
+def _further(taken: Taken, best: Mapping[str, Any]) -> Step:
+    """A sample that the plan or the estimate names, or that it is still being computed."""
+    if not best:
+        return Step("wait", str(taken.advice.get("pending") or taken.advice.get("trouble") or ""))
+    kind = str(best.get("kind", "touch"))
+    have, missing = taken.have.get(kind, 0), taken.missing.get(kind, 0)
+    of = have + missing if missing else 0
+    return Step(kind, str(best["words"]), best.get("target"), best, have, of)
