@@ -8,7 +8,7 @@ import pytest
 
 from fakes.world.simulation import WORK_ROTATION, Simulation
 from vgrd.calibration.solve import calibrate_system
-from vgrd.calibration.verification import verify
+from vgrd.calibration.verification import turned_apart, verify
 from vgrd.geometry import Pose
 from vgrd.model import Plan, Tool, frozen_array
 
@@ -164,3 +164,13 @@ def test_honest_touches_pass_with_every_stability(taught):
     touches = [sim.touch("P2", WORK_ROTATION, sim.rng.uniform(-3, 3)) for sim in sims]
     for stability in (FIXED, ANYWHERE):
         assert verify(taught, touches, stability)[0] == []
+
+
+def test_a_verification_counts_only_with_the_object_turned_from_all_that_were_touched():
+    taught = [touched(angle=angle) for angle in (0.0, 0.2)]
+    degrees = np.array([10, 90, 100, 180, 190])
+    tried = [touched(angle=np.radians(angle)) for angle in degrees]
+    assert degrees[turned_apart(taught, tried)].tolist() == [90, 180]
+    unseen = replace(tried[1], observation=None)
+    assert turned_apart(taught, [unseen]) == []
+    assert turned_apart([], tried[:1]) == [0]

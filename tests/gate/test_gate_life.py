@@ -9,7 +9,7 @@ import socket
 import pytest
 
 from vgrd.clock import SystemClock
-from vgrd.gate.gate import Gate
+from vgrd.gate.gate import Gate, LastUse
 from vgrd.gate.settings import GateSettings, ProcessSpec
 from vgrd.gate.systemd import ServiceManager
 
@@ -146,3 +146,13 @@ def test_stopping_does_not_wait_for_the_next_start_of_a_process(tmp_path):
             os.kill(os.getpid(), signal.SIGTERM)
 
     asyncio.run(asyncio.wait_for(run(), PATIENCE_S))
+
+
+def test_when_a_robot_asked_and_read_last_is_told_by_what_was_counted():
+    use = LastUse()
+    assert use.times(0, 0, 1.0) == (None, None)
+    assert use.times(0, 5, 2.0) == (None, 2.0)
+    assert use.times(1, 5, 3.0) == (3.0, 2.0)
+    assert use.times(1, 5, 4.0) == (3.0, 2.0)
+    assert use.times(0, 0, 5.0) == (3.0, 2.0)  # a bank that begins anew: nobody asked
+    assert use.times(1, 1, 6.0) == (6.0, 6.0)

@@ -9,7 +9,7 @@ from vgrd.calibration.joint.estimate import calibrate_joint
 from vgrd.calibration.joint.expected import expected_by_joint
 from vgrd.calibration.joint.fit import fit_joint
 from vgrd.calibration.joint.problem import SAMPLED, EvidenceKind, HolePixel
-from vgrd.calibration.joint.robust import leave_one_out
+from vgrd.calibration.joint.robust import leave_one_out, touch_misses
 from vgrd.calibration.joint.samples import gather
 from vgrd.calibration.joint.start import guess
 from vgrd.calibration.joint.state import layout_of
@@ -192,3 +192,22 @@ def test_a_slipped_spin_is_left_out_with_the_holes_that_it_shows():
     unused = {sample.name for sample in result.samples if not sample.used}
     assert "spin 6" in unused
     assert {f"hole {h.target} in spin 6" for h in holes if h.spin == 5} <= unused
+
+
+def test_each_touch_tells_how_far_it_is_off_and_from_where_the_others_put_it():
+    _, recording = taught(3, touch_sigma_mm=0.1)
+    names = [f"touch {i + 1} ({touch.target})" for i, touch in enumerate(recording.touches)]
+    misses = by_name(recording)
+    assert sorted(misses) == names
+    assert all(miss.reason == "" for miss in misses.values())
+    assert all(0 < miss.off_mm <= miss.left_out_mm for miss in misses.values())  # leverage below 1
+    shift_mm = 0.3
+    again = by_name(off(recording, 1, (0, 0, shift_mm)))[names[1]]
+    assert again.left_out_mm == pytest.approx(shift_mm, abs=3 * 0.1)  # its own noise
+    bad = by_name(off(recording, 1, (5.0, 0, 0)))[names[1]]
+    assert (bad.off_mm, bad.left_out_mm) == (None, None)
+    assert "sigma off" in bad.reason
+
+
+def by_name(recording):
+    return {miss.name: miss for miss in touch_misses(calibrate_joint(recording))}

@@ -19,7 +19,7 @@ from tests.gate.process.gate_process import (
     served,
     until,
 )
-from vgrd.registers import State, Status
+from vgrd.registers import RESPONSE, State, Status
 
 pytestmark = pytest.mark.system
 
@@ -112,3 +112,21 @@ def test_an_unanswered_request_ends_with_timeout(gate, stopwatch):
         assert v["STATUS"] == Status.TIMEOUT
         assert took_s > 0.29
         stopwatch.judge("the timeout", took_s, 0.3 + MARGIN_S)
+
+
+def test_the_gates_report_holds_what_robots_read(gate):
+    with gate.client() as client:
+        shown = served(client, 7, 1)
+
+        def told() -> dict[str, float] | None:
+            block = bytes.fromhex(gate.report().registers)
+            values = RESPONSE.decode(block) if block else {}
+            return values if values.get("ECHO") == 7 else None
+
+        reported = until(told)
+        live = ("AGE", "HB", "STATE")
+        assert {k: v for k, v in reported.items() if k not in live} == {
+            k: v for k, v in shown.items() if k not in live
+        }
+        report = gate.report()
+        assert report.request_s <= report.read_s <= time.monotonic()

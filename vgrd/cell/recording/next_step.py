@@ -14,7 +14,8 @@ SPINS: Final = 4  # as `first_samples.WANTED`: fewer tell the axis badly
 class Step:
     """kind: start, spin, look, point, touch, mend, wait, verify, solve, activate or done.
 
-    words: a whole sentence. target: of a touch. next: as `advice` tells it, with pose and errors, or empty.
+    words: a whole sentence. target: of a touch. tilted: the wrist shall stand otherwise than it works.
+    next: as `advice` tells it, with pose and errors, or empty. sample: number of the one to mend.
     done, of: how many of this kind there are, and are wanted; 0 where nobody counts.
     """
 
@@ -24,6 +25,8 @@ class Step:
     next: Mapping[str, Any] = field(default_factory=dict)
     done: int = 0
     of: int = 0
+    tilted: bool = False
+    sample: int | None = None
 
     def to_json(self) -> dict[str, Any]:
         """For a reply; poses are the flange in the robot's base."""
@@ -31,6 +34,8 @@ class Step:
             "kind": self.kind,
             "words": self.words,
             "target": self.target,
+            "tilted": self.tilted,
+            "sample": self.sample,
             "done": self.done,
             "of": self.of,
             "flange_mm": self.next.get("flange_mm"),
@@ -63,7 +68,7 @@ class Taken:
 def step_in_session(taken: Taken) -> Step:
     """What comes next while a session is open."""
     for number, question in taken.questions.items():
-        return Step("mend", f"sample {number}: {question.partition(': ')[2] or question}")
+        return Step("mend", f"sample {number}: {question}", sample=number)
     if wrong := _mistake(taken.advice):
         return Step("mend", wrong)
     first = _first_of_plan(taken)
@@ -71,7 +76,8 @@ def step_in_session(taken: Taken) -> Step:
         return first
     predicted = taken.advice.get("predicted_u95_mm") or {}
     best = taken.advice.get("next") or {}
-    if not predicted or max(predicted.values()) > taken.tolerance_mm:
+    is_good = all(u95_mm <= taken.tolerance_mm for u95_mm in predicted.values())
+    if not (predicted and is_good):  # what is no number is not good
         return _further(taken, best)
     if taken.verified < VERIFICATIONS:
         worst = max(predicted, key=lambda name: predicted[name])
@@ -124,15 +130,20 @@ def _first_of_plan(taken: Taken) -> Step | None:
         )
         return Step("spin", words, done=spins, of=spins + taken.missing["spin"])
     untouched = [name for name in taken.targets if not taken.touched.get(name)]
-    if untouched:
-        return Step(
-            "touch",
-            f"put the tip on {untouched[0]}, as it works",
-            untouched[0],
-            done=len(taken.targets) - len(untouched),
-            of=len(taken.targets),
-        )
-    return None
+    return _first_touch(taken.targets, untouched) if untouched else None
+
+
+def _first_touch(targets: Sequence[str], untouched: Sequence[str]) -> Step:
+    """Each target once, the second half with the wrist tilted: that saves the looks, as it tells hand-eye."""
+    done, of = len(targets) - len(untouched), len(targets)
+    is_tilted = 2 * done >= of > 1
+    how = (
+        "the wrist tilted by 20 to 30 degrees, each time to another side (an arm of four axes: turned)"
+        if is_tilted
+        else "the wrist as it works"
+    )
+    words = f"put the tip on {untouched[0]}, {how}"
+    return Step("touch", words, untouched[0], done=done, of=of, tilted=is_tilted)
 
 
 def _further(taken: Taken, best: Mapping[str, Any]) -> Step:

@@ -17,8 +17,6 @@ from vgrd.model import Touch
 from vgrd.solving.shelf import active_calibration, calibration_row
 from vgrd.store.sessions import SampleKind, SessionWriter, Taught
 
-_COMMANDS = (SampleKind.TOUCH, SampleKind.VERIFY)
-
 
 class Wizard:
     """Looks at the open session whenever it is asked; nothing is changed by looking."""
@@ -145,11 +143,11 @@ class Wizard:
 
 def verified(taught: tuple[Taught, ...]) -> int:
     """How many verifications count: with the object turned from every touch and earlier verification."""
-    touches = [
-        one.value for one in taught if one.kind in _COMMANDS and isinstance(one.value, Touch)
-    ]
-    held_out = [one.value for one in taught if one.kind is SampleKind.VERIFY]
-    return len(turned_apart(touches, [one for one in held_out if isinstance(one, Touch)]))
+    touches, held_out = (
+        [one.value for one in taught if one.kind is kind and isinstance(one.value, Touch)]
+        for kind in (SampleKind.TOUCH, SampleKind.VERIFY)
+    )
+    return len(turned_apart(touches, held_out))
 
 
 def _asked(taught: tuple[Taught, ...]) -> dict[str, int]:
