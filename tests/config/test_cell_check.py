@@ -232,7 +232,25 @@ CASES = {
         "port = 1502",
         "port = 1502\nline_port = 1502  # <<",
         "serving.line_port",
-        "give the lines another one",
+        "1502 is [serving] port already: give this one another, such as 1503",
+    ),
+    "port of the registers for metrics": Mistake(
+        "[tool]",
+        "[metrics]\nport = 1502  # <<\n[tool]",
+        "metrics.port",
+        "is [serving] port already",
+    ),
+    "one port for metrics and page": Mistake(
+        "[tool]",
+        "[metrics]\nport = 9502\n[page]\nport = 9502  # <<\n[tool]",
+        "page.port",
+        "is [metrics] port already",
+    ),
+    "page for everybody": Mistake(
+        "[tool]",
+        '[page]\nhost = "0.0.0.0"  # <<\nport = 8080\n[tool]',
+        "page.host",
+        "not an address of this computer alone",
     ),
     "port that is none": Mistake(
         "port = 1502", "port = 70000  # <<", "serving.port", "less than or equal to 65535"

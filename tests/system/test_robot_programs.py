@@ -1,5 +1,7 @@
 """The Python client on the running cell: over real Modbus, with the fake cell's arm, to the true target."""
 
+import subprocess
+import sys
 import time
 
 import numpy as np
@@ -18,6 +20,7 @@ PATIENCE_S = (
 )
 FAR = 1e4  # mm or degrees: the cell's table turns everywhere, nothing was taught to this program
 POINT = "P1"
+TRIES = 5  # on a busy machine an answer may end under way
 
 
 class WorldArm:
@@ -87,3 +90,24 @@ def test_the_client_takes_the_tip_to_the_target_and_back(live, program):
     program.leave()
     run(program, CLIENT.State.DONE)
     assert np.linalg.norm(world.miss(POINT, time.monotonic())) > 40.0
+
+
+def test_the_dry_run_of_a_newcomer_reads_a_valid_coordinate_and_goes_there(live, program):
+    """By the README: no argument but the port of the cell."""
+    del program  # it has brought the arm out of the view
+    words = [sys.executable, "-S", "-E", str(FILE.with_name("dry_run.py"))]
+    for _ in range(TRIES):
+        ran = subprocess.run(
+            [*words, "--port", str(live.cell.port)],
+            capture_output=True,
+            text=True,
+            timeout=PATIENCE_S,
+            check=False,
+        )
+        if ran.returncode == 0:
+            break
+    assert ran.returncode == 0, ran.stdout + ran.stderr
+    served = live.daemon.control.call("ec", target=POINT)["position_mm"]
+    found = next(line for line in ran.stdout.splitlines() if line.startswith("the point is at "))
+    assert [float(word) for word in found.split()[4:7]] == pytest.approx(served, abs=0.2)
+    assert ran.stdout.splitlines()[-1] == "done"

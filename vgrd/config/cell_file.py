@@ -15,6 +15,7 @@ from pydantic import Field, ValidationError, model_validator
 from vgrd.config.cell_values import Matrix, Network, Settings, no_wrist
 from vgrd.config.limits_section import LimitsSection
 from vgrd.config.metrics_section import MetricsSection
+from vgrd.config.page_section import PageSection
 from vgrd.config.quantities import Finite, Name, Positive, Vector
 from vgrd.documents.tables import FaultAt, Table, located_faults
 from vgrd.documents.toml import hint, read_with_places
@@ -341,12 +342,8 @@ class ServingSection(Table):
         " 0.05 mm and 0.1 mrad (no farther than 1.638 m from the base, rotation vectors up to 187 degrees)",
     )
 
-    @model_validator(mode="after")
-    def _two_ports(self) -> Self:
-        if self.line_port == self.port:
-            msg = f"port and line_port are both {self.port}: give the lines another one, such as 1503"
-            raise FaultAt(msg, "line_port")
-        return self
+
+_PORTS = (("serving", "line_port"), ("metrics", "port"), ("page", "port"))
 
 
 class CellConfig(Table):
@@ -364,6 +361,20 @@ class CellConfig(Table):
     serving: ServingSection = ServingSection()
     limits: LimitsSection = LimitsSection()
     metrics: MetricsSection = MetricsSection()
+    page: PageSection = PageSection()
+
+    @model_validator(mode="after")
+    def _ports_differ(self) -> Self:
+        """Each server has a port of its own; on which address it listens is not looked at."""
+        taken = {self.serving.port: "[serving] port"}
+        for section, key in _PORTS:
+            port = getattr(getattr(self, section), key)
+            if port in taken:
+                msg = f"{port} is {taken[port]} already: give this one another, such as {port + 1}"
+                raise FaultAt(msg, section, key)
+            if port is not None:
+                taken[port] = f"[{section}] {key}"
+        return self
 
 
 class CellText(NamedTuple):

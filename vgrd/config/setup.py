@@ -48,6 +48,7 @@ STATE_PARTS = ("sessions", "calibrations")
 ONE_THREAD = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
 DEVICE_HANG_S = 5.0  # longer than a picture may take (2 s), or a slow camera would be killed
 METRICS_HANG_S = 5.0  # its loop turns each 0.1 s
+PAGE_HANG_S = 20.0  # idem; its libraries load for some seconds on a busy machine
 CELL_HANG_S = 5.0  # its loop tells every 20 ms: only one that is stuck is silent so long
 
 
@@ -195,15 +196,17 @@ def process_table(resolved: Resolved, path: Path) -> dict[str, object]:
 
 
 def _telling(config: "CellConfig") -> Iterator[object]:
-    """The process that tells Prometheus, where a port is named for it."""
-    metrics = config.metrics
-    if metrics.port is None:
-        return
-    told = [config.cell.runtime_dir, metrics.host, str(metrics.port)]
-    yield {
-        "name": "metrics",
-        "kind": "metrics",
-        "argv": [sys.executable, "-m", "vgrd.metrics", *told],
-        "env": ONE_THREAD,
-        "hang_s": METRICS_HANG_S,
-    }
+    """The processes that tell Prometheus and people, where a port is named for them."""
+    for name, section, hang_s in (
+        ("metrics", config.metrics, METRICS_HANG_S),
+        ("page", config.page, PAGE_HANG_S),
+    ):
+        if section.port is not None:
+            told = [config.cell.runtime_dir, section.host, str(section.port)]
+            yield {
+                "name": name,
+                "kind": name,
+                "argv": [sys.executable, "-m", f"vgrd.{name}", *told],
+                "env": ONE_THREAD,
+                "hang_s": hang_s,
+            }

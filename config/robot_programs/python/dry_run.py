@@ -3,12 +3,15 @@
     make cell                                 # in the project: a simulated cell on port 1502
     python config/robot_programs/python/dry_run.py --point 1
 
-Without --taught the program stops at BOX or STEP and tells where the point is.
+Without --taught it asks once more before: where the point is now stands for where it was taught.
+A real program never does that: its taught pose is what it judges answers by.
 """
 
 import argparse
+import math
 import sys
 import time
+from collections.abc import Sequence
 
 from vgrd_robot import (
     RESTING,
@@ -61,13 +64,26 @@ class DryArm:
         return True
 
 
+class AskingArm(DryArm):
+    """Reaches nothing, and keeps where it was to go: the program stops before it moves."""
+
+    def __init__(self, pose: Pose) -> None:
+        super().__init__(pose)
+        self.asked: list[Pose] = []
+
+    def reachable(self, pose: Pose) -> bool:
+        """Never."""
+        self.asked.append(pose)
+        return False
+
+
 def _words(pose: Pose) -> str:
     x, y, z, rx, ry, rz = pose
     return f"{x:.3f} {y:.3f} {z:.3f} mm, {rx:.4f} {ry:.4f} {rz:.4f} rad"
 
 
-def _run(program: Program) -> State:
-    """Poll until the program rests, and tell each new state."""
+def _run(program: Program, arm: DryArm) -> State:
+    """Poll until the program rests; tell each new state, and why it stops."""
     state = None
     while program.state not in RESTING or state is None:
         if program.state is not state:
@@ -75,8 +91,16 @@ def _run(program: Program) -> State:
             print(state.value)
         program.step()
         time.sleep(program.limits.poll_s)
-    print(program.report or program.state.value)
+    if not isinstance(arm, AskingArm) or not arm.asked:
+        print(_report(program))
     return program.state
+
+
+def _report(program: Program) -> str:
+    """Its last word, and what helps where nobody answers."""
+    if program.word == "LINK":
+        return f"{program.report}: does the daemon run (make cell), are --host and --port right?"
+    return program.report or program.state.value
 
 
 def main() -> int:
@@ -91,17 +115,42 @@ def main() -> int:
         "--taught", type=float, nargs=6, help="x y z (mm) rx ry rz (rad) of the flange"
     )
     given = parser.parse_args()
-    x, y, z, rx, ry, rz = given.taught or Taught().pose
-    taught = Taught((x, y, z, rx, ry, rz))
+    link = ModbusLink(Address(given.host, given.port), Limits().link_s)
+    pose = _pose(given.taught) if given.taught else _found(link, given.point)
+    if pose is None:
+        return 1
+    x, y, z, rx, ry, rz = pose
     limits = Limits(box_low=(x - 100, y - 100, z - 100), box_high=(x + 100, y + 100, z + 100))
-    link = ModbusLink(Address(given.host, given.port), limits.link_s)
     start = (x, y, z + 150, rx, ry, rz)
-    program = Program(DryArm(start), link, Request(given.point), taught, limits)
+    arm = DryArm(start)
+    program = Program(arm, link, Request(given.point), Taught(pose), limits)
     program.start()
-    if _run(program) is State.AT_POINT:
+    if _run(program, arm) is State.AT_POINT:
         program.leave()
-        _run(program)
+        _run(program, arm)
     return 0 if program.state is State.DONE else 1
+
+
+def _pose(numbers: Sequence[float]) -> Pose:
+    x, y, z, rx, ry, rz = numbers
+    return (x, y, z, rx, ry, rz)
+
+
+def _found(link: ModbusLink, point: int) -> Pose | None:
+    """Where the point is now; None, and why, where nobody tells."""
+    anywhere = (math.inf,) * 3
+    limits = Limits(
+        box_low=(-math.inf,) * 3, box_high=anywhere, step_mm=math.inf, step_deg=math.inf
+    )
+    arm = AskingArm(Taught().pose)
+    program = Program(arm, link, Request(point), Taught(), limits)
+    program.start()
+    _run(program, arm)
+    link.close()
+    if not arm.asked:
+        return None
+    print(f"the point is at {_words(arm.asked[0])}: taken for the taught pose")
+    return arm.asked[0]
 
 
 if __name__ == "__main__":
