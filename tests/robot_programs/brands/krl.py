@@ -260,9 +260,19 @@ def e6pos(pose: tuple[float, ...]) -> SimpleNamespace:
     return SimpleNamespace(**dict(zip(_FIELDS, pose, strict=True)), s=2, t=2)
 
 
+class Variables(SimpleNamespace):
+    """The variables of both interpreters; $POS_ACT is where the arm stands."""
+
+    _world: World
+
+    @property
+    def sys_pos_act(self) -> SimpleNamespace:
+        return e6pos((*self._world.stands_at, *TAUGHT[3:]))
+
+
 def variables(source: str, world: World) -> SimpleNamespace:
     """Return what the data lists declare, and the system variables that are used."""
-    v = SimpleNamespace()
+    v = Variables(_world=world)
     for type_, name, value in _DECLARED.findall(source):
         text = {"TRUE": "1", "FALSE": "0"}.get(value, value)
         of: Mapping[str, Callable[[str], Any]] = {
