@@ -71,11 +71,12 @@ def faults_of(
     )
     if asked_again != scenario.again:
         found.append(f"asked again: {asked_again}")
-    if scenario.fault.task_dies and world.legs:
+    on_the_way = scenario.fault.since in ("approach", "last")
+    if scenario.fault.task_dies and world.legs and not on_the_way:
         found.append("moved unwatched")
     if scenario.fault.since == "ask" and not scenario.fault.task_dies:
         found += _stayed(outcome, scenario)
-    if scenario.fault.since in ("approach", "last"):
+    if on_the_way:
         found += _stopped(outcome, scenario)
     return found
 

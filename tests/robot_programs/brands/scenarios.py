@@ -261,6 +261,15 @@ def _lacking() -> list[Scenario]:
     return found
 
 
+def _orphaned() -> list[Scenario]:
+    """The task that looks after the answer ends while the arm is under way."""
+    faults = {leg: Fault(since=leg, task_dies=True) for leg in ("approach", "last")}
+    return [
+        Scenario(f"no heartbeat of the task in {leg} leg", "POLL", False, fault)
+        for leg, fault in faults.items()
+    ]
+
+
 ACCEPTING = [*_accepting(), *_placing()]
 REGISTERS = [
     *ACCEPTING,
@@ -270,4 +279,4 @@ REGISTERS = [
 ]
 ROBOTS = [*ACCEPTING, *_losing()[:-1], *_ended(), *_moving()]
 LINES = [*ROBOTS, *_garbled()]
-DOCUMENTS = [*ROBOTS, *_lacking()]
+DOCUMENTS = [*ROBOTS, *_orphaned(), *_lacking()]

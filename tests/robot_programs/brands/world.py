@@ -115,7 +115,9 @@ class World:
         assert end_s < self.began_s + LONGEST_S, "the program goes on and on"
         while self.now_s < end_s - 1e-9:
             self.now_s = min(self.now_s + TICK_S, end_s)
-            if self.now_s >= self._next_s - 1e-9 and not (self.fault.task_dies and self._faulty()):
+            if self.fault.task_dies and self._faulty():
+                self.lost_s = min(self.lost_s, self.now_s)
+            elif self.now_s >= self._next_s - 1e-9:
                 self._next_s = math.inf  # the task does not begin a turn within a turn
                 self.background()
                 self._next_s = self.now_s + self.period_s
