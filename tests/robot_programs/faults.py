@@ -157,15 +157,5 @@ def out_of_reach(what: str) -> Fault:
     return lambda world: world.arm.out_of_reach.append(what)
 
 
-def both(*faults: Fault) -> Fault:
-    """All of them."""
-
-    def fault(world: World) -> None:
-        for each in faults:
-            each(world)
-
-    return fault
-
-
 def nothing(_: World) -> None:
     """All is well."""
