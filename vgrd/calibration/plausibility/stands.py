@@ -22,7 +22,10 @@ from vgrd.model import Motion, ObjectSpec, Recording, Stability, TagObservation
 _MOVED = Difference(squared=40.0, mm=0.05, rad=1e-3)  # as of the reference picture: 1 in 2 million
 _TIED_MM = 5.0  # of the camera's place: with less certainty a half turn tells nothing to a few mm
 _LEAST_LOOKS = 3  # of a hand-eye
-_CENTER_MM = 1.0  # sigma of the centre at the least: names are tens of mm apart, and a wrong centre is for the solver
+_CENTER_MM = 0.5  # sigma of the centre at the least: names are tens of mm apart, and a wrong centre is for the solver
+_LEAST_TURN_RAD = (
+    0.1  # of one that tells the centre; chosen: a part that is pushed on its table turns by less
+)
 _NO_TURN = 1e-9  # of the largest singular value: along the axis, where turning moves nothing
 
 
@@ -96,6 +99,9 @@ def placed_in_one(
 def _still_center(part: ObjectSpec, ways: Sequence[tuple[Pose, float]]) -> StillPoints:
     """The centre of turning by each way back, with its sigma: (R - I) x = -t tells x but along the axis."""
     center = part.center_in_object
+    ways = [
+        (back, sigma) for back, sigma in ways if np.linalg.norm(back.rotvec()) > _LEAST_TURN_RAD
+    ]
     if center is None or part.motion is not Motion.TURNTABLE or not ways:
         return StillPoints()
     turns = np.array([back.rotation - np.eye(3) for back, _ in ways])
