@@ -1,0 +1,68 @@
+// Greys the page when anything between the registers and this screen stands still: a frozen server cannot say so.
+"use strict";
+(() => {
+  const STALE_MS = 800; // as STALE_S of vgrd/page/link.py
+  const ASK_MS = 100;
+  let freshUntil = 0;
+  const noLink = document.createElement("div");
+  noLink.id = "no-link";
+  noLink.setAttribute("role", "alert");
+  noLink.textContent = document.documentElement.dataset.noLink || "NO LINK";
+
+  async function ask() {
+    const sent = performance.now();
+    try {
+      const reply = await fetch("pulse", { cache: "no-store", signal: AbortSignal.timeout(STALE_MS) });
+      const pulse = await reply.json();
+      if (reply.ok) freshUntil = Math.max(freshUntil, sent + STALE_MS - pulse.age_ms);
+    } catch { /* no answer is what this is made for: freshUntil passes */ }
+    setTimeout(ask, ASK_MS);
+  }
+
+  function show() {
+    if (!noLink.isConnected) document.body.append(noLink);
+    const stale = performance.now() > freshUntil;
+    if (document.body.classList.contains("stale") === stale) return;
+    document.body.classList.toggle("stale", stale);
+    for (const part of document.body.children) if (part !== noLink) part.inert = stale;
+  }
+
+  async function look() {
+    const image = document.getElementById("live");
+    if (!image || !image.offsetParent) { setTimeout(look, 300); return; }
+    try {
+      const reply = await fetch(`frame?after=${image.dataset.frame || -1}`, { cache: "no-store", signal: AbortSignal.timeout(3000) });
+      if (reply.status === 200) draw(image, await reply.blob(), JSON.parse(reply.headers.get("X-Facts")));
+      if (reply.status >= 400) await new Promise(done => setTimeout(done, 500));
+    } catch { await new Promise(done => setTimeout(done, 500)); }
+    setTimeout(look, 0);
+  }
+
+  function draw(image, blob, facts) {
+    const old = image.src;
+    image.onload = () => {
+      if (old.startsWith("blob:")) URL.revokeObjectURL(old);
+      image.dataset.shown = Date.now();
+    };
+    image.src = URL.createObjectURL(blob);
+    image.dataset.frame = facts.frame;
+    image.dataset.taken = 1000 * facts.taken_unix_s;
+    const marks = document.getElementById("marks");
+    marks.setAttribute("viewBox", `0 0 ${facts.width_px} ${facts.height_px}`);
+    marks.replaceChildren(...Object.entries(facts.tags).flatMap(([name, tag]) => mark(name, tag)));
+    document.getElementById("picture-words").textContent = facts.words;
+  }
+
+  function mark(name, tag) {
+    if (!tag.corners) return [];
+    const shape = document.createElementNS("http://www.w3.org/2000/svg", "polygon");
+    shape.setAttribute("points", tag.corners.map(corner => corner.join(",")).join(" "));
+    const label = document.createElementNS("http://www.w3.org/2000/svg", "text");
+    label.setAttribute("x", tag.corners[0][0]);
+    label.setAttribute("y", tag.corners[0][1] - 8);
+    label.textContent = name.toUpperCase();
+    return [shape, label];
+  }
+
+  addEventListener("DOMContentLoaded", () => { ask(); look(); setInterval(show, 50); });
+})();
