@@ -16,6 +16,13 @@ from tests.page.daemon import PaperDaemon
 
 pytestmark = [pytest.mark.system, pytest.mark.timeout(400)]
 
+GRAVE = ("serious", "critical")
+LEAST_PX = (
+    64  # of what is pressed; 12 mm on 1280 px of 10 inches are 71, a tab has its line below it
+)
+HEIGHTS = """[...document.querySelectorAll('button, [role=tab]')].filter(one => one.offsetParent)
+    .map(one => one.getBoundingClientRect().height)"""
+
 
 @pytest.fixture(scope="module", autouse=True)
 def _able() -> None:
@@ -44,9 +51,9 @@ def test_it_shows_the_state_and_asks_no_host_but_its_own(page, server, daemon):
     assert page.locator(".state .word").inner_text() == "● READY"
     for name in ("Teach", "Result", "Runtime", "Sessions", "Cell"):
         tab(page, name)
-    until(lambda: "tag A (36h11 id 0) seen" in page.locator("#picture-words").inner_text())
-    until(lambda: page.evaluate("document.getElementById('live').naturalWidth") == 40)
-    assert page.locator("#marks polygon").get_attribute("points") == "1,1 9,1 9,9 1,9"
+    until(lambda: "tag A (36h11 id 0) seen" in page.locator(".picture-words").first.inner_text())
+    until(lambda: page.evaluate("document.querySelector('.live').naturalWidth") == 40)
+    assert page.locator(".marks polygon").first.get_attribute("points") == "1,1 9,1 9,9 1,9"
     daemon.replies["registers"] |= {
         "state": "INVALID",
         "name": "CAMERA_OFFLINE",
@@ -58,6 +65,29 @@ def test_it_shows_the_state_and_asks_no_host_but_its_own(page, server, daemon):
     assert page.hosts == {f"127.0.0.1:{server.port}"}
     assert page.faults == []
     assert "Traceback" not in server.log
+
+
+@pytest.mark.parametrize("theme", ["light", "dark"])
+def test_nothing_is_cut_small_or_unreadable(server, theme):
+    """By axe-core; by the width of the screen; by the height that a gloved finger on a tablet needs."""
+    from axe_playwright_python.sync_playwright import Axe
+
+    with browser() as opened:
+        page = open_page(opened, server.url, color_scheme=theme)
+        for width, height in ((1280, 800), (800, 1280), (390, 844)):
+            page.set_viewport_size({"width": width, "height": height})
+            for name in ("Cell", "Teach", "Result", "Runtime", "Sessions"):
+                tab(page, name)
+                page.wait_for_timeout(
+                    500
+                )  # until a pressed tab has its colours again, which axe reads
+                found = Axe().run(page).response["violations"]
+                grave = [
+                    (one["id"], one["nodes"][0]["html"]) for one in found if one["impact"] in GRAVE
+                ]
+                assert grave == [], name
+                assert page.evaluate("document.documentElement.scrollWidth") <= width, name
+                assert min(page.evaluate(HEIGHTS)) >= LEAST_PX, name
 
 
 @pytest.mark.parametrize("what", ["cell", "gate", "page"])

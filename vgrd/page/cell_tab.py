@@ -6,20 +6,12 @@ from nicegui import ui
 
 from vgrd.page import texts
 from vgrd.page.link import Reply
-from vgrd.page.parts import Grid, ago, button, card, in_words, numbers, tell
+from vgrd.page.parts import Grid, ago, button, card, in_words, live_picture, numbers, tell
 
 if TYPE_CHECKING:
     from vgrd.page.screen import Screen
 
 _SHOWN = 8  # answers: a screen's worth
-
-
-def live_picture() -> None:
-    """The picture that `assets/watchdog.js` fetches and marks."""
-    with ui.element("div").classes("view"):
-        ui.element("img").props('id=live alt="what the camera sees, with its tags"')
-        ui.element("svg").props("id=marks aria-hidden=true")
-    ui.label(texts.NO_PICTURE).props("id=picture-words").classes("quiet")
 
 
 class CellTab:

@@ -40,6 +40,14 @@ def button(key: str, act: Act) -> ui.button:
     return shown.on("click", pressed, js_handler=_VERSION)
 
 
+def live_picture() -> None:
+    """The picture that `assets/watchdog.js` fetches and marks."""
+    with ui.element("div").classes("view"):
+        ui.element("img").classes("live").props('alt="what the camera sees, with its tags"')
+        ui.element("svg").classes("marks").props("aria-hidden=true")
+    ui.label(texts.NO_PICTURE).classes("picture-words quiet")
+
+
 class Grid:
     """A table of which only what changed is sent."""
 

@@ -43,7 +43,11 @@ class Screen:
             "runtime": RuntimeTab,
             "sessions": SessionsTab,
         }
-        with ui.tabs().props("align=justify no-caps").classes("w-full") as tabs:
+        with (
+            ui.tabs()
+            .props("align=justify no-caps outside-arrows mobile-arrows")
+            .classes("w-full") as tabs
+        ):
             for name, label in texts.TABS.items():
                 ui.tab(name, label).mark(f"tab-{name}")
         made = []

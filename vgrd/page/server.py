@@ -32,6 +32,7 @@ _HEADERS: Final = {
     "Cross-Origin-Opener-Policy": "same-origin",
 }
 _HEAD: Final = (
+    f'<script>document.documentElement.lang="{texts.LANGUAGE}"</script>'
     '<link rel="stylesheet" href="/assets/page.css"><script src="/assets/watchdog.js"></script>'
 )
 

@@ -6,13 +6,14 @@ from nicegui import ui
 
 from vgrd.page import texts
 from vgrd.page.link import Reply
-from vgrd.page.parts import Grid, button, card, heading, numbers, tell
+from vgrd.page.parts import Grid, button, card, heading, live_picture, numbers, tell
 
 if TYPE_CHECKING:
     from vgrd.page.screen import Screen
 
 _PLANS = ("joint", "special", "universal", "conventional", "plane", "sphere")
 _FREE = frozenset({"wait", "done"})  # steps at which the person's hands are free
+_GREY = {"color": "#7a828c"}  # is read on both surfaces
 _LEADS_TO = {"mend": "undo"}  # which button a step means, where it is not its own
 
 
@@ -46,6 +47,8 @@ class TeachTab:
                 self._targets = Grid(("target", "touches", "u95_mm"))
                 self._minutes = ui.label().classes("quiet").mark("minutes")
             with ui.column().classes("w-full"):
+                with card("Camera"):
+                    live_picture()
                 with card(texts.UNKNOWN):
                     self._unknown = ui.label()
                     heading(texts.ODD)
@@ -174,10 +177,10 @@ def _chart(trend: list[Reply], tolerance_mm: float) -> dict[str, Any]:
     limit = {"yAxis": tolerance_mm, "name": texts.TOLERANCE}
     return {
         "animation": False,
-        "title": {"text": texts.TREND, "textStyle": {"fontSize": 15, "color": "#7a828c"}},
+        "title": {"text": texts.TREND, "textStyle": {"fontSize": 15, **_GREY}},
         "grid": {"left": 50, "right": 20, "top": 40, "bottom": 30},
-        "xAxis": {"type": "category", "data": samples},
-        "yAxis": {"type": "value", "min": 0},
+        "xAxis": {"type": "category", "data": samples, "axisLabel": _GREY},
+        "yAxis": {"type": "value", "min": 0, "axisLabel": _GREY},
         "series": [
             {
                 "type": "line",

@@ -4,6 +4,7 @@ from collections.abc import Mapping
 from types import MappingProxyType
 from typing import Final
 
+LANGUAGE: Final = "en"
 TITLE: Final = "vgrd"
 NO_LINK: Final = "NO LINK - nothing here is valid"
 

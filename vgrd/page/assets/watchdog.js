@@ -28,8 +28,8 @@
   }
 
   async function look() {
-    const image = document.getElementById("live");
-    if (!image || !image.offsetParent) { setTimeout(look, 300); return; }
+    const image = [...document.querySelectorAll(".live")].find(one => one.offsetParent);
+    if (!image) { setTimeout(look, 300); return; }
     try {
       const reply = await fetch(`frame?after=${image.dataset.frame || -1}`, { cache: "no-store", signal: AbortSignal.timeout(3000) });
       if (reply.status === 200) draw(image, await reply.blob(), JSON.parse(reply.headers.get("X-Facts")));
@@ -47,10 +47,10 @@
     image.src = URL.createObjectURL(blob);
     image.dataset.frame = facts.frame;
     image.dataset.taken = 1000 * facts.taken_unix_s;
-    const marks = document.getElementById("marks");
+    const marks = image.nextElementSibling;
     marks.setAttribute("viewBox", `0 0 ${facts.width_px} ${facts.height_px}`);
     marks.replaceChildren(...Object.entries(facts.tags).flatMap(([name, tag]) => mark(name, tag)));
-    document.getElementById("picture-words").textContent = facts.words;
+    image.parentElement.nextElementSibling.textContent = facts.words;
   }
 
   function mark(name, tag) {
