@@ -64,5 +64,10 @@
     return [shape, label];
   }
 
-  addEventListener("DOMContentLoaded", () => { ask(); look(); setInterval(show, 50); });
+  // A table that is wider than the screen scrolls: the keyboard must reach it.
+  function reach() {
+    for (const part of document.querySelectorAll(".q-table__middle:not([tabindex])")) part.tabIndex = 0;
+  }
+
+  addEventListener("DOMContentLoaded", () => { ask(); look(); setInterval(show, 50); setInterval(reach, 300); });
 })();
