@@ -109,13 +109,14 @@ def until(is_so: Callable[[], object], within_s: float = PATIENCE_S) -> None:
 def open_page(opened: Any, url: str, **options: Any) -> Any:
     """A page that has a link, with what went wrong on it in `page.faults`, whom it asked in `page.hosts`."""
     page = opened.new_page(viewport={"width": 1280, "height": 800}, **options)
+    page.set_default_timeout(1e3 * PATIENCE_S)
     page.faults, page.hosts = [], set()
     page.on("console", lambda one: page.faults.append(one.text) if one.type == "error" else None)
     page.on("pageerror", lambda error: page.faults.append(str(error)))
     page.on("request", lambda one: page.hosts.add(one.url.split("/")[2]))
     for _ in range(3):  # a busy machine needs longer than the page's framework waits
-        page.goto(url)
         try:
+            page.goto(url)
             page.wait_for_selector("header.state .word:not(:empty)", timeout=1e3 * PATIENCE_S / 3)
             break
         except Exception as error:  # noqa: BLE001  playwright is imported only where it is

@@ -3,6 +3,7 @@
 import asyncio
 import base64
 import threading
+import time
 from collections.abc import Mapping
 from contextlib import suppress
 from pathlib import Path
@@ -82,7 +83,8 @@ class PaperDaemon:
             "calibrations": {"active": None, "calibrations": [], "activations": []},
             "sessions": {"sessions": []},
         }
-        self.frame = 1
+        self.frame, self._jpeg, self.taken_unix_s = 1, JPEG, 1.0
+        self._gate_since_s: float | None = None
         self.given: list[tuple[str, Mapping[str, Any]]] = []
         self.asked: list[str] = []
         self._frozen = threading.Event()
@@ -112,6 +114,15 @@ class PaperDaemon:
         """Go on."""
         self._frozen.clear()
 
+    def age_gate(self, *, on: bool) -> None:
+        """Let the gate's report grow old, as if the gate stood still since now."""
+        self._gate_since_s = time.monotonic() if on else None
+
+    def show(self, jpeg: bytes) -> None:
+        """Another picture, taken now."""
+        self._jpeg, self.taken_unix_s = jpeg, time.time()
+        self.frame += 1
+
     def _run(self) -> None:
         with suppress(asyncio.CancelledError):
             self._loop.run_until_complete(self._serve())
@@ -134,7 +145,10 @@ class PaperDaemon:
         async def told(_: Mapping[str, Any]) -> Mapping[str, Any]:
             self.asked.append(name)
             await self._thawed()
-            return self.replies[name]
+            reply = self.replies[name]
+            if name == "registers" and self._gate_since_s is not None:
+                return {**reply, "age_s": time.monotonic() - self._gate_since_s}
+            return reply
 
         return told
 
@@ -153,14 +167,15 @@ class PaperDaemon:
     async def _picture(self, arguments: Mapping[str, Any]) -> Mapping[str, Any]:
         self.asked.append("picture")
         await self._thawed()
-        if arguments.get("after") == self.frame:
-            await asyncio.sleep(0.05)
+        end_s = time.monotonic() + 0.05
+        while arguments.get("after") == self.frame and time.monotonic() < end_s:  # noqa: ASYNC110
+            await asyncio.sleep(0.005)
         return {
             "frame": self.frame,
-            "taken_unix_s": 1.0,
+            "taken_unix_s": self.taken_unix_s,
             "width_px": 40,
             "height_px": 30,
-            "jpeg": base64.b64encode(JPEG).decode(),
+            "jpeg": base64.b64encode(self._jpeg).decode(),
             "robot_at_rest": True,
             "tags": {"a": {"wanted": "36h11 id 0", "corners": [[1, 1], [9, 1], [9, 9], [1, 9]]}},
         }
