@@ -1,0 +1,1 @@
+"""Teaching in a terminal: one next step, one key."""
