@@ -6,12 +6,14 @@ from typing import Any
 
 import pytest
 
+pytest.importorskip("nicegui", reason="the extra `page` is not installed")
+
 from tests.page.daemon import JPEG, PaperDaemon
 from vgrd.clock import SystemClock
 from vgrd.errors import ControlError
 from vgrd.page.link import STALE_S, Link
+from vgrd.page.visitor import Seen
 
-pytest.importorskip("nicegui", reason="the extra `page` is not installed")
 PATIENCE_S = 20.0
 
 
@@ -82,6 +84,24 @@ def test_a_refusal_is_told_in_the_daemons_words(daemon, tmp_path):
 
     followed(tmp_path, work)
     assert daemon.given == []
+
+
+def test_a_press_that_comes_late_is_not_obeyed(daemon, tmp_path):
+    """The server hung while the person took the arm elsewhere."""
+
+    async def work(link: Link) -> None:
+        await until(lambda: link.is_alive)
+        with pytest.raises(ControlError, match="press again"):
+            await link.command("touch", "anna", link.now_s - 3.0, target="P1", version="v1")
+        await link.command("touch", "anna", link.now_s - 1.0, target="P2", version="v1")
+
+    followed(tmp_path, work)
+    assert daemon.given == [("touch", {"target": "P2", "version": "v1"})]
+
+
+@pytest.mark.parametrize("sent", ["", "[]", '["v1"]', '["v1", "x"]', "[1, null]", "{}", None])
+def test_a_press_that_cannot_be_read_is_of_long_ago(sent):
+    assert Seen.of(sent).at_s == 0.0
 
 
 def test_pictures_are_fetched_only_while_somebody_looks_and_once_for_all(daemon, tmp_path):

@@ -1,15 +1,11 @@
 """How the cell is: picture, devices, robot, calibration, last answers."""
 
-from typing import TYPE_CHECKING
-
 from nicegui import ui
 
 from vgrd.page import texts
 from vgrd.page.link import Reply
 from vgrd.page.parts import Grid, ago, button, card, in_words, live_picture, numbers, tell
-
-if TYPE_CHECKING:
-    from vgrd.page.screen import Screen
+from vgrd.page.visitor import Seen, Visitor
 
 _SHOWN = 8  # answers: a screen's worth
 
@@ -17,8 +13,8 @@ _SHOWN = 8  # answers: a screen's worth
 class CellTab:
     """The tab of the whole cell."""
 
-    def __init__(self, screen: "Screen") -> None:
-        self._screen = screen
+    def __init__(self, visitor: Visitor) -> None:
+        self._visitor = visitor
         with ui.element("div").classes("columns"):
             with card("Camera"):
                 live_picture()
@@ -38,12 +34,12 @@ class CellTab:
                 ("unix_s", "target", "answer", "u95_mm", "age_ms", "latency_ms", "words")
             )
 
-    async def _confirm(self, version: str) -> None:
-        await self._screen.command("confirm", version, by=self._screen.who)
+    async def _confirm(self, seen: Seen) -> None:
+        await self._visitor.command("confirm", seen, by=self._visitor.who)
 
     def refresh(self) -> None:
         """Show what was heard."""
-        link = self._screen.link
+        link = self._visitor.link
         registers, status = link.reply("registers"), link.reply("status")
         words = texts.ASKED.format(
             ago=ago(registers.get("asked_s_ago")), read=ago(registers.get("read_s_ago"))

@@ -12,6 +12,7 @@ import structlog
 from vgrd.clock import Clock
 from vgrd.errors import ControlError, DaemonUnreachable
 from vgrd.ipc.control import ControlClient
+from vgrd.page import texts
 
 CONTROL_SOCKET: Final = "control.sock"  # as `vgrd.config.setup`
 PERIOD_S: Final = (
@@ -20,6 +21,9 @@ PERIOD_S: Final = (
 REPLY_S: Final = 0.7  # a cell that is silent for longer is shown as none
 SLOW_PERIOD_S: Final = 1.0  # of what changes slowly
 STALE_S: Final = 0.8  # what is older is not valid any more; with the page's own delays it is grey within a second
+LATE_S: Final = (
+    2.0  # after it a press is not obeyed: this server hung, the arm may stand elsewhere
+)
 COMMAND_S: Final = 30.0  # a sample takes two pictures, of 5 s each at most
 SOLVE_S: Final = 300.0  # as `vgrd solve`
 VIEWED_S: Final = 3.0  # nobody looks at pictures who has not asked for so long
@@ -58,6 +62,11 @@ class Link:
         self._viewed_s = -1e9
 
     @property
+    def now_s(self) -> float:
+        """The clock by which presses are dated."""
+        return self._clock.monotonic()
+
+    @property
     def age_s(self) -> float:
         """How old the newest registers are, as the gate told them to the cell and the cell to us."""
         since_s = self._clock.monotonic() - self.heard.told_s
@@ -79,10 +88,18 @@ class Link:
             tasks.create_task(self._follow_slowly())
             tasks.create_task(self._follow_pictures())
 
-    async def command(self, op: str, who: str, **arguments: object) -> Reply:
-        """Give a command; ControlError with words where it is refused, and where there is no link."""
+    async def command(
+        self, op: str, who: str, pressed_s: float | None = None, **arguments: object
+    ) -> Reply:
+        """Give a command; ControlError with words where it is refused, where it is late, where there is no link.
+
+        pressed_s: when a button was pressed, None where that does not matter.
+        """
         if not self.is_alive:
             raise DaemonUnreachable("there is no link to the daemon, so nothing was sent")
+        late_s = 0.0 if pressed_s is None else self.now_s - pressed_s
+        if late_s > LATE_S:
+            raise ControlError(texts.LATE.format(seconds=late_s))
         limit_s = SOLVE_S if op == "solve" else COMMAND_S
         log.info("command", op=op, who=who, **arguments)
         try:

@@ -9,10 +9,11 @@ from nicegui.elements.label import Label
 from nicegui.elements.table import Table
 
 from vgrd.page import texts
+from vgrd.page.visitor import Seen
 
 # What the person saw when the button was pressed, not what this process knows by now.
-_VERSION: Final = '() => emit(document.getElementById("version").textContent)'
-Act = Callable[[str], Awaitable[None]]
+_PRESSED: Final = "() => emit(window.vgrdSeen())"
+Act = Callable[[Seen], Awaitable[None]]
 
 
 def card(title: str = "", kind: str = "") -> ui.element:
@@ -31,13 +32,13 @@ def heading(words: str) -> None:
 
 
 def button(key: str, act: Act) -> ui.button:
-    """A large button; act gets the version that its page shows."""
+    """A large button; act gets what its page showed when it was pressed."""
 
     async def pressed(event: events.GenericEventArguments) -> None:
-        await act(str(event.args))
+        await act(Seen.of(event.args))
 
     shown = ui.button(texts.BUTTONS[key], color=None).classes("press").mark(key)
-    return shown.on("click", pressed, js_handler=_VERSION)
+    return shown.on("click", pressed, js_handler=_PRESSED)
 
 
 def live_picture() -> None:

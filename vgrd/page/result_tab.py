@@ -1,23 +1,19 @@
 """Whether a calibration is good enough, what differs from the one in use; activate, roll back."""
 
-from typing import TYPE_CHECKING
-
 from nicegui import ui
 
 from vgrd.errors import ControlError
 from vgrd.page import texts
 from vgrd.page.link import Reply
 from vgrd.page.parts import Grid, button, card, tell
-
-if TYPE_CHECKING:
-    from vgrd.page.screen import Screen
+from vgrd.page.visitor import Seen, Visitor
 
 
 class ResultTab:
     """The verdict first, in words."""
 
-    def __init__(self, screen: "Screen") -> None:
-        self._screen = screen
+    def __init__(self, visitor: Visitor) -> None:
+        self._visitor = visitor
         with card("Last result"):
             self._verdict = ui.label(texts.NOT_SOLVED).classes("what").mark("verdict")
             self._sentence = ui.label().mark("goodness")
@@ -36,19 +32,19 @@ class ResultTab:
                 compare = ui.button(texts.COMPARE, color=None, on_click=self._compare)
                 compare.classes("press").mark("compare")
 
-    async def _activate(self, version: str) -> None:
+    async def _activate(self, seen: Seen) -> None:
         name = str(self._choice.value or "")
-        await self._screen.command("activate", version, calibration=name, by=self._author())
+        await self._visitor.command("activate", seen, calibration=name, by=self._author())
 
-    async def _roll_back(self, version: str) -> None:
-        await self._screen.command("rollback", version, by=self._author())
+    async def _roll_back(self, seen: Seen) -> None:
+        await self._visitor.command("rollback", seen, by=self._author())
 
     def _author(self) -> str:
-        return f"{self._by.value or ''} ({self._screen.who})".strip()
+        return f"{self._by.value or ''} ({self._visitor.who})".strip()
 
     async def _compare(self) -> None:
         try:
-            told = await self._screen.link.ask(
+            told = await self._visitor.link.ask(
                 "difference", calibration=str(self._choice.value or "")
             )
         except ControlError as refusal:
@@ -59,7 +55,7 @@ class ResultTab:
 
     def refresh(self) -> None:
         """Show what was heard."""
-        link = self._screen.link
+        link = self._visitor.link
         self._show_solved(link.reply("solved"))
         rows = link.reply("calibrations").get("calibrations", [])
         self._calibrations.show(reversed(rows))

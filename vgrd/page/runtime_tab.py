@@ -1,21 +1,19 @@
 """What robots were answered: how often, how quickly, how old, and what was refused."""
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from nicegui import ui
 
 from vgrd.page import texts
 from vgrd.page.parts import Grid, card, tell
-
-if TYPE_CHECKING:
-    from vgrd.page.screen import Screen
+from vgrd.page.visitor import Visitor
 
 
 class RuntimeTab:
     """Figures of the cell's present life."""
 
-    def __init__(self, screen: "Screen") -> None:
-        self._screen = screen
+    def __init__(self, visitor: Visitor) -> None:
+        self._visitor = visitor
         with ui.element("div").classes("columns"):
             with card(texts.WHY):
                 self._pareto = ui.echart(_pareto({})).classes("w-full h-80")
@@ -26,7 +24,7 @@ class RuntimeTab:
 
     def refresh(self) -> None:
         """Show what was heard."""
-        told = self._screen.link.reply("answers")
+        told = self._visitor.link.reply("answers")
         options = _pareto(told.get("counts", {}))
         if options["series"] != self._pareto.options["series"]:
             self._pareto.options.update(options)

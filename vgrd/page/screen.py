@@ -1,29 +1,28 @@
-"""One browser's page: the state of the cell above all tabs, and the commands that its buttons give."""
+"""One browser's page: the state of the cell above all tabs."""
 
 from collections.abc import Callable
 from typing import Any, Final
 
 from nicegui import ui
 
-from vgrd.errors import ControlError
 from vgrd.page import texts
 from vgrd.page.cell_tab import CellTab
-from vgrd.page.link import Link, Reply
 from vgrd.page.parts import tell
 from vgrd.page.result_tab import ResultTab
 from vgrd.page.runtime_tab import RuntimeTab
 from vgrd.page.sessions_tab import SessionsTab
 from vgrd.page.teach_tab import TeachTab
+from vgrd.page.visitor import Visitor
 
 REFRESH_S: Final = 0.2  # faster than people read; the watchdog does not wait for it
 _STATES = " ".join(texts.STATES)
 
 
 class Screen:
-    """What one browser shows; `who` is written into the log beside every command."""
+    """What one browser shows."""
 
-    def __init__(self, link: Link, who: str) -> None:
-        self.link, self.who = link, who
+    def __init__(self, visitor: Visitor) -> None:
+        self.visitor, self.link = visitor, visitor.link
         self.version = ui.label("").props("id=version").classes("hidden")
         with (
             ui.element("header")
@@ -54,7 +53,7 @@ class Screen:
         with ui.tab_panels(tabs, value="cell", animated=False, keep_alive=True).classes("w-full"):
             for name, kind in kinds.items():
                 with ui.tab_panel(name):
-                    made.append(kind(self))
+                    made.append(kind(self.visitor))
         return made
 
     def refresh(self) -> None:
@@ -71,18 +70,3 @@ class Screen:
         for tab in self.tabs:
             tab.refresh()
         tell(self.version, str(teaching.get("version", "")))
-
-    async def command(self, op: str, version: str, **arguments: object) -> Reply | None:
-        """Give a command as of the version that was seen; None where it was refused, which is told."""
-        if version:
-            arguments["version"] = version
-        try:
-            reply = await self.link.command(op, self.who, **arguments)
-        except ControlError as refusal:
-            ui.notify(
-                texts.REFUSED.format(reason=refusal), type="warning", timeout=8000, multi_line=True
-            )
-            return None
-        words = texts.RECORDED if "sample" in reply else texts.DID
-        ui.notify(words.format(what=op, sample=reply.get("sample")), timeout=2500)
-        return reply

@@ -17,6 +17,7 @@ from vgrd.ipc.health import PERIOD_S, HealthReporter
 from vgrd.page import texts
 from vgrd.page.link import Link, Reply
 from vgrd.page.screen import Screen
+from vgrd.page.visitor import Visitor
 
 ASSETS: Final = Path(__file__).with_name("assets")
 MOST_AGE_MS: Final = 10**7  # of what was never heard; JSON has no infinity
@@ -93,7 +94,7 @@ def serve(link: Link, health: HealthReporter, host: str, port: int) -> None:
     def screen(request: Request) -> None:
         ui.add_head_html(_HEAD)
         who = request.client.host if request.client else "?"
-        Screen(link, who)
+        Screen(Visitor(link, who))
 
     log.info("showing_page", host=host, port=port)
     ui.run(
@@ -139,7 +140,9 @@ async def _work(link: Link, health: HealthReporter) -> None:
 def pulse(link: Link) -> Response:
     """How old is what the page shows; milliseconds."""
     age_ms = min(MOST_AGE_MS, round(1e3 * link.age_s))
-    return Response(json.dumps({"age_ms": age_ms}), media_type="application/json")
+    return Response(
+        json.dumps({"age_ms": age_ms, "now_ms": 1e3 * link.now_s}), media_type="application/json"
+    )
 
 
 async def frame(link: Link, after: int) -> Response:

@@ -1,15 +1,13 @@
 """Teaching: one next step, large buttons, and how the predicted error falls."""
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from nicegui import ui
 
 from vgrd.page import texts
 from vgrd.page.link import Reply
 from vgrd.page.parts import Grid, button, card, heading, live_picture, numbers, tell
-
-if TYPE_CHECKING:
-    from vgrd.page.screen import Screen
+from vgrd.page.visitor import Seen, Visitor
 
 _PLANS = ("joint", "special", "universal", "conventional", "plane", "sphere")
 _FREE = frozenset({"wait", "done"})  # steps at which the person's hands are free
@@ -20,8 +18,8 @@ _LEADS_TO = {"mend": "undo"}  # which button a step means, where it is not its o
 class TeachTab:
     """The wizard of the control socket, drawn."""
 
-    def __init__(self, screen: "Screen") -> None:
-        self._screen = screen
+    def __init__(self, visitor: Visitor) -> None:
+        self._visitor = visitor
         self._drawn: object = None
         with card(kind="step") as self._step:
             with ui.row().classes("items-center"):
@@ -63,45 +61,43 @@ class TeachTab:
             self._buttons["start"] = button("start", self._start)
             self._buttons["stop"] = button("stop", self._stop)
 
-    async def _start(self, version: str) -> None:
-        await self._screen.command("record.start", version, plan=str(self._plan.value))
+    async def _start(self, seen: Seen) -> None:
+        await self._visitor.command("record.start", seen, plan=str(self._plan.value))
 
-    async def _stop(self, version: str) -> None:
-        await self._screen.command("record.stop", version)
+    async def _stop(self, seen: Seen) -> None:
+        await self._visitor.command("record.stop", seen)
 
-    async def _touch(self, version: str) -> None:
-        await self._screen.command("touch", version, target=str(self._target.value or ""))
+    async def _touch(self, seen: Seen) -> None:
+        await self._visitor.command("touch", seen, target=str(self._target.value or ""))
 
-    async def _verify(self, version: str) -> None:
-        await self._screen.command("verify", version, target=str(self._target.value or ""))
+    async def _verify(self, seen: Seen) -> None:
+        await self._visitor.command("verify", seen, target=str(self._target.value or ""))
 
-    async def _spin(self, version: str) -> None:
-        await self._screen.command("spin", version)
+    async def _spin(self, seen: Seen) -> None:
+        await self._visitor.command("spin", seen)
 
-    async def _look(self, version: str) -> None:
-        await self._screen.command("look", version)
+    async def _look(self, seen: Seen) -> None:
+        await self._visitor.command("look", seen)
 
-    async def _undo(self, version: str) -> None:
-        sample = self._screen.link.reply("teaching").get("step", {}).get("sample")
+    async def _undo(self, seen: Seen) -> None:
+        sample = self._visitor.link.reply("teaching").get("step", {}).get("sample")
         which = {} if sample is None else {"sample": sample}
-        await self._screen.command("undo", version, **which)
+        await self._visitor.command("undo", seen, **which)
 
-    async def _solve(self, version: str) -> None:
+    async def _solve(self, seen: Seen) -> None:
         """End the session, if one is open, and solve it."""
-        teaching = self._screen.link.reply("teaching")
-        session = (teaching.get("session") or {}).get("name") or teaching.get("last")
-        if teaching.get("session") and await self._screen.command("record.stop", version) is None:
+        teaching = self._visitor.link.reply("teaching")
+        session = (teaching.get("session") or {}).get("name") or teaching.get("last") or ""
+        if teaching.get("session") and await self._visitor.command("record.stop", seen) is None:
             return
         ui.notify(texts.SOLVING)
-        solved = await self._screen.command(
-            "solve", "", **({"session": session} if session else {})
-        )
+        solved = await self._visitor.solve(session)
         if solved is not None:
-            self._screen.link.heard.replies["solved"] = solved
+            self._visitor.link.heard.replies["solved"] = solved
 
     def refresh(self) -> None:
         """Show what was heard."""
-        teaching = self._screen.link.reply("teaching")
+        teaching = self._visitor.link.reply("teaching")
         step = teaching.get("step")
         if step is None:
             return

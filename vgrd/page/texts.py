@@ -82,6 +82,9 @@ NOT_IN_USE: Final = "no calibration is in use"
 MINUTES: Final = (
     "Operator: {minutes:.1f} min by table 4 of the paper ({steps}); clock {elapsed:.0f} min"
 )
+LATE: Final = (
+    "the press came {seconds:.0f} s late, and the arm may stand elsewhere by now: press again"
+)
 REFUSED: Final = "Not done: {reason}"
 RECORDED: Final = "{what}: recorded as sample {sample}"
 DID: Final = "{what}: done"

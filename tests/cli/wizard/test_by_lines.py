@@ -9,7 +9,7 @@ from typing import Any
 
 import pytest
 
-from tests.cell.test_wizard import MOST_STEPS, ObedientCell
+from tests.cell.control.test_wizard import MOST_STEPS, ObedientCell
 from vgrd.calibration.solve import calibrate_system
 from vgrd.commands.wizard import teach
 from vgrd.errors import ControlError, DaemonUnreachable, VgrdError

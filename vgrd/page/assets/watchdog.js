@@ -4,6 +4,7 @@
   const STALE_MS = 800; // as STALE_S of vgrd/page/link.py
   const ASK_MS = 100;
   let freshUntil = 0;
+  let serverAhead = 0; // the server's clock minus ours, ms
   const noLink = document.createElement("div");
   noLink.id = "no-link";
   noLink.setAttribute("role", "alert");
@@ -14,10 +15,16 @@
     try {
       const reply = await fetch("pulse", { cache: "no-store", signal: AbortSignal.timeout(STALE_MS) });
       const pulse = await reply.json();
+      serverAhead = pulse.now_ms - performance.now(); // by the way back too little: presses look older, never newer
       if (reply.ok) freshUntil = Math.max(freshUntil, sent + STALE_MS - pulse.age_ms);
     } catch { /* no answer is what this is made for: freshUntil passes */ }
     setTimeout(ask, ASK_MS);
   }
+
+  // What a button was pressed at, for the server to judge.
+  window.vgrdSeen = () => JSON.stringify([
+    document.getElementById("version").textContent, performance.now() + serverAhead,
+  ]);
 
   function show() {
     if (!noLink.isConnected) document.body.append(noLink);
