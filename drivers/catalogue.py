@@ -17,8 +17,9 @@ from vgrd.errors import ConfigError, DeviceRefused
 FASTEST_HZ = 500.0  # of RTDE: e-Series; CB3 sends 125
 _LONGEST_MS = 2000.0  # as GRAB_TIMEOUT_S of the device's process: a picture takes no longer
 _LARGEST_PACKET = 0xFFFF  # bytes: GigE Vision keeps the size of a packet in 16 bits
+# Gray, and not packed: one or two bytes a pixel, as the drivers read a picture.
 _PIXEL_FORMATS = ("Mono8", "Mono10", "Mono12", "Mono14", "Mono16")
-_PARITIES = ("N", "E", "O")
+_PARITIES = ("N", "E", "O")  # those of Modbus over serial lines
 _OFFSET_NUMBERS = 6  # x y z and a rotation vector
 _SLOWEST_BAUD = 50  # the slowest that serial ports know
 

@@ -40,6 +40,14 @@ BORED_CENTER_MM = (
 TOUCH_SIGMA_MM = 0.233  # the paper's, experiment B
 _TRUNCATED_SIGMAS = 3.0  # the paper cuts them at 0.7 mm
 _LEFT_OF_SIGMA = 0.98658  # standard deviation of a normal variable cut there
+_UNEVEN_PART = (  # mm in CAD; two of them higher, as on a casting
+    (80, 0, 0),
+    (20, 65, 0),
+    (-70, 35, 0),
+    (-60, -40, 12),
+    (15, -75, 0),
+    (70, -45, 20),
+)
 _SECONDS_PER_SAMPLE = 5.0  # any: stamps only have to differ
 _K = ((6486.0, 0.0, 2012.0), (0.0, 6486.0, 1518.0), (0.0, 0.0, 1.0))  # 12 mm on 1.85 um pixels
 
@@ -115,6 +123,13 @@ class Simulation:
                 k + 1, f"P{k + 1}", frozen_array((80 * np.cos(a), 80 * np.sin(a), 0), 3)
             )
             for k, a in enumerate(circle)
+        }
+
+    def put_uneven_part(self) -> None:
+        """Put a part on the table whose holes are on no circle, and at two heights."""
+        self.targets = {
+            f"P{k}": Target(k, f"P{k}", frozen_array(point, 3))
+            for k, point in enumerate(_UNEVEN_PART, 1)
         }
 
     def base_from_object(self, angle_rad: float) -> Pose:

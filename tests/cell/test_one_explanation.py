@@ -9,20 +9,16 @@ from fakes.world.simulation import WORK_ROTATION, Simulation
 from vgrd.calibration.solve import calibrate_system
 from vgrd.errors import CalibrationError
 from vgrd.judging.findings import FOLLOWING
-from vgrd.model import Plan, Policy, Recording, Target, frozen_array
+from vgrd.model import Plan, Policy, Recording
 from vgrd.solving.advisor import advise_folder
 from vgrd.solving.session import solve_session
 from vgrd.store.sessions import SampleKind, SessionWriter
-
-PART = ((80, 0, 0), (20, 65, 0), (-70, 35, 0), (-60, -40, 12), (15, -75, 0), (70, -45, 20))
 
 
 def exchanged(*wrists, looks=4, spins=3) -> Recording:
     """Touches 1 and 2 have each other's names."""
     cell = Simulation(6)
-    cell.targets = {
-        f"P{k}": Target(k, f"P{k}", frozen_array(point, 3)) for k, point in enumerate(PART, 1)
-    }
+    cell.put_uneven_part()
     recording = cell.record(looks=looks, spins=spins, wrists=wrists)
     first, second, *others = recording.touches
     touches = (replace(first, target="P2"), replace(second, target="P1"), *others)

@@ -6,7 +6,11 @@ import re
 from collections.abc import Iterator
 from dataclasses import dataclass
 
-_FOR_CB3 = "not vgrd_is_whole"  # always whole but there: test_single_registers.py
+# What can never be doubted, by language: without it the program is the same one.
+_NEVER = {
+    "urscript": "not vgrd_is_whole",  # all registers come in one answer
+    "urscript for CB3": "vgrd_link_",  # the age of a signal cannot be asked there
+}
 _MARKED = re.compile(r"^(\s*)(.+?) # ([A-Z0-9_]+)$")
 
 
@@ -22,26 +26,28 @@ class Mutant:
         return f"{self.row} {self.what}"
 
 
-def urscript_mutants(text: str) -> Iterator[Mutant]:
+def urscript_mutants(text: str, language: str) -> Iterator[Mutant]:
     """Each line that a word marks: statements left out, conditions never, always, and partly."""
     lines = text.splitlines()
     for index, line in enumerate(lines):
         if marked := _MARKED.match(line):
             indent, code, row = marked.groups()
-            for other in _others(code):
+            for other in _others(code, _NEVER[language]):
                 source = "\n".join([*lines[:index], indent + other, *lines[index + 1 :]])
                 yield Mutant(row, f"{index + 1}: {other}", source)
 
 
-def _others(code: str) -> Iterator[str]:
+def _others(code: str, never: str) -> Iterator[str]:
     if not code.startswith("if "):
         yield "sync()"
         return
-    yield "if False:"
     yield "if True:"
     parts = code.removeprefix("if ").removesuffix(":").split(" or ")
+    doubted = [part for part in parts if never not in part]
+    if doubted:
+        yield "if False:"
     if len(parts) > 1:
-        for left_out in (part for part in parts if part != _FOR_CB3):
+        for left_out in doubted:
             yield f"if {' or '.join(part for part in parts if part != left_out)}:"
 
 

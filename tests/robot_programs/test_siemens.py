@@ -1,5 +1,6 @@
 """SCL is judged as the IEC 61131-3 that is left when what only SCL has is taken away."""
 
+import math
 import re
 from types import SimpleNamespace
 
@@ -8,6 +9,7 @@ import tree_sitter_iec61131_3_st
 from tree_sitter import Language, Parser
 
 from tests.robot_programs.brands.programs import PROGRAMS
+from tests.robot_programs.brands.scenarios import NUMBERS
 from tests.robot_programs.brands.scl import (
     BLOCKS,
     Builtins,
@@ -17,7 +19,7 @@ from tests.robot_programs.brands.scl import (
     variables,
 )
 from tests.robot_programs.brands.translation import NotUnderstoodError, translate
-from tests.robot_programs.brands.world import World
+from tests.robot_programs.brands.world import SERVED, TAUGHT, World
 from vgrd.registers.layout import REQUEST, RESPONSE
 
 SOURCE = PROGRAMS["siemens"].source
@@ -126,3 +128,20 @@ def test_a_job_that_runs_is_waited_for_when_ask_rises_again():
         scan()
         assert isinstance(v, SimpleNamespace)
     assert len(v.client.wrote) > 20
+
+
+@pytest.mark.parametrize("name", ["taughtx", "taughtyaw", "atx"])
+def test_a_number_that_is_none_is_no_place(name):
+    """Comparisons with it are FALSE on an S7 too: none may be written so that FALSE lets it pass."""
+    world = World()
+    v = variables(SOURCE, world)
+    v.pointid, v.stands = 7, 2
+    (v.taughtx, v.taughty, v.taughtz, v.taughtroll, v.taughtpitch, v.taughtyaw) = TAUGHT
+    (v.atx, v.aty, v.atz) = SERVED[:3]
+    setattr(v, name, math.nan)
+    scan = load(executable(SOURCE), PROGRAMS["siemens"].dialect, v, Builtins()).fb_vgrdask
+    v.ask = True
+    for _ in range(400):
+        world.now_s += 0.01
+        scan()
+    assert (v.valid, v.word) == (False, NUMBERS["APPROACH" if name == "atx" else "STEP"])

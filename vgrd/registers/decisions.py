@@ -251,7 +251,13 @@ DECISIONS: Final = (
 
 LIMITS: Final = (
     Limit("LINK_S", 0.2, "s", "a gate that lives answers in milliseconds"),
-    Limit("HEARTBEAT_S", 0.5, "s", "five steps of HB, one each 0.1 s"),
+    Limit(
+        "HEARTBEAT_S",
+        0.5,
+        "s",
+        "HB moves each 0.1 s, and the daemon itself bears a pause of 0.25 s before it tells STATUS 900: below 0.45 s "
+        "arms would stop for nothing, or under the wrong word",
+    ),
     Limit(
         "ANSWER_S", 3.0, "s", "beyond the daemon's own 2 s (TMO 0): then it does not answer at all"
     ),

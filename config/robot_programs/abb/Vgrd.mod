@@ -57,6 +57,7 @@ MODULE Vgrd
   CONST num VGRD_BOX := 13;
   CONST num VGRD_STEP := 14;
   CONST num VGRD_REACH := 15;
+  CONST num VGRD_APPROACH := 16;
   CONST num VGRD_ASK_AGAIN := 17;
   CONST num VGRD_POLL := 18;
 
@@ -110,6 +111,7 @@ MODULE Vgrd
   VAR robtarget vgrdApproach;
   VAR robtarget vgrdFirst;
   VAR robtarget vgrdFound;
+  VAR pos vgrdHere;
   VAR jointtarget vgrdJoints;
 
   ! ---------------------------------------------------------------- motion task
@@ -242,7 +244,16 @@ MODULE Vgrd
     ENDIF
     VgrdSearch place, speed;
     IF vgrdReached THEN
-      vgrdWord := VGRD_USE;
+      VgrdThere place;
+    ENDIF
+  ENDPROC
+
+  ! The arm stands where it was sent: something else may have ended its motion.
+  PROC VgrdThere(robtarget sent)
+    vgrdWord := VGRD_USE;
+    vgrdHere := CPos(\Tool:=tool0\WObj:=wobj0);
+    IF Distance(vgrdHere, sent.trans) > VGRD_AGREE_MM THEN
+      vgrdWord := VGRD_APPROACH;
     ENDIF
   ENDPROC
 

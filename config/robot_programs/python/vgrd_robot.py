@@ -253,6 +253,14 @@ def _quaternion(pose: Pose) -> tuple[float, ...]:
     return (math.cos(angle / 2), *(r * scale for r in pose[3:]))
 
 
+def check_numbers(*places: object) -> None:
+    """Raise ValueError for nan: no comparison with it would ever doubt anything. inf is no limit, said in words."""
+    for place in places:
+        for name, number in vars(place).items():
+            if any(map(math.isnan, number if isinstance(number, Sequence) else (number,))):
+                raise ValueError(f"{type(place).__name__}.{name} is {number}: give numbers")
+
+
 class State(Enum):
     """Where the program is."""
 
@@ -304,6 +312,7 @@ class Program:
     status: int = 0
 
     def __post_init__(self) -> None:
+        check_numbers(self.limits, self.taught)
         self._begin()
 
     def start(self) -> None:
@@ -499,7 +508,7 @@ class Program:
     def _check_arrival(self, pose: Pose) -> None:
         """APPROACH, for both legs: something else may have ended the motion."""
         off_mm = distance_mm(self.arm.flange_pose(), pose)
-        if off_mm > self.limits.agree_mm:
+        if not off_mm <= self.limits.agree_mm:  # also where the arm tells no number
             raise Doubt("APPROACH", Reaction.STOP, f"the arm stands {off_mm:.1f} mm off")
 
     # --- motion

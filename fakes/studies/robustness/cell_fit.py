@@ -29,7 +29,7 @@ _CORNER_PX = (
 )
 _TILT = np.radians(30)  # a tag that leans enough to have one pose
 _SESSION = Session(Plan.JOINT, looks=8, spins=6, touches=10, tilted=4)
-_REQUESTS = 6
+_REQUESTS = 6  # one for each target in the mean; more of one session share its errors
 _HELD = 92.0  # %: stated 95, fewer by the chance of few sessions
 _LEAST_PX = 40.0  # of an edge: a cell of a 36h11 has 5 px then, below which `small` is told
 
@@ -92,6 +92,7 @@ CAMERAS: Mapping[str, Optics] = MappingProxyType(
         "20 MP, 16 mm": Optics(5472, 3648, 2.4, 16.0),
     }
 )
+# Around the usual cell: tags of a small wrist and of a large flange, a camera close by and above a bench.
 _EDGES_MM = (15.0, 25.0, 40.0)
 _DISTANCES_MM = (400.0, 700.0, 1200.0)
 _TOUCHES_MM = (0.05, 0.1, 0.233, 0.5)  # of a fine tip under a lens, to one that is put down by eye

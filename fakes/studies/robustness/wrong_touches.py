@@ -25,19 +25,11 @@ from vgrd.calibration.plausibility import NONE_IN_USE, InUse, Miss, misses, ques
 from vgrd.calibration.solve import calibrate_system
 from vgrd.charts import COLORS, legend, panels
 from vgrd.geometry import Array, Pose, exp_rotation
-from vgrd.model import UNMOVED, Plan, Recording, Target, Touch, frozen_array
+from vgrd.model import UNMOVED, Plan, Recording, Touch
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure as Drawing
 
-_PART: Mapping[str, tuple[float, float, float]] = {
-    "P1": (80, 0, 0),
-    "P2": (20, 65, 0),
-    "P3": (-70, 35, 0),
-    "P4": (-60, -40, 12),
-    "P5": (15, -75, 0),
-    "P6": (70, -45, 20),
-}
 _TOUCHES = 9  # of which the last repeat targets, as sessions do
 _KNOWN = 4  # touches of the object as it stands before a wrong one, where no calibration is in use
 _TURNS = (0.0, 0.0, 0.0, 2.0)  # of the table, rad: every fourth touch
@@ -72,10 +64,7 @@ def _trial(seed: SeedSequence, parameters: Parameters) -> dict[str, float]:
     """Whether the touch was questioned, by kind of mistake (1 or 0); the share of right ones that were."""
     kind = _SESSIONS[parameters["session"]]
     cell = Simulation(seed, vision=COARSE)
-    cell.targets = {
-        name: Target(k + 1, name, frozen_array(point, 3))
-        for k, (name, point) in enumerate(_PART.items())
-    }
+    cell.put_uneven_part()
     knows = parameters["by"] == "calibration"
     asked = _asking(cell, knows=knows)
     recording = _taught(cell, kind)

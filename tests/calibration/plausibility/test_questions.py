@@ -14,24 +14,12 @@ from vgrd.calibration.plausibility.rigid import PlacedTouches, fit_rigidly
 from vgrd.calibration.solve import calibrate_system
 from vgrd.calibration.touches import arm_touches, cad_touches
 from vgrd.geometry import Pose, exp_rotation
-from vgrd.model import UNMOVED, Plan, Recording, Target, frozen_array
-
-PART = {
-    "P1": (80, 0, 0),
-    "P2": (20, 65, 0),
-    "P3": (-70, 35, 0),
-    "P4": (-60, -40, 12),
-    "P5": (15, -75, 0),
-    "P6": (70, -45, 20),
-}
+from vgrd.model import UNMOVED, Plan, Recording
 
 
 def cell_of(seed: int) -> Simulation:
     cell = Simulation(seed)
-    cell.targets = {
-        name: Target(k, name, frozen_array(point, 3))
-        for k, (name, point) in enumerate(PART.items())
-    }
+    cell.put_uneven_part()
     return cell
 
 

@@ -1,6 +1,5 @@
 """Lines in a loop that is turned by hand: what they do in one turn, and what time alone does to a connection."""
 
-import asyncio
 import contextlib
 import socket
 from dataclasses import replace
@@ -8,7 +7,7 @@ from dataclasses import replace
 import pytest
 
 from fakes.controllers.raw_modbus import RawModbus
-from tests.gate.modbus.server import LIMITS
+from tests.gate.modbus.server import LIMITS, TurnedServers
 from tests.gate.register_bank.bench import Bench
 from vgrd.gate.lines import LINES
 from vgrd.gate.pdu import MODBUS
@@ -19,8 +18,8 @@ PER_PEER = 4
 FLOOD = b"EC,1,7\n" * 5000
 
 
-class Turns:
-    """Both servers in one loop that is turned by hand."""
+class Turns(TurnedServers):
+    """Registers and lines in one loop, on a clock that tests set."""
 
     def __init__(self, runtime_dir):
         bench = Bench(runtime_dir)
@@ -28,38 +27,23 @@ class Turns:
         bench.publish()
         self.clock = bench.clock
         limits = replace(LIMITS, allow=("127.0.0.0/8",), connections=CLIENTS)
-        self.loop = asyncio.new_event_loop()
-        self.registers = Server(MODBUS, bench.bank, bench.clock, limits)
+        registers = Server(MODBUS, bench.bank, bench.clock, limits)
         self.lines = Server(LINES, bench.bank, bench.clock, limits)
-        listen = self.loop.run_until_complete
-        self.port = listen(self.registers.listen("127.0.0.1", 0))
-        self.line_port = listen(self.lines.listen("127.0.0.1", 0))
+        super().__init__(registers, self.lines)
+        self.port, self.line_port = self.ports
 
-    def turn(self) -> int:
-        """Let the loop look at its sockets once; how many lines that answered."""
+    def answered(self) -> int:
+        """Turn once; how many lines that answered."""
         before = self.lines.counters["requests"]
-        self.loop.call_soon(self.loop.stop)
-        self.loop.run_forever()
+        self.turn()
         return self.lines.counters["requests"] - before
 
     def sweep_after(self, seconds: float) -> int:
         """Let time pass; how many connections the lines have then."""
-
-        async def sweep() -> None:
-            self.lines.sweep()
-
         self.turn()
         self.clock.now_s += seconds
-        self.loop.run_until_complete(sweep())
+        self.do(self.lines.sweep)
         return self.lines.connections
-
-    def close(self) -> None:
-        async def end() -> None:
-            self.registers.close()
-            self.lines.close()
-
-        self.loop.run_until_complete(end())
-        self.loop.close()
 
 
 @pytest.fixture
@@ -94,7 +78,7 @@ def pour(links: list[socket.socket]) -> None:
 
 def test_a_flood_of_lines_from_a_hundred_is_answered_a_few_in_a_turn(turns, flood):
     pour(flood)
-    answered = [turns.turn() for _ in range(300)]
+    answered = [turns.answered() for _ in range(300)]
     assert max(answered) <= LINES.per_turn
     assert sum(answered) > 290 * LINES.per_turn
 

@@ -1,7 +1,6 @@
 """Lines over real sockets: one answer for one request, and who misbehaves loses its own connection only."""
 
 import asyncio
-import random
 import socket
 import threading
 import time
@@ -10,7 +9,7 @@ from contextlib import suppress
 import pytest
 
 from fakes.controllers.raw_lines import RawLines
-from tests.gate.modbus.server import LIMITS, ServerThread, connect_from
+from tests.gate.modbus.server import LIMITS, ServerThread, connect_from, pester
 from vgrd.clock import SystemClock
 from vgrd.errors import ServingError
 from vgrd.gate.lines import LINES
@@ -135,25 +134,7 @@ def test_a_peer_that_is_not_listed_is_refused(serving):
 
 
 def test_random_bytes_and_mutated_lines_leave_the_server_serving(serving):
-    numbers = random.Random(5)
     valid = [b"EC,1,7\n", b"(EC,2,8,2,0,16)\r\n", b'<Ask Point="1" Trig="7"/>', b"EC,1,0\r"]
-    client = RawLines("127.0.0.1", serving.port)
-    for _ in range(1500):
-        line = bytearray(b"".join(numbers.choices(valid, k=numbers.randrange(1, 4))))
-        for _ in range(numbers.randrange(4)):
-            line[numbers.randrange(len(line))] = numbers.randrange(256)
-        if numbers.random() < 0.1:
-            line = bytearray(numbers.randbytes(numbers.randrange(1, 400)))
-        try:
-            client.socket.sendall(line)
-            client.socket.settimeout(0.002)
-            if client.socket.recv(65536) == b"":
-                raise ConnectionResetError
-        except TimeoutError:
-            continue
-        except ConnectionError:
-            client.socket.close()
-            client = RawLines("127.0.0.1", serving.port)
-    client.socket.close()
+    pester(lambda: RawLines("127.0.0.1", serving.port), valid)
     with RawLines("127.0.0.1", serving.port) as fresh:
         assert fresh.call(b"EC,1,7\n").startswith("7,901,")

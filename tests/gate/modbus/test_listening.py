@@ -7,7 +7,7 @@ import socket
 
 import pytest
 
-from tests.gate.modbus.server import LIMITS, connect_from
+from tests.gate.modbus.server import LIMITS, TurnedServers, connect_from
 from vgrd.clock import SystemClock
 from vgrd.errors import ServingError
 from vgrd.gate.image_feed import ImageFeed
@@ -16,65 +16,39 @@ from vgrd.gate.register_bank import RegisterBank
 from vgrd.gate.server import ACCEPTS_PER_TURN, Server
 
 
-class Turns:
-    """The server in a loop that the test turns by hand."""
-
-    def __init__(self, runtime_dir):
-        clock = SystemClock()
-        bank = RegisterBank(
-            ImageFeed(runtime_dir, clock),
-            clock,
-            deadline_s=0.25,
-            forward=lambda _: True,
-            abort=lambda: None,
-        )
-        self.loop = asyncio.new_event_loop()
-        self.server = Server(MODBUS, bank, clock, LIMITS)
-        self.port = self.loop.run_until_complete(self.server.listen("127.0.0.1", 0))
-
-    def turn(self) -> None:
-        """Let the loop look at its sockets once."""
-        self.loop.call_soon(self.loop.stop)
-        self.loop.run_forever()
-
-    def close(self) -> None:
-        async def end() -> None:
-            self.server.close()
-
-        self.loop.run_until_complete(end())
-        self.loop.close()
+@pytest.fixture
+def server(tmp_path):
+    clock = SystemClock()
+    feed = ImageFeed(tmp_path, clock)
+    bank = RegisterBank(feed, clock, deadline_s=0.25, forward=lambda _: True, abort=lambda: None)
+    return Server(MODBUS, bank, clock, LIMITS)
 
 
 @pytest.fixture
-def turns(tmp_path):
-    made = Turns(tmp_path)
+def turned(server):
+    made = TurnedServers(server)
     yield made
     made.close()
 
 
-def test_a_listed_robot_behind_a_crowd_of_strangers_is_let_in_after_a_few_turns(turns):
+def test_a_listed_robot_behind_a_crowd_of_strangers_is_let_in_after_a_few_turns(server, turned):
     """All of them wait in the queue of the kernel, which must hold them; time does not count."""
     with contextlib.ExitStack() as stack:
         crowd = 3 * ACCEPTS_PER_TURN
         for _ in range(crowd):
-            stack.enter_context(connect_from("127.9.9.9", turns.port))
-        stack.enter_context(connect_from("127.0.0.1", turns.port))
+            stack.enter_context(connect_from("127.9.9.9", turned.ports[0]))
+        stack.enter_context(connect_from("127.0.0.1", turned.ports[0]))
         refused = 0
         for _ in range(8):
-            turns.turn()
-            before, refused = refused, turns.server.counters["refused"]
+            turned.turn()
+            before, refused = refused, server.counters["refused"]
             assert refused - before <= ACCEPTS_PER_TURN
         assert refused == crowd
-        assert turns.server.connections == 1
+        assert server.connections == 1
 
 
-def test_a_socket_that_listens_already_is_served_with_a_queue_of_our_length(tmp_path):
-    clock = SystemClock()
-    feed = ImageFeed(tmp_path, clock)
-    bank = RegisterBank(feed, clock, deadline_s=0.25, forward=lambda _: True, abort=lambda: None)
-
+def test_a_socket_that_listens_already_is_served_with_a_queue_of_our_length(server):
     async def serve() -> None:
-        server = Server(MODBUS, bank, clock, LIMITS)
         given = socket.create_server(("127.0.0.1", 0), backlog=1)
         port = given.getsockname()[1]
         assert await server.listen("127.0.0.1", port, given) == port
@@ -88,7 +62,7 @@ def test_a_socket_that_listens_already_is_served_with_a_queue_of_our_length(tmp_
     asyncio.run(serve())
 
 
-def test_without_descriptors_the_server_rests_and_accepts_again_later(turns, monkeypatch):
+def test_without_descriptors_the_server_rests_and_accepts_again_later(server, turned):
     class Short:
         """A listener in a process that has no descriptor left."""
 
@@ -107,25 +81,19 @@ def test_without_descriptors_the_server_rests_and_accepts_again_later(turns, mon
         def close(self):
             self.listener.close()
 
-    listener = Short(turns.server._listeners[0])
-    turns.server._listeners = [listener]
+    listener = Short(server._listeners[0])
+    server._listeners = [listener]
 
-    async def sweep() -> None:
-        turns.server.sweep()
-
-    async def listen() -> None:
-        turns.server._wait_for_peers(listener)
-
-    turns.loop.run_until_complete(listen())
-    with connect_from("127.0.0.1", turns.port):
+    turned.do(lambda: server._wait_for_peers(listener))
+    with connect_from("127.0.0.1", turned.ports[0]):
         for _ in range(50):
-            turns.turn()
+            turned.turn()
         assert listener.calls == 1
         listener.short = False
-        turns.loop.run_until_complete(sweep())
+        turned.do(server.sweep)
         for _ in range(4):
-            turns.turn()
-        assert turns.server.connections == 1
+            turned.turn()
+        assert server.connections == 1
 
 
 def test_a_port_that_is_taken_is_named_with_the_remedy(serving):

@@ -266,7 +266,7 @@ def run_fanuc(source: str, world: World, settings: Mapping[str, object]) -> Outc
     v = variables(karel, world)
     v.__dict__.update({name.removeprefix("vgrd_"): value for name, value in settings.items()})
     pendant = Pendant(pendant_source, world)
-    pendant.numbers.update(dict.fromkeys(range(81, 92), 0))
+    pendant.numbers.update(dict.fromkeys(range(81, 91), 0))
     pendant.numbers[82] = 7
     pendant.places.update({81: xyzwpr(TAUGHT), 83: xyzwpr(_clear_of(TAUGHT))})
     v.flag = pendant.flags

@@ -86,6 +86,16 @@ class Timers(dict[int, float]):
         return (self.world.now_s - super().__getitem__(number)) * 1000
 
 
+class TimerFlags:
+    """$TIMER_FLAG: whether a timer has run above zero."""
+
+    def __init__(self, timers: Timers) -> None:
+        self._timers = timers
+
+    def __getitem__(self, number: int) -> bool:
+        return self._timers[number] > 0
+
+
 class Channel:
     """EthernetKRL on the shipped channel file: only what stands there can be set and read."""
 
@@ -131,8 +141,8 @@ class Builtins(StandIns):
         self.world, self.v = world, v
         self.channel = Channel(world, v.sys_flag)
         self.depth, self.declared_at = 0, -1
-        self.interrupt: tuple[Callable[[], bool], Callable[[], None]] | None = None
-        self.armed = False
+        self.interrupts: dict[int, tuple[Callable[[], bool], Callable[[], None]]] = {}
+        self.armed: set[int] = set()
         world.closing.append(lambda: v.sys_flag.update({self.channel.alive: False}))
 
     def run(self, routine: Callable[..., None], *arguments: Any) -> None:
@@ -146,17 +156,21 @@ class Builtins(StandIns):
         finally:
             self.depth -= 1
 
-    def declare(
-        self, _number: int, holds: Callable[[], bool], routine: Callable[[], None]
-    ) -> None:
-        self.declared_at, self.interrupt = self.depth, (holds, routine)
+    def declare(self, number: int, holds: Callable[[], bool], routine: Callable[[], None]) -> None:
+        self.declared_at, self.interrupts[number] = self.depth, (holds, routine)
 
-    def arm(self, _number: int) -> None:
-        assert self.interrupt
-        self.armed = not self.interrupt[0]()  # an edge is waited for
+    def arm(self, number: int) -> None:
+        holds, _ = self.interrupts[number]
+        if not holds():  # an edge is waited for
+            self.armed.add(number)
 
-    def disarm(self, _number: int) -> None:
-        self.armed = False
+    def disarm(self, number: int) -> None:
+        self.armed.discard(number)
+
+    def _due(self) -> Callable[[], None] | None:
+        """The routine of an interrupt whose condition has come."""
+        due = (self.interrupts[number] for number in sorted(self.armed))
+        return next((routine for holds, routine in due if holds()), None)
 
     def brake(self) -> None:
         self.world.told.append("brake")
@@ -174,10 +188,9 @@ class Builtins(StandIns):
 
     def lin(self, place: SimpleNamespace) -> None:
         self._flange()
-        if self.armed and self.interrupt:
-            holds, routine = self.interrupt
-            if not self.world.go(_tuple(place), holds):
-                self.run(routine)
+        if self.armed:
+            if not self.world.go(_tuple(place), lambda: self._due() is not None):
+                self.run(self._due())
         else:
             self.world.go(_tuple(place), way="straight")
 
@@ -260,9 +273,19 @@ def e6pos(pose: tuple[float, ...]) -> SimpleNamespace:
     return SimpleNamespace(**dict(zip(_FIELDS, pose, strict=True)), s=2, t=2)
 
 
+class Variables(SimpleNamespace):
+    """The variables of both interpreters; $POS_ACT is where the arm stands."""
+
+    _world: World
+
+    @property
+    def sys_pos_act(self) -> SimpleNamespace:
+        return e6pos((*self._world.stands_at, *TAUGHT[3:]))
+
+
 def variables(source: str, world: World) -> SimpleNamespace:
     """Return what the data lists declare, and the system variables that are used."""
-    v = SimpleNamespace()
+    v = Variables(_world=world)
     for type_, name, value in _DECLARED.findall(source):
         text = {"TRUE": "1", "FALSE": "0"}.get(value, value)
         of: Mapping[str, Callable[[str], Any]] = {
@@ -274,6 +297,7 @@ def variables(source: str, world: World) -> SimpleNamespace:
     v.sys_flag = dict.fromkeys(range(1, 1000), False)
     v.sys_timer = Timers(world)
     v.sys_timer_stop = v.sys_timer.stopped
+    v.sys_timer_flag = TimerFlags(v.sys_timer)
     v.sys_vel = SimpleNamespace(cp=0)
     v.sys_nullframe, v.sys_axis_act = "nullframe", "axes"
     return v

@@ -71,11 +71,12 @@ def faults_of(
     )
     if asked_again != scenario.again:
         found.append(f"asked again: {asked_again}")
-    if scenario.fault.task_dies and world.legs:
+    on_the_way = scenario.fault.since in ("approach", "last")
+    if scenario.fault.task_dies and world.legs and not on_the_way:
         found.append("moved unwatched")
     if scenario.fault.since == "ask" and not scenario.fault.task_dies:
         found += _stayed(outcome, scenario)
-    if scenario.fault.since in ("approach", "last"):
+    if on_the_way:
         found += _stopped(outcome, scenario)
     return found
 
@@ -102,7 +103,7 @@ def faults_of_block(
         found.append(f"gave {outcome.pose}")
     if scenario.fault.since == "ask" and scenario.word != "USE" and world.legs:
         found.append("was valid")
-    if scenario.fault.since == "approach":
+    if scenario.fault.since == "approach" and scenario.word == "POLL":
         within = NO_BEAT_WITHIN_S if "heartbeat" in scenario.name else STOPPED_WITHIN_S
         if not world.stopped_s - world.lost_s <= within:
             found.append(f"fell after {world.stopped_s - world.lost_s:.3f} s")
@@ -141,14 +142,17 @@ def _stayed(outcome: Outcome, scenario: Scenario) -> list[str]:
 
 def _stopped(outcome: Outcome, scenario: Scenario) -> list[str]:
     found, world = [], outcome.world
+    ends = (
+        [] if scenario.word == "APPROACH" else ["stop"]
+    )  # else it is over, and there is nothing to stop
     within = NO_BEAT_WITHIN_S if "heartbeat" in scenario.name else STOPPED_WITHIN_S
-    if not world.stopped_s - world.lost_s <= within:
+    if ends and not world.stopped_s - world.lost_s <= within:
         found.append(f"stopped after {world.stopped_s - world.lost_s:.3f} s")
     ways = [way for way, _ in world.moves]
     legs = [place for way, place in world.moves if way == "leg"]
-    if scenario.fault.since == "approach" and ways != ["free", "leg", "stop"]:
+    if scenario.fault.since == "approach" and ways != ["free", "leg", *ends]:
         found.append(f"went on after the stop: {ways}")
-    if scenario.fault.since == "last" and (ways != ["free", "leg", "leg", "stop", "straight"]):
+    if scenario.fault.since == "last" and ways != ["free", "leg", "leg", *ends, "straight"]:
         found.append(f"did not retreat: {ways}")
     if scenario.fault.since == "last" and world.moves[-1][1] != legs[0]:
         found.append(f"retreated to {world.moves[-1][1]}, not {legs[0]}")

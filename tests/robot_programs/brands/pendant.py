@@ -15,7 +15,8 @@ _COMPARISONS: dict[str, Callable[[float, float], bool]] = {
     "<": operator.lt,
 }
 _LINE = re.compile(r"^\s*\d+:(.*);\s*$", re.MULTILINE)
-_NAME = re.compile(r"\[(\d+):[^\]]*\]")  # R[84:WORD] is R[84]
+_NAME = re.compile(r"\[(\d+(?:,\d)?):[^\]]*\]")  # R[84:WORD] is R[84]
+_SQUARE = r"PR\[\d+,[1-3]\]\*PR\[\d+,[1-3]\]"
 
 
 class Pendant:
@@ -34,6 +35,7 @@ class Pendant:
         self.places: dict[int, SimpleNamespace] = {}
         self.flags: dict[int, bool] = {}
         self.settings: dict[str, int] = {}
+        self.off: dict[int, tuple[float, ...]] = {}
         self.at = 0
 
     def run(self) -> None:
@@ -79,6 +81,20 @@ class Pendant:
         if self.holds(match[1]):
             self.jump(match[2])
 
+    def subtract(self, match: re.Match[str]) -> None:
+        """A place less another; LPOS is where the arm stands."""
+        there = self._place(match[2])
+        pairs = zip(self.world.stands_at, there, strict=True)
+        self.off[int(match[1])] = tuple(here - place for here, place in pairs)
+
+    def jump_if_far(self, match: re.Match[str]) -> None:
+        """Mixed logic: the sum of the squares of X, Y and Z of a PR, compared with a register."""
+        elements = re.findall(r"PR\[(\d+),(\d)\]", match[1])
+        numbers = [self.off[int(place)][int(axis) - 1] for place, axis in elements]
+        squares = (a * b for a, b in zip(numbers[::2], numbers[1::2], strict=True))
+        if sum(squares) > self.value(match[2]):
+            self.jump(match[3])
+
     def wait(self, match: re.Match[str]) -> None:
         if not self.world.wait(lambda: self.holds(match[1]), self.settings["$WAITTMOUT"] / 100):
             self.jump(match[2])
@@ -111,6 +127,11 @@ _STEPS: tuple[tuple[str, Callable[[Pendant, re.Match[str]], None]], ...] = (
     (r"JMP LBL\[(\d+)\]", lambda pendant, match: pendant.jump(match[1])),
     (r"(UFRAME_NUM|UTOOL_NUM|\$WAITTMOUT)=(\d+)", Pendant.setting),
     (r"R\[(\d+)\]=(\S+)", Pendant.assign),
+    (r"PR\[(\d+)\]=LPOS-PR\[(\d+)\]", Pendant.subtract),
+    (
+        rf"IF \(({_SQUARE}(?:\+{_SQUARE})*)>(R\[\d+\])\),JMP LBL\[(\d+)\]",
+        Pendant.jump_if_far,
+    ),
     (r"IF (\S+),JMP LBL\[(\d+)\]", Pendant.jump_if),
     (r"WAIT (\S+) TIMEOUT,LBL\[(\d+)\]", Pendant.wait),
     (r"WAIT +(\.\d+)\(sec\)", Pendant.pause),

@@ -33,6 +33,7 @@ BUILTINS = {
     "orientzyx": "in in in",
     "reltool": r"in in in in \rx \ry \rz",
     "calcjointt": r"in in \wobj \errornumber",
+    "cpos": r"\tool \wobj",
     "movej": r"in in in in \wobj",
     "movel": r"in in in in \wobj",
     "searchl": r"cond out in in in \stop \pstop \sstop \wobj",
@@ -95,7 +96,7 @@ class Task:
 def _initial(type_: str, array: str, value: str) -> Any:
     if type_ == "robtarget":
         return robtarget(TAUGHT)
-    if type_ in ("speeddata", "socketdev", "jointtarget"):
+    if type_ in ("speeddata", "socketdev", "jointtarget", "pos"):
         return type_
     if type_ == "clock":
         return SimpleNamespace(began_s=math.nan)
@@ -210,6 +211,10 @@ class Builtins(StandIns):
         if not self.world.reachable(place.trans.z):
             raise ControllerError("err_roblimit")
         return "joints"
+
+    def cpos(self, opt_tool: str, opt_wobj: str) -> SimpleNamespace:
+        assert (opt_tool, opt_wobj) == ("tool0", "wobj0")
+        return SimpleNamespace(**dict(zip("xyz", self.world.stands_at, strict=True)))
 
     def movej(
         self, place: SimpleNamespace, _speed: str, zone: str, tool: str, opt_wobj: str

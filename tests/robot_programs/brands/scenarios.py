@@ -170,6 +170,20 @@ def _another_answer(reading: Reading) -> Reading:
     return replace(reading, seq=reading.seq + 2)
 
 
+def _ended() -> list[Scenario]:
+    """A leg is over, and the arm does not stand where it was sent."""
+    found = []
+    for leg in ("approach", "last"):
+        near = Fault(since=leg, off=(0.25, -0.25, 0.25))
+        found.append(Scenario(f"ended by chance near, {leg} leg", "USE", False, near))
+        for axis, off in enumerate(((0.6, 0, 0), (0, -0.6, 0), (0, 0, 0.6))):
+            fault = Fault(since=leg, off=off)
+            found.append(
+                Scenario(f"ended elsewhere {axis + 1}, {leg} leg", "APPROACH", False, fault)
+            )
+    return found
+
+
 def _moving() -> list[Scenario]:
     pushed = replace(changed(pose=_pose(0, SERVED[0] + 0.6)), since="second")
     turned = replace(changed(pose=_pose(5, SERVED[5] + 0.6)), since="second")
@@ -247,12 +261,22 @@ def _lacking() -> list[Scenario]:
     return found
 
 
+def _orphaned() -> list[Scenario]:
+    """The task that looks after the answer ends while the arm is under way."""
+    faults = {leg: Fault(since=leg, task_dies=True) for leg in ("approach", "last")}
+    return [
+        Scenario(f"no heartbeat of the task in {leg} leg", "POLL", False, fault)
+        for leg, fault in faults.items()
+    ]
+
+
 ACCEPTING = [*_accepting(), *_placing()]
 REGISTERS = [
     *ACCEPTING,
     *_registers(),
     *(scenario for scenario in _losing() if scenario.fault.since == "approach"),
+    *_ended(),
 ]
-ROBOTS = [*ACCEPTING, *_losing()[:-1], *_moving()]
+ROBOTS = [*ACCEPTING, *_losing()[:-1], *_ended(), *_moving()]
 LINES = [*ROBOTS, *_garbled()]
-DOCUMENTS = [*ROBOTS, *_lacking()]
+DOCUMENTS = [*ROBOTS, *_orphaned(), *_lacking()]

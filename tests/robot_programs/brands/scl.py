@@ -9,13 +9,14 @@ from typing import Any
 from tests.robot_programs.brands.outcome import Outcome
 from tests.robot_programs.brands.stand_ins import StandIns
 from tests.robot_programs.brands.translation import Dialect, Rule, load
-from tests.robot_programs.brands.world import TAUGHT, Fault, Reading, World
+from tests.robot_programs.brands.world import LEG_S, TAUGHT, Fault, Reading, World, quaternion
 from vgrd.registers.layout import encode_response
 
 SCAN_S = 0.01
 JOB_S = 0.03  # of one turn of Modbus
 CONNECT_S = 1.0  # of the first
 WATCHED_S = 6.0  # longer than every limit, and than MB_CLIENT waits
+APPROACH_MM = 50
 BLOCKS = {
     "ton_time": ("in", "pt"),
     "mb_client": (
@@ -294,6 +295,18 @@ def run_siemens(source: str, world: World, settings: Mapping[str, object]) -> Ou
     return Outcome(world, arrived, tuple(decisions), (), pose)
 
 
+def _go_on(v: SimpleNamespace, world: World) -> None:
+    """The arm goes to the approach point, stands there, goes to the coordinate, stands there."""
+    if not world.legs or (world.now_s >= world.leg_began_s + 2 * LEG_S and world.legs < 2):
+        world.legs, world.leg_began_s = world.legs + 1, world.now_s
+    v.stands = world.legs if world.now_s >= world.leg_began_s + LEG_S else 0
+    back_mm = APPROACH_MM if v.stands == 1 else 0
+    qw, qx, qy, qz = quaternion(v.roll, v.pitch, v.yaw)
+    along = (2 * (qx * qz + qw * qy), 2 * (qy * qz - qw * qx), qw**2 - qx**2 - qy**2 + qz**2)
+    sent = tuple(at - back_mm * part for at, part in zip((v.x, v.y, v.z), along, strict=True))
+    v.atx, v.aty, v.atz = world.ended_at(sent) if v.stands else (math.nan,) * 3
+
+
 def executable(source: str) -> str:
     """Return the statements of the block, as a routine."""
     text = normalised(source)
@@ -307,7 +320,7 @@ def _attempt(v: SimpleNamespace, scan: Any, world: World) -> bool:
         world.now_s += SCAN_S
         scan()
 
-    v.ask = False
+    v.ask, v.stands = False, 0
     turn()
     assert not v.valid
     v.ask = True
@@ -316,8 +329,8 @@ def _attempt(v: SimpleNamespace, scan: Any, world: World) -> bool:
     began_s = world.now_s
     while v.busy or v.valid:
         turn()
-        if v.valid and not world.legs:
-            world.legs, world.leg_began_s = 1, world.now_s
+        if v.valid:
+            _go_on(v, world)
         if v.valid and world.now_s > world.leg_began_s + WATCHED_S:
             v.ask = False
             turn()

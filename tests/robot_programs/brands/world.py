@@ -67,12 +67,14 @@ class Fault:
     since: "ask", from the first request; "approach", "last", 0.3 s after the first or second leg began; "second", from
     the second request on; "recovered": the first request only; "answered": once a good answer was read.
     unreachable: "low", where the point is, "high", where its approach point is, or "low high".
+    off: mm from where a leg was sent to where it ends, for whatever reason.
     link: "refused" when it is opened, or "closed" by the peer. garble: what becomes of the line on its way.
     """
 
     change: Callable[[Reading], Reading] = lambda reading: reading
     since: str = "ask"
     unreachable: str = ""
+    off: tuple[float, float, float] = (0.0, 0.0, 0.0)
     link: str = ""
     task_dies: bool = False
     garble: Callable[[str], str] = lambda line: line
@@ -92,6 +94,7 @@ class World:
     now_s: float = 100.0
     asks: list[Ask] = field(default_factory=list)
     moves: list[tuple[str, tuple[float, ...]]] = field(default_factory=list)
+    stands_at: tuple[float, ...] = TAUGHT[:3]
     legs: int = 0
     leg_began_s: float = math.inf
     lost_s: float = math.inf
@@ -112,7 +115,9 @@ class World:
         assert end_s < self.began_s + LONGEST_S, "the program goes on and on"
         while self.now_s < end_s - 1e-9:
             self.now_s = min(self.now_s + TICK_S, end_s)
-            if self.now_s >= self._next_s - 1e-9 and not (self.fault.task_dies and self._faulty()):
+            if self.fault.task_dies and self._faulty():
+                self.lost_s = min(self.lost_s, self.now_s)
+            elif self.now_s >= self._next_s - 1e-9:
                 self._next_s = math.inf  # the task does not begin a turn within a turn
                 self.background()
                 self._next_s = self.now_s + self.period_s
@@ -166,7 +171,13 @@ class World:
                 self.moves.append(("stop", place))
                 return False
             self.advance(TICK_S)
+        self.stands_at = self.ended_at(place) if lost else place
         return True
+
+    def ended_at(self, place: tuple[float, ...]) -> tuple[float, ...]:
+        """Return where a leg has ended that was sent to `place`."""
+        off = self.fault.off if self._faulty() else (0.0, 0.0, 0.0)
+        return tuple(sent + by for sent, by in zip(place, off, strict=True))
 
     def be_silent(self) -> None:
         """Let more than a minute pass: the daemon closes connections."""
