@@ -98,11 +98,11 @@ class PageProcess:
         self.process.send_signal(signal.SIGCONT)
 
 
-def until(is_so: Callable[[], object], within_s: float = PATIENCE_S) -> None:
+def until(is_so: Callable[[], object], what: str = "it", within_s: float = PATIENCE_S) -> None:
     """Wait until something is so; a busy machine takes its time."""
     end_s = time.monotonic() + within_s
     while not is_so():
-        assert time.monotonic() < end_s, "it never came"
+        assert time.monotonic() < end_s, f"{what} never came"
         time.sleep(0.02)
 
 
