@@ -73,8 +73,9 @@ class PageProcess:
         # The page's framework takes this for a test of its own kind.
         env = {name: text for name, text in os.environ.items() if name != "PYTEST_CURRENT_TEST"}
         with self._log.open("w") as log:
-            argv = dying_with_us([*self._argv, str(self.port)])
-            self.process = subprocess.Popen(argv, stderr=log, env=env)
+            self.process = subprocess.Popen(
+                dying_with_us([*self._argv, str(self.port)]), stderr=log, env=env
+            )
         until(self._answers)
         return self
 

@@ -56,6 +56,12 @@ def teaching() -> dict[str, Any]:
         "version": "v1",
         "session": {"name": "one", "plan": "joint", "folder": "/x"},
         "step": dict(STEP),
+        "have": {"touch": 1},
+        "missing": {},
+        "harvested": {},
+        "warning": "",
+        "trouble": "",
+        "computing": False,
         "unknown": "",
         "findings": [],
         "questions": {},
@@ -65,7 +71,17 @@ def teaching() -> dict[str, Any]:
             {"name": "P2", "touches": 0, "u95_mm": None},
         ],
         "trend": [{"sample": 3, "minutes": 1.0, "u95_mm": 0.6}],
-        "samples": [{"sample": 3, "kind": "touch", "target": "P1", "remark": ""}],
+        "samples": [
+            {
+                "sample": 3,
+                "kind": "touch",
+                "target": "P1",
+                "harvested": False,
+                "words": "touch P1",
+                "remark": "",
+                "question": "",
+            }
+        ],
         "touches": [{"name": "touch 1 (P1)", "off_mm": 0.1, "left_out_mm": 0.2, "reason": ""}],
         "clock": {"minutes": 1.0, "by_step": {"touch": 1.0}, "elapsed_s": 60.0},
     }

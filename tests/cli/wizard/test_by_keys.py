@@ -26,7 +26,7 @@ class Terminal:
         self.before = termios.tcgetattr(self.its)
         self.screen = b""
         argv = [sys.executable, "-m", "vgrd.cli", "teach", "--socket"]
-        env = {**os.environ, "TERM": "xterm", "COLUMNS": "120", "LINES": "50"}
+        env = {**os.environ, "TERM": "xterm", "COLUMNS": "120", "LINES": "40"}
         self.process = subprocess.Popen(
             dying_with_us([*argv, str(runtime_dir / "control.sock")]),
             stdin=self.its,
@@ -48,7 +48,7 @@ class Terminal:
 
     def shows(self, words: str) -> bool:
         """Whether the newest drawing holds these words."""
-        return words.encode() in self.screen[-6000:]
+        return words.encode() in self.screen[-12000:]
 
     def close(self) -> None:
         self.process.kill()
