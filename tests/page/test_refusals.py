@@ -10,6 +10,13 @@ from vgrd.ipc.ring import RingReader
 from vgrd.page import __main__ as page
 
 
+@pytest.fixture(autouse=True)
+def _as_a_guest(monkeypatch) -> None:
+    """It runs in the process of the tests: their log and their priority stay as they are."""
+    monkeypatch.setattr(page.logs, "configure", lambda _: None)
+    monkeypatch.setattr(page, "give_way", lambda: None)
+
+
 def told(runtime_dir) -> Health:
     with RingReader.open(health_path(runtime_dir, "page"), HEALTH_KIND) as ring:
         return Health.unpack(ring.newest().payload)
