@@ -7,6 +7,10 @@ export OPENBLAS_NUM_THREADS ?= 1
 # Which fake cell: default, or one of the paper's two, sampler and fruit.
 CELL ?= default
 
+# PAGE=1: the operator's page at 127.0.0.1:8080, buttons that move the fake arm and table at 8081.
+PAGE ?=
+SHOWN := $(if $(PAGE),--page 8080)
+
 .PHONY: install demo cell paper test test-robust soak lint bench run format clean
 
 .venv: pyproject.toml constraints.txt
@@ -20,11 +24,12 @@ CELL ?= default
 install:
 	python3 -m vgrd.installing install $(ARGS)
 
+# With PAGE=1 nobody teaches: the cell stays up until Ctrl-C, for a person who does.
 demo: .venv
-	$(BIN)/python -m fakes demo --cell $(CELL)
+	$(BIN)/python -m fakes $(if $(PAGE),cell --untaught --folder build/page-cell $(SHOWN),demo) --cell $(CELL)
 
 cell: .venv
-	$(BIN)/python -m fakes cell --cell $(CELL)
+	$(BIN)/python -m fakes cell --cell $(CELL) $(SHOWN)
 
 # Every figure and table of the paper beside ours: build/paper.html, about ten minutes on two cores.
 paper: .venv

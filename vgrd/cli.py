@@ -24,6 +24,7 @@ from vgrd.commands import (
     target,
 )
 from vgrd.commands.checking import calibrations, check, drivers, snapshot
+from vgrd.commands.wizard import teach
 from vgrd.errors import DaemonUnreachable, VgrdError
 
 app = typer.Typer(
@@ -47,6 +48,7 @@ for group in (
     solving,
     study,
     target,
+    teach,
     *service.GROUPS,
 ):
     group.register(app)

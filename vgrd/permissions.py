@@ -8,8 +8,9 @@ others is not the daemon's: what is made in it is private.
 import errno
 import grp
 import os
+import pwd
 import stat
-from collections.abc import Collection, Iterator
+from collections.abc import Callable, Collection, Iterator
 from pathlib import Path
 from typing import Final
 
@@ -34,6 +35,28 @@ def opener(path: str, flags: int) -> int:
         os.close(fd)
         raise
     return fd
+
+
+def way_in(path: Path) -> str:
+    """What to do for somebody to whom `path`, or the folder that hides it, is closed."""
+    for place in (path, *path.parents):
+        try:
+            status = place.stat()
+        except OSError:
+            continue
+        break
+    if not status.st_mode & _GROUP_ENTERS:
+        return f"only user {_name(pwd.getpwuid, status.st_uid)} may: run this as that user, by sudo -u"
+    group = _name(grp.getgrgid, status.st_gid)
+    return f"members of the group {group} may: adduser NAME {group}, as root, and log in anew"
+
+
+def _name(entry: Callable[[int], tuple[object, ...]], number: int) -> str:
+    """Of a user or a group; its number where it has none here."""
+    try:
+        return str(entry(number)[0])
+    except KeyError:
+        return str(number)
 
 
 def make_folder(path: Path, *, exist_ok: bool = True) -> None:

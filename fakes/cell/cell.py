@@ -31,7 +31,8 @@ class FakeCell:
     """Starts on `with`: controller and camera answer, `folder/cell.toml` tells the daemon where.
 
     camera: a driver, None for what this machine has. kind: what `world` is a world of. robot: None for a
-    link as `kind` says. `digital_inputs` of the controller may be set at any time.
+    link as `kind` says. page: port of the operator's page, None for none. `digital_inputs`
+    of the controller may be set at any time.
     """
 
     def __init__(
@@ -42,7 +43,9 @@ class FakeCell:
         camera: str | None = None,
         kind: CellKind = CELLS[DEFAULT],
         robot: RobotLink | None = None,
+        page: int | None = None,
     ) -> None:
+        self.page = page
         self.world = world
         self.folder = folder
         self.port = port
@@ -77,6 +80,7 @@ class FakeCell:
             camera = self._start_camera(undo)
             robot = self.robot.driver(self.world.arm.wrist_from_tcp)
             text = cell_text(self.world.layout, robot=robot, camera=camera, port=self.port)
+            text += "" if self.page is None else f"[page]\nport = {self.page}\n"
             self.cell_file.write_text(text, encoding="utf-8")
             self._resources = undo.pop_all()
         return self

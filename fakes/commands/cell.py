@@ -13,6 +13,7 @@ from rich.console import Console
 from fakes.cell.cell import FakeCell
 from fakes.cell.daemon import Daemon
 from fakes.cell.operator import SPEED_MM_S, TURN_RAD_S, Operator
+from fakes.cell.playground import Playground
 from fakes.commands.console import Action, numbers, until_stopped, what_can_be_typed, word
 from fakes.commands.demo import set_up_table
 from fakes.demo.show import Show
@@ -32,6 +33,14 @@ def main(
     ] = None,
     camera: Annotated[str | None, typer.Option(help="aravis or fakes.camera.pylon_camera")] = None,
     cell: Annotated[str, typer.Option(help=CELL_HELP)] = DEFAULT,
+    page: Annotated[
+        int | None,
+        typer.Option(help="port of the operator's page; the next one moves arm and table"),
+    ] = None,
+    *,
+    untaught: Annotated[
+        bool, typer.Option(help="teach nothing: a person does, with the page")
+    ] = False,
 ) -> None:
     """Run fake robot, fake camera and the daemon with an active calibration until Ctrl-C.
 
@@ -45,13 +54,18 @@ def main(
         "fake-cell" if kind.name == DEFAULT else f"fake-cell-{kind.name}"
     )
     with contextlib.ExitStack() as stack:
-        fake = stack.enter_context(FakeCell(world, place, port, camera, kind))
+        fake = stack.enter_context(FakeCell(world, place, port, camera, kind, page=page))
         console.print(set_up_table(world, fake))
         daemon = stack.enter_context(Daemon(fake.cell_file, place / "vgrd.log"))
-        _teach_once(console, fake, daemon)
+        if not untaught:
+            _teach_once(console, fake, daemon)
         world.move_flange(retracted_pose(world.layout), time.monotonic())
         console.print(f"registers on 127.0.0.1:{port}, map in docs/registers.md")
         console.print(f"vgrd status --config {fake.cell_file}")
+        if page is not None:
+            stack.enter_context(Playground(world, page + 1))
+            console.print(f"operator's page: http://127.0.0.1:{page}")
+            console.print(f"to move arm and table: http://127.0.0.1:{page + 1}")
         actions = world_actions(world)
         ready = f"type: {what_can_be_typed(actions)}; Ctrl-C ends"
         asyncio.run(until_stopped(ready, actions))

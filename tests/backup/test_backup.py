@@ -283,6 +283,15 @@ def test_nothing_is_written_outside_whatever_an_archive_says(spare, tmp_path, wr
     assert set(tmp_path.rglob("*")) == before
 
 
+def test_a_hole_of_a_terabyte_is_not_written_to_the_disk(spare, tmp_path) -> None:
+    sparse = member("cell.toml")
+    sparse.pax_headers = {"GNU.sparse.size": str(10**12), "GNU.sparse.map": "0,1"}
+    archive = tar_of(tmp_path / "sparse.tar", (sparse, b"x"))
+    with tarfile.open(archive) as opened:
+        assert opened.getmember("cell.toml").size == 10**12
+    assert "nothing was taken from it" in refused(spare, archive, InputError)
+
+
 def test_the_same_name_twice_is_refused(spare, tmp_path) -> None:
     twice = [(member("cell.toml"), b"a"), (member("cell.toml"), b"b")]
     refused(spare, tar_of(tmp_path / "twice.tar", *twice), InputError)

@@ -66,3 +66,19 @@ def test_without_a_name_the_cell_file_of_the_service_is_meant(
     assert "--config CELL.toml" in refused.err
     monkeypatch.setattr("vgrd.commands.asking._INSTALLED", cell_file)
     assert vgrd("backup", tmp_path / "a.tar").code == 0
+
+
+def test_a_cell_file_that_is_closed_to_somebody_names_the_remedy(
+    vgrd,  # noqa: F811
+    cell_file,
+    monkeypatch,
+) -> None:
+    def refused(_: Path) -> bytes:
+        raise PermissionError(13, "Permission denied")
+
+    cell_file.chmod(0o640)
+    monkeypatch.setattr("os.access", lambda *_, **__: False)
+    monkeypatch.setattr(Path, "read_bytes", refused)
+    told = vgrd("status", "--config", cell_file)
+    assert told.code != 0
+    assert "adduser NAME" in " ".join(told.err.split())

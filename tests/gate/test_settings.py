@@ -38,7 +38,9 @@ def test_the_line_port_of_the_cell_file_reaches_the_gate(tmp_path, line_port):
 def test_the_ports_of_registers_and_lines_are_two(tmp_path):
     path = tmp_path / "cell.toml"
     path.write_text(EXAMPLE.read_text().replace("\n# line_port = 1503", "\nline_port = 1502"))
-    with pytest.raises(ConfigError, match=r"port and line_port are both 1502.*such as 1503"):
+    with pytest.raises(
+        ConfigError, match=r"line_port: 1502 is .serving. port already.*such as 1503"
+    ):
         load_config(path)
 
 

@@ -21,7 +21,7 @@ from vgrd.installing.plans import (
     removal,
     rollback,
 )
-from vgrd.installing.steps import Answer, Command, File, Link, Removal, Step
+from vgrd.installing.steps import Answer, Command, File, Flush, Link, Removal, Step
 
 MACHINE = Places(Path("/"))
 UNITS = Units("ExecStart=@VENV@/bin/vgrd run @CELL@\n", "ListenStream=@HOST@:@PORT@\n")
@@ -39,6 +39,7 @@ RUNNING = Found(
     current="0.1-2",
     has_cell_file=True,
     is_running=True,
+    has_service=True,
 )
 VERSIONS = st.lists(
     st.builds("{}-{}".format, st.sampled_from(("0.1.0", "0.2", "1.0rc1")), st.integers(1, 99)),
@@ -171,7 +172,7 @@ def test_a_trial_does_nothing_outside_its_folder() -> None:
             if isinstance(step, Command):
                 assert step.argv[0] == WISH.python or step.argv[0].startswith("/trial/")
             else:
-                assert step.path.is_relative_to("/trial")
+                assert isinstance(step, Flush) or step.path.is_relative_to("/trial")
 
 
 def test_rolling_back_takes_the_version_before_or_the_one_that_is_named() -> None:
@@ -206,3 +207,15 @@ def test_uninstalling_keeps_what_cannot_be_had_again() -> None:
     assert of_systemd(plan)[0] == "systemctl disable --now vgrd.service"
     assert plan.switch[-1] == Removal(MACHINE.versions)  # what runs this
     assert removed(removal(MACHINE, RUNNING, purge=True)) == removed(plan) | data
+
+
+def test_a_removal_that_broke_off_can_be_repeated() -> None:
+    """What is gone cannot be disabled: systemctl refuses it."""
+    left = replace(RUNNING, has_service=False, socket="")
+    assert of_systemd(removal(MACHINE, left, purge=False)) == ["systemctl daemon-reload"]
+    left = replace(RUNNING, has_service=False, socket="x")
+    assert of_systemd(removal(MACHINE, left, purge=False))[0].endswith("--now vgrd.socket")
+
+
+def test_a_new_version_is_on_the_disk_before_it_is_in_use() -> None:
+    assert installation(MACHINE, WISH, RUNNING).prepare[-1] == Flush()

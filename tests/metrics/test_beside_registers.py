@@ -90,6 +90,24 @@ def test_a_flood_of_scrapes_changes_no_register(gate, port) -> None:
     assert gate.row("cell").starts == 1
 
 
+def test_scrapers_that_never_read_nor_end_cost_the_registers_nothing(gate, port) -> None:
+    until(lambda: scrape(port))
+    with contextlib.ExitStack() as links, gate.client() as client:
+        until(lambda: see(client)["STATUS"] == Status.IDLE)
+        for request in (RIGHT, b"GET", b""):
+            for _ in range(4):
+                link = links.enter_context(socket.socket())
+                link.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
+                link.connect(("127.0.0.1", port))
+                link.sendall(request)
+        ask(client, 7, 1)
+        until(lambda: see(client)["STATUS"] == Status.OK)
+        seen = [see(client) for _ in range(READS)]
+    assert all(registers["STATUS"] == Status.OK for registers in seen)
+    assert gate.row("metrics").starts == 1
+    assert told(port)["vgrd_process_up"] == 1.0
+
+
 def test_a_port_that_is_taken_costs_nothing_but_the_metrics(gate, port, tmp_path) -> None:
     taken = free_port()
     argv = [sys.executable, "-m", "vgrd.metrics", str(tmp_path / "b"), "127.0.0.1", str(taken)]

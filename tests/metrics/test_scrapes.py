@@ -108,6 +108,26 @@ def test_more_than_may_come_at_a_time_are_closed_and_those_that_wait_are_let_go(
     serving(check, limits)
 
 
+def test_who_asks_and_never_reads_is_let_go_and_others_are_answered_meanwhile() -> None:
+    body = b"vgrd_x 1\n" * 2_000_000  # more than the kernel's buffers of both ends take
+
+    async def check(scrapes: Scrapes, port: int) -> None:
+        with contextlib.ExitStack() as links:
+            for _ in range(QUICK.clients - 1):
+                link = links.enter_context(socket.socket())
+                link.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
+                link.connect(("127.0.0.1", port))
+                link.sendall(RIGHT)
+            assert await ask(port, b"GET / HTTP/1.1\r\n\r\n") == b""
+            while scrapes.dropped["timeouts"] < QUICK.clients - 1:
+                assert await ask(port, b"GET / HTTP/1.1\r\n\r\n") == b""
+        assert scrapes.dropped.keys() == {"garbage", "timeouts"}
+        assert scrapes.dropped["timeouts"] == QUICK.clients - 1
+        assert scrapes.answered == 0
+
+    serving(check, text=lambda _: body)
+
+
 def test_the_daemon_is_asked_once_however_many_ask() -> None:
     asked = []
 

@@ -1,6 +1,7 @@
 """What `vgrd install` makes of a machine, under a real systemd: an update, a way back, a spare computer."""
 
 import contextlib
+import http.client
 import os
 import shutil
 import subprocess
@@ -9,6 +10,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
+from prometheus_client.parser import text_string_to_metric_families
 
 from fakes.cell.cell import FakeCell, cell_text
 from fakes.cell.rehearsal import NO_CAMERA, NO_ROBOT
@@ -26,6 +28,8 @@ from vgrd.registers import RESPONSE
 pytestmark = [pytest.mark.system, pytest.mark.timeout(2400)]
 
 PORT = 502
+EXPOSURE = 13  # in tenths: what is promised at most
+ARCHIVE = Path("/srv/cell.tar")
 PYTHON = "/usr/bin/python3"
 INSTALL_S = 600.0  # a minute, on a machine that is not busy: packages, and the hot loops compiled
 NO_INDEX = ("No matching distribution", "connection", "Temporary failure")  # what pip says then
@@ -135,7 +139,9 @@ def test_what_was_taught_is_served_after_an_update_too(world, tmp_path, record_p
     with FakeCell(world, tmp_path / "cell", free_port()) as cell:
         take_folders_from_unit(cell.cell_file)
         text = cell.cell_file.read_text().replace('host = "127.0.0.1"', f'host = "{host}"')
-        cell.cell_file.write_text(text.replace(f"port = {cell.port}", f"port = {PORT}"))
+        text = text.replace(f"port = {cell.port}", f"port = {PORT}")
+        metrics = free_port()
+        cell.cell_file.write_text(f'{text}\n[metrics]\nhost = "127.0.0.1"\nport = {metrics}\n')
         seen = f"BindReadOnlyPaths={cell.folder}\n"  # the fake devices' ring
         with booted(tmp_path, cell.cell_file, seen) as machine:
             done = machine.install("--cell", str(cell.cell_file))
@@ -149,11 +155,16 @@ def test_what_was_taught_is_served_after_an_update_too(world, tmp_path, record_p
                 calibrate(world, daemon)
                 before = serves(machine, world, host)
                 check_operators(machine, before[0])
+                check_exposure(machine)
+                check_metrics(metrics)
                 (packages,) = machine.path("/opt/vgrd/current/lib").glob("python3*/site-packages")
                 inside = f"/opt/vgrd/{machine.version}/lib/{packages.parent.name}/site-packages"
                 done = machine.install(*machine.sharing(inside))
                 assert done.returncode == 0, done.stdout + done.stderr
                 assert machine.version.endswith("-2")
+                assert serves(machine, world, host) == before
+                own = machine.path("/etc/systemd/system/vgrd.service.d/test.conf").read_text()
+                move_to_spare(machine, own)
                 assert serves(machine, world, host) == before
             assert "Traceback" not in daemon.log.read_text()
     record_property("took_s", round(time.monotonic() - start, 1))
@@ -167,7 +178,57 @@ def check_operators(machine: Machine, calibration: str) -> None:
     anna = machine.systemd.run("runuser", "-u", "anna", *asks)
     assert anna.returncode == 0, anna.stdout + anna.stderr
     assert calibration in anna.stdout
-    assert machine.systemd.run("runuser", "-u", "bruno", *asks).returncode != 0
+    bruno = machine.systemd.run("runuser", "-u", "bruno", *asks)
+    assert bruno.returncode != 0
+    assert "adduser NAME vgrd" in " ".join((bruno.stdout + bruno.stderr).split())
+
+
+def check_exposure(machine: Machine) -> None:
+    """Of the unit as it was installed, not of its template."""
+    copy = machine.cell_file.with_name("vgrd.service")
+    copy.write_text(machine.path("/etc/systemd/system/vgrd.service").read_text())
+    tool = shutil.which("systemd-analyze")
+    assert tool  # a part of systemd
+    words = ("security", "--offline=true", "--no-pager", f"--threshold={EXPOSURE}", str(copy))
+    done = subprocess.run([tool, *words], capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stdout
+
+
+def check_metrics(port: int) -> None:
+    """As Prometheus reads them, from the daemon at work."""
+    with contextlib.closing(http.client.HTTPConnection("127.0.0.1", port, timeout=30.0)) as link:
+        link.request("GET", "/metrics")
+        text = link.getresponse().read().decode()
+    families = text_string_to_metric_families(text)
+    told = {sample.name: sample.value for family in families for sample in family.samples}
+    assert told["vgrd_cell_up"] == 1.0
+    assert told["vgrd_server_requests_total"] > 0
+
+
+def move_to_spare(machine: Machine, drop_in: str) -> None:
+    """As docs/service.md says, onto a machine from which all of it was purged."""
+    assert machine.vgrd("backup", str(ARCHIVE)).returncode == 0
+    done = machine.vgrd("uninstall", "--purge", "everything")
+    assert done.returncode == 0, done.stderr
+    for gone in (
+        "/opt/vgrd",
+        "/etc/vgrd",
+        "/var/lib/vgrd",
+        "/var/backups/vgrd",
+        "/var/cache/vgrd",
+    ):
+        assert not os.path.lexists(machine.path(gone)), gone
+    own = machine.path("/etc/systemd/system/vgrd.service.d/test.conf")
+    own.parent.mkdir()
+    own.write_text(drop_in)
+    machine.systemd.do("tar", "--directory=/srv", "-xf", str(ARCHIVE), "cell.toml")
+    done = machine.install("--cell", "/srv/cell.toml")
+    assert done.returncode == 0, done.stdout + done.stderr
+    both = ("vgrd.socket", "vgrd.service")
+    assert machine.systemd.ask("stop", *both) == ""
+    done = machine.vgrd("restore", str(ARCHIVE))
+    assert done.returncode == 0, done.stdout + done.stderr
+    assert machine.systemd.ask("start", *both) == ""
 
 
 def test_a_bad_update_and_a_way_back_cost_nothing_and_data_outlive_it_all(tmp_path) -> None:

@@ -1,7 +1,10 @@
 """What the daemon writes is for its user, or for one group, and for nobody else."""
 
+import errno
+import grp
 import json
 import os
+import pwd
 import socket
 import stat
 import subprocess
@@ -13,12 +16,21 @@ import pytest
 
 from fakes.testing import ManualClock
 from fakes.world.samples import Samples
-from vgrd.errors import InputError
+from vgrd.errors import DaemonUnreachable, InputError
 from vgrd.gate.settings import save_table
+from vgrd.ipc.control import ControlClient
 from vgrd.ipc.health import HealthReporter
 from vgrd.model import Plan
 from vgrd.orphans import dying_with_us
-from vgrd.permissions import OTHERS, group_let_in, make_folder, opener, own_folder, take_after
+from vgrd.permissions import (
+    OTHERS,
+    group_let_in,
+    make_folder,
+    opener,
+    own_folder,
+    take_after,
+    way_in,
+)
 from vgrd.store.calibrations import CalibrationStore
 from vgrd.store.sessions import SampleKind, SessionWriter, load_session
 
@@ -258,3 +270,25 @@ def test_the_unit_says_by_its_folder_which_group_is_let_in(tmp_path, access, is_
     assert group == (folder.stat().st_gid if is_let_in else None)
     own_folder(folder, group, RUNTIME)
     assert mode(folder) == (0o750 if is_let_in else 0o700)
+
+
+def test_who_is_not_let_in_is_told_the_way_in(tmp_path) -> None:
+    folder = tmp_path / "run"
+    folder.mkdir(mode=0o750)
+    group = grp.getgrgid(folder.stat().st_gid).gr_name
+    assert f"adduser NAME {group}" in way_in(folder / "control.sock")
+    folder.chmod(0o700)
+    owner = pwd.getpwuid(os.getuid()).pw_name
+    assert f"only user {owner} may" in way_in(folder / "control.sock")
+
+
+def test_a_control_socket_that_is_closed_to_somebody_names_the_remedy(
+    tmp_path, monkeypatch
+) -> None:
+    def refused(*_: object) -> None:
+        raise PermissionError(errno.EACCES, "Permission denied")
+
+    monkeypatch.setattr("vgrd.ipc.control.ControlClient._connect", refused)
+    tmp_path.chmod(0o750)
+    with pytest.raises(DaemonUnreachable, match=r"Permission denied; members of the group .* may"):
+        ControlClient(tmp_path / "control.sock").call("status")

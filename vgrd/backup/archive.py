@@ -116,7 +116,10 @@ def _members(path: Path, archive: tarfile.TarFile) -> Iterator[tarfile.TarInfo]:
     """Plain files with names of ours, each once; nothing else is looked at."""
     seen: set[str] = set()
     for member in archive:
-        if not member.isreg() or not _NAME.fullmatch(member.name) or member.name in seen:
+        plain = (
+            member.isreg() and not member.issparse()
+        )  # a sparse one holds more than the archive has bytes
+        if not plain or not _NAME.fullmatch(member.name) or member.name in seen:
             raise InputError(
                 f"{path}: {member.name!r} does not belong into a backup of vgrd; nothing was taken from it"
             )

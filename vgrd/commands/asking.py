@@ -31,6 +31,7 @@ ConfigOption = Annotated[
         "--config",
         envvar="VGRD_CONFIG",
         callback=_or_installed,
+        readable=False,  # not typer's to refuse: who reads it tells who may, and the way in
         help="The cell file of the daemon; that of the service if left out.",
     ),
 ]

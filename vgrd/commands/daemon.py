@@ -23,8 +23,8 @@ _OF_UNIT = {"runtime_dir": "RUNTIME_DIRECTORY", "state_dir": "STATE_DIRECTORY"}
 
 
 def register(app: typer.Typer) -> None:
-    """Add run, status, activate, ec and confirm."""
-    for command in (run, status, activate, ec, confirm):
+    """Add run, status, activate, rollback, ec and confirm."""
+    for command in (run, status, activate, rollback, ec, confirm):
         app.command()(command)
 
 
@@ -103,6 +103,13 @@ def activate(
     """Serve with this calibration from now on (logged, reversible)."""
     result = ask(config, socket, "activate", calibration=calibration)
     print_result(result, json_to, show_fields("active"))
+
+
+def rollback(
+    config: ConfigOption = None, socket: SocketOption = None, json_to: JsonOption = None
+) -> None:
+    """Serve again with the calibration that was active before this one (logged, reversible)."""
+    print_result(ask(config, socket, "rollback"), json_to, show_fields("active"))
 
 
 def ec(

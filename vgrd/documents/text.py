@@ -5,6 +5,7 @@ import re
 from pathlib import Path
 
 from vgrd.errors import InputError
+from vgrd.permissions import way_in
 
 MOST_BYTES = 50_000_000  # a guess: ten times the largest table of samples that was seen
 SHOWN = 120  # letters of a word in a message; more hide what is said of it
@@ -55,6 +56,8 @@ def read_bytes(path: Path) -> bytes:
                 "is it the right file?"
             )
         return path.read_bytes()
+    except PermissionError as error:
+        raise InputError(f"cannot be read: {error.strerror}; {way_in(path)}") from error
     except (OSError, ValueError) as error:  # ValueError: a name that no file can have
         reason = getattr(error, "strerror", None) or str(error)
         raise InputError(f"cannot be read: {reason}") from error

@@ -8,9 +8,10 @@ from pathlib import Path
 
 from vgrd.errors import InputError, VgrdError
 from vgrd.installing.execution import alone, carry_out, show
-from vgrd.installing.looking import check_python, found_at, wish_of
+from vgrd.installing.looking import check_python, check_systemd, found_at, wish_of
 from vgrd.installing.places import Places
 from vgrd.installing.plans import Found, Plan, installation, removal, rollback
+from vgrd.installing.steps import holds
 
 PURGE = "everything"  # the word to be typed
 _SOURCE = Path(__file__).parents[2]
@@ -29,6 +30,7 @@ def main(words: Sequence[str]) -> None:
         plan, _ = arguments.plan(places, arguments)
         show(plan, print)
         return
+    check_systemd(places)
     before = os.umask(0o022)  # whatever root's is: the service reads what is written here
     try:
         with alone(places.versions):
@@ -96,6 +98,11 @@ def _words_after_install(places: Places, before: Found, arguments: argparse.Name
         f"{now.current} is in use"
         + (f", before it was {before.current}" if before.current else "")
     ]
+    if arguments.cell is not None and not holds(places.cell_file, arguments.cell.read_text()):
+        words.append(
+            f"{places.cell_file} stays as it was and is in use; {arguments.cell} is another one: copy it there"
+            " yourself if you mean it, then: vgrd reload"
+        )
     if not before.has_cell_file and arguments.cell is None:
         words.append(
             f"{places.cell_file} is an example: describe your cell in it, then: vgrd check"

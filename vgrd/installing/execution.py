@@ -64,6 +64,8 @@ def _perform(steps: Sequence[Step], tell: Tell) -> None:
         tell(str(step))
         try:
             step.perform()
+        except KeyboardInterrupt as stop:
+            raise StepFailed(f"stopped by you, at: {step}") from stop
         except (OSError, VgrdError) as error:
             remedy = step.remedy if isinstance(step, Command) else ""
             raise StepFailed(

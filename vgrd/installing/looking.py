@@ -14,6 +14,7 @@ _AT_HOME: Final = (Path("/home"), Path("/root"))  # ProtectHome= of the unit
 _EXAMPLE: Final = "cell.example.toml"
 _VERSION_LINE = re.compile(r'^__version__ = "([^"]+)"$', re.MULTILINE)
 _BASE = "import sys; print(*sys.version_info[:2]); print(sys.base_prefix)"
+_BOOTED: Final = Path("/run/systemd/system")  # sd_booted(3): there while systemd runs the machine
 _OLDEST: Final = (3, 11)  # requires-python of the project
 
 
@@ -61,7 +62,17 @@ def found_at(places: Places, cell_text: str = "") -> Found:
         has_cell_file=has_cell,
         is_running=not places.is_trial and _is_running(),
         socket=_read(socket_unit, "a unit") if socket_unit.exists() else "",
+        has_service=(places.units / SERVICE).exists(),
     )
+
+
+def check_systemd(places: Places) -> None:
+    """Refuse a machine that systemd does not run, before anything is written. Raises InputError."""
+    if not places.is_trial and not _BOOTED.is_dir():
+        raise InputError(
+            f"no systemd runs this machine ({_BOOTED} is not there), and the service needs one; without it start"
+            " `vgrd run CELL.toml` by hand, or try the steps out: --root DIR"
+        )
 
 
 def check_python(places: Places, python: str) -> None:

@@ -8,7 +8,7 @@ from typing import Final, NamedTuple
 
 from vgrd.errors import InputError
 from vgrd.installing.places import USER, Places
-from vgrd.installing.steps import Answer, Command, Copy, File, Folder, Link, Removal, Step
+from vgrd.installing.steps import Answer, Command, Copy, File, Flush, Folder, Link, Removal, Step
 
 SERVICE: Final = "vgrd.service"
 SOCKET: Final = "vgrd.socket"
@@ -58,7 +58,7 @@ class Found:
     """What is there. versions: their names and units, half ones too. current: that of the link, "" without one.
 
     host, port: of the cell file. state, runtime: the folders that it means. is_running: the service is.
-    socket: text of the installed socket unit, "" without one.
+    socket: text of the installed socket unit, "" without one. has_service: that of the service is there.
     """
 
     versions: Mapping[str, Units] = field(default_factory=dict)
@@ -70,6 +70,7 @@ class Found:
     has_cell_file: bool = False
     is_running: bool = False
     socket: str = ""
+    has_service: bool = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -109,6 +110,8 @@ def installation(places: Places, wish: Wish, found: Found) -> Plan:
     runs = found.is_running or (not found.current and not (is_first and wish.is_example))
     go_back = _back(places, found) if found.current else ()
     half = (Removal(places.version(name)),)
+    # A first cell file that is refused must not stay: it would be kept, and the mended one be ignored.
+    first = (Removal(places.cell_file, wish.cell_text),) if is_first else ()
     return Plan(
         prepare=(
             *_copies(places, wish, name),
@@ -116,9 +119,10 @@ def installation(places: Places, wish: Wish, found: Found) -> Plan:
             *_people(places),
             *_cell_file(places, wish),
             *_cache(places, name),
-            *(() if is_first and wish.is_example else (_check(places, name),)),
+            *(() if is_first and wish.is_example else (_check(places, name, is_first=is_first),)),
             _reading(places, found, name),
             *((_backup(places, name),) if found.current else ()),
+            Flush(),
         ),
         switch=_switch(places, found, name, wish.units, runs=runs),
         tidy=tuple(
@@ -126,7 +130,7 @@ def installation(places: Places, wish: Wish, found: Found) -> Plan:
             for old in in_order([*found.versions])
             if old != found.current
         ),
-        discard=half,
+        discard=(*half, *first),
         back=(*go_back, *half) if found.current else (),
     )
 
@@ -151,14 +155,15 @@ def rollback(places: Places, found: Found, wanted: str = "") -> Plan:
 def removal(places: Places, found: Found, *, purge: bool) -> Plan:
     """Take it off the machine; cell file, state and backups stay unless `purge`."""
     units = [places.units / name for name in (SERVICE, SOCKET)]
-    names = (SERVICE, SOCKET) if found.socket else (SERVICE,)
+    there = ((SERVICE, found.has_service), (SOCKET, bool(found.socket)))
+    names = [name for name, is_there in there if is_there]  # none after a removal that broke off
     # A state folder of the user's own choice may hold other things: it is the user's to remove.
     data = [places.drop_ins, places.state, places.backups, places.cell_file.parent]
     ours = [*units, places.profile, places.command, places.cache]
     last = [*(data if purge else ()), places.versions]  # what runs this, as the very last
     return Plan(
         switch=(
-            *_systemctl(places, "disable", "--now", *names),
+            *(_systemctl(places, "disable", "--now", *names) if names else ()),
             *map(Removal, [*ours, places.sysusers]),
             *_systemctl(places, "daemon-reload"),
             *map(Removal, last),
@@ -211,10 +216,11 @@ def _cache(places: Places, name: str) -> tuple[Step, ...]:
     )
 
 
-def _check(places: Places, name: str) -> Step:
+def _check(places: Places, name: str, *, is_first: bool = False) -> Step:
+    which = "the cell file that --cell names" if is_first else str(places.cell_file)
     return Command(
         (str(places.version(name) / "bin/vgrd"), "check", str(places.cell_file)),
-        remedy="mend the cell file; what runs now goes on",
+        remedy=f"mend {which}; what runs now goes on",
     )
 
 

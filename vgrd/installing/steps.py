@@ -16,6 +16,11 @@ _POLL_S = 0.2  # little beside the seconds of a start
 _SHOWN_LINES = 12  # of what a failed command said: its last words, with the reason
 
 
+def holds(path: Path, text: str) -> bool:
+    """Whether a file is there and has this text; raises OSError."""
+    return path.is_file() and path.read_bytes() == text.encode()
+
+
 @dataclass(frozen=True, slots=True)
 class Folder:
     """Make a folder, if it is not there."""
@@ -100,19 +105,34 @@ class Link:
 
 @dataclass(frozen=True, slots=True)
 class Removal:
-    """Remove a file, a link or a folder with all that is in it."""
+    """Remove a file, a link or a folder with all that is in it; `text`: a file only while it holds just that."""
 
     path: Path
+    text: str | None = None
 
     def __str__(self) -> str:
         return f"remove {self.path}"
 
     def perform(self) -> None:
         """Do it; raises OSError."""
+        if self.text is not None and not holds(self.path, self.text):
+            return
         if self.path.is_dir() and not self.path.is_symlink():
             shutil.rmtree(self.path)
         else:
             self.path.unlink(missing_ok=True)
+
+
+@dataclass(frozen=True, slots=True)
+class Flush:
+    """Bring all that was written to the disk: a power cut leaves no version in use whose files are empty."""
+
+    def __str__(self) -> str:
+        return "bring what was written to the disk"
+
+    def perform(self) -> None:
+        """Do it."""
+        os.sync()
 
 
 @dataclass(frozen=True, slots=True)
@@ -175,4 +195,4 @@ class Answer:
             time.sleep(_POLL_S)
 
 
-Step = Answer | Folder | File | Copy | Link | Removal | Command
+Step = Answer | Folder | File | Flush | Copy | Link | Removal | Command

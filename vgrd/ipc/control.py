@@ -7,6 +7,7 @@ from pathlib import Path
 
 from vgrd.errors import ControlError, DaemonUnreachable
 from vgrd.ipc.messages import MAX_LINE_BYTES, decode_line, encode_line
+from vgrd.permissions import way_in
 
 _QUEUE_FULL_S = 0.02  # the cell's loop turns at least so often
 _REPLY_S = 10.0  # chosen: the two pictures of a sample, 5 s each
@@ -47,6 +48,10 @@ class ControlClient:
                 with suppress(BrokenPipeError):  # refused before it was read: the reply says why
                     link.sendall(request)
                 return _read_line(link, end_s)
+        except PermissionError as error:
+            raise DaemonUnreachable(
+                f"{self.path}: {error.strerror}; {way_in(self.path)}"
+            ) from error
         except OSError as error:
             raise DaemonUnreachable(
                 f"{self.path}: no answer ({_reason(error)}); is `vgrd run` active?"

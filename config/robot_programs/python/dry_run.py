@@ -1,7 +1,7 @@
 """A dry run of `vgrd_robot`: asks the daemon and moves an arm that is only numbers.
 
     make cell                                 # in the project: a simulated cell on port 1502
-    python config/robot_programs/python/dry_run.py --point 1
+    python3 config/robot_programs/python/dry_run.py --point 1
 
 Without --taught it asks once more before: where the point is now stands for where it was taught.
 A real program never does that: its taught pose is what it judges answers by.
@@ -109,8 +109,8 @@ def main() -> int:
         description=__doc__, formatter_class=argparse.RawTextHelpFormatter
     )
     parser.add_argument("--host", default="127.0.0.1")
-    parser.add_argument("--port", type=int, default=1502)
-    parser.add_argument("--point", type=int, default=1)
+    parser.add_argument("--port", type=_number_16, default=1502)
+    parser.add_argument("--point", type=_number_16, default=1)
     parser.add_argument(
         "--taught", type=float, nargs=6, help="x y z (mm) rx ry rz (rad) of the flange"
     )
@@ -129,6 +129,14 @@ def main() -> int:
         program.leave()
         _run(program, arm)
     return 0 if program.state is State.DONE else 1
+
+
+def _number_16(text: str) -> int:
+    """A port, or what fits a register; argparse tells the error."""
+    number = int(text)
+    if not 1 <= number <= 0xFFFF:
+        raise argparse.ArgumentTypeError(f"{text}: 1 to 65535")
+    return number
 
 
 def _pose(numbers: Sequence[float]) -> Pose:

@@ -94,6 +94,20 @@ def test_nobody_listens():
         link.read()
 
 
+@pytest.mark.parametrize("words", [["--point", "70000"], ["--point", "-1"], ["--port", "99999"]])
+def test_a_dry_run_tells_what_it_may_be_asked_for(words):
+    ran = subprocess.run(
+        [sys.executable, "-S", "-E", str(DRY_RUN), *words],
+        capture_output=True,
+        text=True,
+        timeout=60.0,
+        check=False,
+    )
+    assert ran.returncode == 2
+    assert "1 to 65535" in ran.stderr
+    assert "Traceback" not in ran.stderr
+
+
 def test_a_dry_run_needs_nothing_but_python_and_tells_why_it_stops(tmp_path):
     with ServerThread(tmp_path) as serving:  # a gate whose cell never came
         ran = subprocess.run(

@@ -23,6 +23,7 @@ from vgrd.judging.thresholds import OUTLIER_SIGMA, PICTURE_SIGMA
 
 _SWEEPS = 3  # over the kinds: the second one confirms the first
 _LEVERAGE_FLOOR = 1e-9  # of a share between 0 and 1: rounding
+_TOLD = 0.02  # what is told to people: below it the touch is alone, and its miss would be 50 times its residual
 
 Weights = Mapping[EvidenceKind, Array]
 
@@ -59,10 +60,13 @@ def screen(data: JointData, optimum: JointFit) -> JointFit:
     return replace(search.optimum, samples=search.samples())
 
 
-def touches_left_out(optimum: JointFit) -> Array:
-    """How far each touch (m,) was from where the others put it, mm, in the directions that it measured."""
+def touches_left_out(optimum: JointFit, told: float = _LEVERAGE_FLOOR) -> Array:
+    """How far each touch (m,) was from where the others put it, mm, in the directions that it measured.
+
+    told: a direction of which the others tell a smaller share is left out.
+    """
     _, residual_precision, residuals = _Deleted(optimum).of(EvidenceKind.TOUCHES)
-    off = np.linalg.pinv(residual_precision, rcond=_LEVERAGE_FLOOR, hermitian=True)
+    off = np.linalg.pinv(residual_precision, rcond=told, hermitian=True)
     W_inv = np.linalg.pinv(optimum.data.touches.base_sqrt_informations())
     misses = np.einsum("nij,njk,nk->ni", W_inv, off, residuals)
     return np.asarray(np.linalg.norm(misses, axis=1))
@@ -76,7 +80,7 @@ def touch_misses(optimum: JointFit) -> tuple[TouchMiss, ...]:
     off_mm = np.linalg.norm(np.einsum("nij,nj->ni", W_inv, whitened), axis=1)
     names = optimum.data.names[EvidenceKind.TOUCHES]
     off = dict(zip(names, off_mm.tolist(), strict=True))
-    left_out = dict(zip(names, touches_left_out(optimum).tolist(), strict=True))
+    left_out = dict(zip(names, touches_left_out(optimum, _TOLD).tolist(), strict=True))
     return tuple(
         TouchMiss(sample.name, off.get(sample.name), left_out.get(sample.name), sample.reason)
         for sample in optimum.samples

@@ -212,20 +212,26 @@ class Operations:
         process = await asyncio.create_subprocess_exec(
             sys.executable, *command, stdout=asyncio.subprocess.PIPE
         )
+        self.wizard.solving = name
         try:
             async with asyncio.timeout(SOLVE_TIMEOUT_S):
                 output, _ = await process.communicate()
         except TimeoutError as err:
             raise CalibrationError(f"not solved within {SOLVE_TIMEOUT_S:.0f} s") from err
         finally:
+            self.wizard.solving = ""
             if process.returncode is None:
                 process.kill()
         if process.returncode != 0:
             raise ControlError(f"the solver died with {process.returncode}; its log says why")
         reply = json.loads(output)
         if not reply["ok"]:
+            self.wizard.rejected[name] = reply["message"]
             raise ControlError(reply["message"], error=reply["error"])
-        return dict(reply["result"])
+        result = dict(reply["result"])
+        fatal = [one["message"] for one in result["verdict"]["findings"] if one["fatal"]]
+        self.wizard.rejected |= {name: fatal[0]} if fatal else {}
+        return result
 
     async def _last_session(self) -> str:
         names = await asyncio.to_thread(list_sessions, self.state_dir)

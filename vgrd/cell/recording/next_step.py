@@ -74,6 +74,8 @@ def step_in_session(taken: Taken) -> Step:
     first = _first_of_plan(taken)
     if first is not None:
         return first
+    if "pending" in taken.advice:  # what is known of fewer samples is no reason to ask for another
+        return Step("wait", "the computer works out what the samples are worth")
     predicted = taken.advice.get("predicted_u95_mm") or {}
     best = taken.advice.get("next") or {}
     is_good = all(u95_mm <= taken.tolerance_mm for u95_mm in predicted.values())

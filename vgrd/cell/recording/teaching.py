@@ -62,6 +62,11 @@ class Teaching:
         self.harvest: Harvest | None = None
         self._pressed = 0
 
+    @property
+    def is_taking(self) -> bool:
+        """Whether a sample that somebody asked for is being taken, stored and looked at."""
+        return self._pressed > 0
+
     async def start(
         self, plan: str, session: str | None, *, harvest: bool = True
     ) -> dict[str, object]:
@@ -95,7 +100,10 @@ class Teaching:
         """Close the session."""
         told = self._counts()
         self.harvest = None
-        self.last_session = await self.recorder.stop()
+        self.last_session = (
+            self._session().path
+        )  # at once: who looks meanwhile sees what is to be solved
+        await self.recorder.stop()
         if self.advisor is not None:
             await self.advisor.close()
         return {

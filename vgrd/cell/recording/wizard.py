@@ -1,7 +1,7 @@
 """What a teaching is like at this moment: samples, what they are worth, the next step, the operator's minutes."""
 
 import asyncio
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping, Sequence
 from typing import Any
 
 from vgrd.calibration.verification import turned_apart
@@ -13,7 +13,7 @@ from vgrd.cell.serving.service import Serving
 from vgrd.clock import Clock
 from vgrd.errors import CalibrationError
 from vgrd.judging.operator_time import operator_minutes
-from vgrd.model import Touch
+from vgrd.model import Observation, Touch
 from vgrd.solving.shelf import active_calibration, calibration_row
 from vgrd.store.sessions import SampleKind, SessionWriter, Taught
 
@@ -26,6 +26,8 @@ class Wizard:
     ) -> None:
         self._teaching, self._activation, self._serving = teaching, activation, serving
         self._clock = clock
+        self.solving = ""  # name of the session that is being solved
+        self.rejected: dict[str, str] = {}  # by name of a session why its calibration was
         self._session = ""
         self._advice: Mapping[str, Any] = {}
         self._trend: list[dict[str, Any]] = []
@@ -71,6 +73,8 @@ class Wizard:
     def _step(
         self, writer: SessionWriter, told: Mapping[str, Any], advice: Mapping[str, Any]
     ) -> Step:
+        if self._teaching.is_taking:
+            return Step("wait", "a sample is being taken")
         return step_in_session(
             Taken(
                 told["have"],
@@ -80,7 +84,7 @@ class Wizard:
                 self._teaching.harvest is not None,
                 advice,
                 self._teaching.questions.open,
-                verified(writer.taught),
+                len(verified(writer.taught)),
                 self._serving.limits.max_u95_mm,
             )
         )
@@ -91,6 +95,10 @@ class Wizard:
         name = "" if last is None else last.name
         active, candidate = await asyncio.to_thread(self._made_of, name)
         step = step_without_session(name, candidate, active)
+        if self.solving:
+            step = Step("wait", f"solving session {self.solving}")
+        elif step.kind == "solve" and name in self.rejected:
+            step = Step("start", f"{name} is rejected, teach again: {self.rejected[name]}")
         return {
             "session": None,
             "step": step.to_json(),
@@ -141,13 +149,16 @@ class Wizard:
         self._trend.append(point)
 
 
-def verified(taught: tuple[Taught, ...]) -> int:
-    """How many verifications count: with the object turned from every touch and earlier verification."""
-    touches, held_out = (
-        [one.value for one in taught if one.kind is kind and isinstance(one.value, Touch)]
-        for kind in (SampleKind.TOUCH, SampleKind.VERIFY)
-    )
-    return len(turned_apart(touches, held_out))
+def verified(taught: tuple[Taught, ...]) -> set[int]:
+    """Numbers of the verifications that count: the object turned from every touch and earlier verification."""
+    touches = [one.value for one in taught if one.kind is SampleKind.TOUCH]
+    held_out = [one for one in taught if one.kind is SampleKind.VERIFY]
+    counted = turned_apart(_touches(touches), _touches([one.value for one in held_out]))
+    return {held_out[i].sequence for i in counted}
+
+
+def _touches(values: Sequence[Observation | Touch]) -> list[Touch]:
+    return [value for value in values if isinstance(value, Touch)]
 
 
 def _asked(taught: tuple[Taught, ...]) -> dict[str, int]:
@@ -157,7 +168,7 @@ def _asked(taught: tuple[Taught, ...]) -> dict[str, int]:
 
 
 def _samples(taught: tuple[Taught, ...], questions: Mapping[int, str]) -> list[dict[str, Any]]:
-    same = repeats(taught)
+    same, counted = repeats(taught), verified(taught)
     return [
         {
             "sample": one.sequence,
@@ -165,10 +176,18 @@ def _samples(taught: tuple[Taught, ...], questions: Mapping[int, str]) -> list[d
             "target": one.value.target if isinstance(one.value, Touch) else None,
             "harvested": one.harvested,
             "words": sample_in_words(one),
-            "remark": f"tells the same as sample {same[one.sequence]}"
-            if one.sequence in same
-            else "",
+            "remark": _remark(one, same, counted),
             "question": questions.get(one.sequence, ""),
         }
         for one in taught
     ]
+
+
+def _remark(sample: Taught, same: Mapping[int, int], counted: Collection[int]) -> str:
+    """Why a sample does not count, or ""."""
+    number = sample.sequence
+    if number in same:
+        return f"tells the same as sample {same[number]}"
+    if sample.kind is SampleKind.VERIFY and number not in counted:
+        return "does not count: the object had not turned by 60 degrees from every other, or tag B was hidden"
+    return ""

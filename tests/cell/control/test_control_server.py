@@ -360,7 +360,7 @@ def test_what_is_no_whole_number_is_refused_by_its_name(given):
 
 
 def test_the_page_names_every_operation_with_its_arguments():
-    page = Path(__file__).parents[2] / "docs" / "control-socket.md"
+    page = Path(__file__).parents[3] / "docs" / "control-socket.md"
     told = {}
     for line in page.read_text(encoding="utf-8").splitlines():
         if line.startswith("| `"):

@@ -197,7 +197,9 @@ def test_a_verification_without_a_turn_is_asked_for_again(cell):
             await cell.obey(state["step"])
         cell.angle -= np.pi / 2  # so that nothing turns
         await cell.obey(state["step"])
-        again = (await cell.state())["step"]
+        later = await cell.state()
+        again = later["step"]
+        assert "does not count" in later["samples"][-1]["remark"]
         await cell.teaching.stop()
         return state["step"], again
 
@@ -289,7 +291,7 @@ NEXT = {"kind": "look", "target": None, "words": "look from there", "flange_mm":
         ({"missing": {"spin": 1}}, "spin"),
         ({"touched": {"P1": 4}}, "touch"),
         ({"tolerance_mm": 0.5, "advice": {"predicted_u95_mm": {"P1": 0.6}, "next": NEXT}}, "look"),
-        ({"advice": {"pending": "still computing"}}, "wait"),
+        ({"advice": {"pending": "still computing", "next": NEXT}}, "wait"),
         ({"harvests": False, "missing": {"look": 3}, "advice": {"next": NEXT}}, "look"),
     ],
 )

@@ -1,0 +1,197 @@
+"""A daemon of paper for the page: the real control server, replies set by hand, and a switch that freezes it."""
+
+import asyncio
+import base64
+import threading
+import time
+from collections.abc import Mapping
+from contextlib import suppress
+from pathlib import Path
+from typing import Any, Self
+
+import cv2
+import numpy as np
+
+from vgrd.cell.control.server import ControlServer, Operation
+from vgrd.errors import ControlError, StaleVersion
+
+JPEG = cv2.imencode(".jpg", np.full((30, 40), 128, np.uint8))[1].tobytes()
+STEP = {
+    "kind": "touch",
+    "words": "put the tip on P2, the wrist as it works",
+    "target": "P2",
+    "tilted": False,
+    "sample": None,
+    "done": 1,
+    "of": 2,
+    "flange_mm": [1.0, 2.0, 3.0],
+    "rotvec_deg": [180.0, 0.0, 0.0],
+    "no_pose": "",
+    "u95_before_mm": 0.5,
+    "u95_after_mm": 0.4,
+}
+
+
+def registers() -> dict[str, Any]:
+    return {
+        "age_s": 0.01,
+        "state": "READY",
+        "valid": False,
+        "status": 0,
+        "name": "IDLE",
+        "words": "nothing asked",
+        "remedy": "nothing",
+        "position_mm": None,
+        "rotvec_deg": None,
+        "u95_mm": None,
+        "age_ms": None,
+        "point": 0,
+        "asked_s_ago": 14.0,
+        "read_s_ago": None,
+    }
+
+
+def teaching() -> dict[str, Any]:
+    return {
+        "version": "v1",
+        "session": {"name": "one", "plan": "joint", "folder": "/x"},
+        "step": dict(STEP),
+        "have": {"touch": 1},
+        "missing": {},
+        "harvested": {},
+        "warning": "",
+        "trouble": "",
+        "computing": False,
+        "unknown": "",
+        "findings": [],
+        "questions": {},
+        "tolerance_mm": 1.0,
+        "targets": [
+            {"name": "P1", "touches": 1, "u95_mm": 0.4},
+            {"name": "P2", "touches": 0, "u95_mm": None},
+        ],
+        "trend": [{"sample": 3, "minutes": 1.0, "u95_mm": 0.6}],
+        "samples": [
+            {
+                "sample": 3,
+                "kind": "touch",
+                "target": "P1",
+                "harvested": False,
+                "words": "touch P1",
+                "remark": "",
+                "question": "",
+            }
+        ],
+        "touches": [{"name": "touch 1 (P1)", "off_mm": 0.1, "left_out_mm": 0.2, "reason": ""}],
+        "clock": {"minutes": 1.0, "by_step": {"touch": 1.0}, "elapsed_s": 60.0},
+    }
+
+
+class PaperDaemon:
+    """Answers at RUNTIME_DIR/control.sock while it is open; `given` holds the commands that it took."""
+
+    def __init__(self, runtime_dir: Path) -> None:
+        self.replies: dict[str, Any] = {
+            "registers": registers(),
+            "teaching": teaching(),
+            "status": {"robot": "ok", "camera": "ok", "processes": {"cell": "running"}},
+            "answers": {"answers": [], "counts": {"OK": 3}},
+            "calibrations": {"active": None, "calibrations": [], "activations": []},
+            "sessions": {"sessions": []},
+        }
+        self.frame, self._jpeg, self.taken_unix_s = 1, JPEG, 1.0
+        self._gate_since_s: float | None = None
+        self.given: list[tuple[str, Mapping[str, Any]]] = []
+        self.asked: list[str] = []
+        self._frozen = threading.Event()
+        names = {name: Operation(self._reply(name)) for name in self.replies}
+        names["picture"] = Operation(self._picture, ("after", "wait_s", "width_px"))
+        for op in ("touch", "verify", "spin", "look", "undo", "record.start", "record.stop"):
+            names[op] = Operation(self._command(op), ("version", "target", "sample", "plan"))
+        self._server = ControlServer(runtime_dir / "control.sock", names)
+        self._loop = asyncio.new_event_loop()
+        self._thread = threading.Thread(target=self._run)
+
+    def __enter__(self) -> Self:
+        self._thread.start()
+        while not self._server.path.exists():
+            threading.Event().wait(0.005)
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._loop.call_soon_threadsafe(self._stop)
+        self._thread.join()
+
+    def freeze(self) -> None:
+        """Answer nothing from now on; connections stay open."""
+        self._frozen.set()
+
+    def thaw(self) -> None:
+        """Go on."""
+        self._frozen.clear()
+
+    def age_gate(self, *, on: bool) -> None:
+        """Let the gate's report grow old, as if the gate stood still since now."""
+        self._gate_since_s = time.monotonic() if on else None
+
+    def show(self, jpeg: bytes) -> None:
+        """Another picture, taken now."""
+        self._jpeg, self.taken_unix_s = jpeg, time.time()
+        self.frame += 1
+
+    def _run(self) -> None:
+        with suppress(asyncio.CancelledError):
+            self._loop.run_until_complete(self._serve())
+        self._loop.close()
+
+    async def _serve(self) -> None:
+        self._task = asyncio.current_task()
+        await self._server.serve()
+
+    def _stop(self) -> None:
+        self._frozen.clear()
+        assert self._task is not None
+        self._task.cancel()
+
+    async def _thawed(self) -> None:
+        while self._frozen.is_set():  # noqa: ASYNC110  another thread sets it
+            await asyncio.sleep(0.01)
+
+    def _reply(self, name: str) -> Any:
+        async def told(_: Mapping[str, Any]) -> Mapping[str, Any]:
+            self.asked.append(name)
+            await self._thawed()
+            reply = self.replies[name]
+            if name == "registers" and self._gate_since_s is not None:
+                return {**reply, "age_s": time.monotonic() - self._gate_since_s}
+            return reply
+
+        return told
+
+    def _command(self, op: str) -> Any:
+        async def done(arguments: Mapping[str, Any]) -> Mapping[str, Any]:
+            await self._thawed()
+            if arguments.get("version") != self.replies["teaching"]["version"]:
+                raise StaleVersion("not done: somebody did something else since this was shown")
+            if op == "look":
+                raise ControlError("tag A is not in the picture")
+            self.given.append((op, dict(arguments)))
+            return {"sample": 7}
+
+        return done
+
+    async def _picture(self, arguments: Mapping[str, Any]) -> Mapping[str, Any]:
+        self.asked.append("picture")
+        await self._thawed()
+        end_s = time.monotonic() + 0.05
+        while arguments.get("after") == self.frame and time.monotonic() < end_s:  # noqa: ASYNC110
+            await asyncio.sleep(0.005)
+        return {
+            "frame": self.frame,
+            "taken_unix_s": self.taken_unix_s,
+            "width_px": 40,
+            "height_px": 30,
+            "jpeg": base64.b64encode(self._jpeg).decode(),
+            "robot_at_rest": True,
+            "tags": {"a": {"wanted": "36h11 id 0", "corners": [[1, 1], [9, 1], [9, 9], [1, 9]]}},
+        }

@@ -1,0 +1,149 @@
+"""The page in a real browser: what it shows, and that it never shows what is not so any more."""
+
+import pytest
+
+from tests.page.browser import (
+    PageProcess,
+    browser,
+    is_grey,
+    need_browser,
+    open_page,
+    press,
+    tab,
+    until,
+)
+from tests.page.daemon import PaperDaemon
+
+pytestmark = [pytest.mark.system, pytest.mark.timeout(400)]
+
+GRAVE = ("serious", "critical")
+LEAST_PX = (
+    64  # of what is pressed; 12 mm on 1280 px of 10 inches are 71, a tab has its line below it
+)
+HEIGHTS = """[...document.querySelectorAll('button, [role=tab]')].filter(one => one.offsetParent)
+    .map(one => one.getBoundingClientRect().height)"""
+
+
+@pytest.fixture(scope="module", autouse=True)
+def _able() -> None:
+    need_browser()
+
+
+@pytest.fixture
+def daemon(tmp_path):
+    with PaperDaemon(tmp_path) as daemon:
+        yield daemon
+
+
+@pytest.fixture
+def server(daemon, tmp_path):
+    with PageProcess(tmp_path) as server:
+        yield server
+
+
+@pytest.fixture
+def page(server):
+    with browser() as opened:
+        yield open_page(opened, server.url)
+
+
+def test_it_shows_the_state_and_asks_no_host_but_its_own(page, server, daemon):
+    assert page.locator(".state .word").inner_text() == "● READY"
+    for name in ("Teach", "Result", "Runtime", "Sessions", "Cell"):
+        tab(page, name)
+    until(lambda: "tag A (36h11 id 0) seen" in page.locator(".picture-words").first.inner_text())
+    until(lambda: page.evaluate("document.querySelector('.live').naturalWidth") == 40)
+    assert page.locator(".marks polygon").first.get_attribute("points") == "1,1 9,1 9,9 1,9"
+    daemon.replies["registers"] |= {
+        "state": "INVALID",
+        "name": "CAMERA_OFFLINE",
+        "words": "the camera does not answer",
+        "remedy": "Look at the cable",
+    }
+    until(lambda: page.locator(".state.INVALID").count() == 1)
+    assert "Look at the cable" in page.locator(".state").inner_text()
+    assert page.hosts == {f"127.0.0.1:{server.port}"}
+    assert page.faults == []
+    assert "Traceback" not in server.log
+
+
+def grave_faults(page) -> list[tuple[str, str]]:
+    """What axe-core finds, once the tab that was pressed has its colours again."""
+    from axe_playwright_python.sync_playwright import Axe
+
+    found = Axe().run(page).response["violations"]
+    return [(one["id"], one["nodes"][0]["html"]) for one in found if one["impact"] in GRAVE]
+
+
+@pytest.mark.parametrize("theme", ["light", "dark"])
+def test_nothing_is_cut_small_or_unreadable(server, theme):
+    """By axe-core; by the width of the screen; by the height that a gloved finger on a tablet needs."""
+    with browser() as opened:
+        page = open_page(opened, server.url, color_scheme=theme)
+        for width, height in ((1280, 800), (800, 1280), (390, 844)):
+            page.set_viewport_size({"width": width, "height": height})
+            for name in ("Cell", "Teach", "Result", "Runtime", "Sessions"):
+                tab(page, name)
+                if width != 800:  # between the others; axe takes a second
+                    until(lambda: grave_faults(page) == [], name)
+                assert page.evaluate("document.documentElement.scrollWidth") <= width, name
+                assert min(page.evaluate(HEIGHTS)) >= LEAST_PX, name
+
+
+@pytest.mark.parametrize("what", ["cell", "gate", "page"])
+def test_whatever_freezes_it_turns_grey_and_its_buttons_are_dead(page, server, daemon, what):
+    tab(page, "Teach")
+    button = page.get_by_role("button", name="TOUCH", include_hidden=True)
+    button.wait_for()
+    freeze, thaw = {
+        "cell": (daemon.freeze, daemon.thaw),
+        "page": (server.freeze, server.thaw),
+        "gate": (
+            lambda: daemon.replies["registers"].update(age_s=9.0),
+            lambda: daemon.replies["registers"].update(age_s=0.01),
+        ),
+    }[what]
+    freeze()
+    until(lambda: is_grey(page))
+    assert page.locator("#no-link").is_visible()
+    button.evaluate("one => one.focus()")
+    assert (
+        page.evaluate("document.activeElement.tagName") == "BODY"
+    )  # the keyboard does not reach it
+    box = button.bounding_box()
+    page.mouse.click(box["x"] + box["width"] / 2, box["y"] + box["height"] / 2)
+    page.keyboard.press("Enter")
+    thaw()
+    until(lambda: not is_grey(page))
+    assert daemon.given == []
+
+
+def test_a_command_says_which_version_was_shown(page, daemon):
+    tab(page, "Teach")
+    press(page, "TOUCH")
+    until(lambda: daemon.given)
+    assert daemon.given == [("touch", {"target": "P2", "version": "v1"})]
+    until(lambda: page.get_by_text("touch: recorded as sample 7").count())
+
+
+def test_a_command_from_a_page_that_is_behind_is_refused_in_words(page, daemon):
+    tab(page, "Teach")
+    page.evaluate("document.getElementById('version').textContent = 'v0'")  # as if it came late
+    press(page, "SPIN")
+    until(lambda: page.get_by_text("somebody did something else").count())
+    assert daemon.given == []
+
+
+def test_a_second_browser_follows_along(page, server, daemon):
+    other = open_page(page.context.browser, server.url)
+    for one in (page, other):
+        tab(one, "Teach")
+        until(lambda one=one: "P2" in one.locator(".step").inner_text())
+    step = {**daemon.replies["teaching"]["step"], "words": "put the tip on P9"}
+    daemon.replies["teaching"] = {**daemon.replies["teaching"], "version": "v2", "step": step}
+    for one in (page, other):
+        until(lambda one=one: "P9" in one.locator(".step").inner_text())
+    press(other, "SPIN")
+    until(lambda: daemon.given)
+    assert daemon.given == [("spin", {"version": "v2"})]
+    other.close()

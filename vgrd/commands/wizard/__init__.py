@@ -1,0 +1,4 @@
+"""Teaching in a terminal: one next step, one key.
+
+May import what all commands may.
+"""

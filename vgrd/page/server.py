@@ -1,0 +1,166 @@
+"""The page's server: one screen for each browser, the pulse that its watchdog asks for, pictures, headers."""
+
+import asyncio
+import json
+import socket
+from collections.abc import Awaitable, Callable
+from pathlib import Path
+from typing import Final
+from urllib.parse import urlsplit
+
+import structlog
+from fastapi import Request, Response
+from nicegui import app, ui
+
+from vgrd.errors import ServingError
+from vgrd.ipc.health import PERIOD_S, HealthReporter
+from vgrd.page import texts
+from vgrd.page.link import Link, Reply
+from vgrd.page.screen import Screen
+from vgrd.page.visitor import Visitor
+
+ASSETS: Final = Path(__file__).with_name("assets")
+MOST_AGE_MS: Final = 10**7  # of what was never heard; JSON has no infinity
+_HEADERS: Final = {
+    # The page's framework compiles its templates in the browser and writes styles into elements.
+    "Content-Security-Policy": "default-src 'self'; script-src 'self' 'unsafe-inline' 'unsafe-eval'; "
+    "style-src 'self' 'unsafe-inline'; img-src 'self' data: blob:; font-src 'self' data:; "
+    "connect-src 'self' ws: wss:; object-src 'none'; base-uri 'self'; form-action 'self'; "
+    "frame-ancestors 'none'",
+    "X-Frame-Options": "DENY",
+    "X-Content-Type-Options": "nosniff",
+    "Referrer-Policy": "no-referrer",
+    "Cross-Origin-Opener-Policy": "same-origin",
+}
+_HEAD: Final = (
+    f'<script>document.documentElement.lang="{texts.LANGUAGE}"</script>'
+    '<link rel="stylesheet" href="/assets/page.css"><script src="/assets/watchdog.js"></script>'
+)
+
+log = structlog.get_logger()
+
+
+class OnlyHere:
+    """ASGI middleware: whoever comes under another name, or from another page, gets nothing, by HTTP or websocket.
+
+    The address is loopback, but any page in the same browser can ask it, under a name that leads here.
+    """
+
+    def __init__(self, inner: Callable[..., Awaitable[None]], hosts: frozenset[str]) -> None:
+        self._inner, self._hosts = inner, hosts
+
+    async def __call__(self, scope: dict, receive: Callable, send: Callable) -> None:  # type: ignore[type-arg]
+        """Pass on what is ours."""
+        if scope["type"] not in ("http", "websocket"):
+            await self._inner(scope, receive, send)
+            return
+        headers = {name: value.decode("latin-1") for name, value in scope["headers"]}
+        host, origin = headers.get(b"host", ""), headers.get(b"origin")
+        is_ours = host in self._hosts and (origin is None or urlsplit(origin).netloc == host)
+        if is_ours:
+            await self._inner(scope, receive, _with_headers(send))
+        elif scope["type"] == "http":
+            await Response("not served under this name", 403)(scope, receive, send)
+        else:
+            await send({"type": "websocket.close", "code": 1008})
+
+
+def _with_headers(send: Callable[..., Awaitable[None]]) -> Callable[..., Awaitable[None]]:
+    async def sending(message: dict) -> None:  # type: ignore[type-arg]
+        if message["type"] == "http.response.start":
+            more = [(k.lower().encode(), v.encode()) for k, v in _HEADERS.items()]
+            message = {**message, "headers": [*message["headers"], *more]}
+        await send(message)
+
+    return sending
+
+
+def serve(link: Link, health: HealthReporter, host: str, port: int) -> None:
+    """Serve until killed. Raises ServingError where the address cannot be had."""
+    _check_free(host, port)
+    app.add_static_files("/assets", ASSETS, max_cache_age=0)
+    app.add_middleware(OnlyHere, hosts=names_of(host, port))
+    app.on_startup(lambda: _work(link, health))
+
+    @app.get("/pulse")
+    def _pulse() -> Response:
+        return pulse(link)
+
+    @app.get("/frame")
+    async def _frame(after: int = -1) -> Response:
+        return await frame(link, after)
+
+    @ui.page("/", title=texts.TITLE, response_timeout=20)
+    def screen(request: Request) -> None:
+        ui.add_head_html(_HEAD)
+        who = request.client.host if request.client else "?"
+        Screen(Visitor(link, who))
+
+    log.info("showing_page", host=host, port=port)
+    ui.run(
+        host=host,
+        port=port,
+        title=texts.TITLE,
+        dark=None,
+        reload=False,
+        show=False,
+        show_welcome_message=False,
+        binding_refresh_interval=None,
+        reconnect_timeout=5.0,
+        access_log=False,
+    )
+    raise ServingError(f"page at {host}:{port}: cannot be served; change [page] port")
+
+
+def _check_free(host: str, port: int) -> None:
+    family = socket.AF_INET6 if ":" in host else socket.AF_INET
+    try:
+        socket.create_server((host, port), family=family).close()
+    except OSError as error:
+        raise ServingError(
+            f"page at {host}:{port}: {error.strerror}; change [page] host or port"
+        ) from error
+
+
+def names_of(host: str, port: int) -> frozenset[str]:
+    """What a browser may call us by."""
+    written = f"[{host}]" if ":" in host else host
+    return frozenset(f"{name}:{port}" for name in (written, "localhost", "127.0.0.1"))
+
+
+async def _work(link: Link, health: HealthReporter) -> None:
+    """Follow the daemon, and tell the gate that this loop turns."""
+    async with asyncio.TaskGroup() as tasks:
+        following = tasks.create_task(link.follow())
+        while not following.done():
+            health.progress("ok")
+            await asyncio.sleep(PERIOD_S)
+
+
+def pulse(link: Link) -> Response:
+    """How old is what the page shows; milliseconds."""
+    age_ms = min(MOST_AGE_MS, round(1e3 * link.age_s))
+    return Response(
+        json.dumps({"age_ms": age_ms, "now_ms": 1e3 * link.now_s}), media_type="application/json"
+    )
+
+
+async def frame(link: Link, after: int) -> Response:
+    """The newest picture as JPEG, what is in it in a header; 204 where there is no other than the one that is shown."""
+    picture = await link.newest_picture(after)
+    if picture is None:
+        return Response(status_code=204)
+    facts = {key: picture.facts[key] for key in ("frame", "taken_unix_s", "width_px", "height_px")}
+    facts |= {"tags": picture.facts["tags"], "words": picture_in_words(picture.facts)}
+    headers = {"X-Facts": json.dumps(facts), "Cache-Control": "no-store"}
+    return Response(picture.jpeg, media_type="image/jpeg", headers=headers)
+
+
+def picture_in_words(facts: Reply) -> str:
+    """Which tags it shows."""
+    tags = [
+        f"tag {name.upper()} ({tag['wanted']}) {'seen' if tag['corners'] else 'not seen'}"
+        for name, tag in facts["tags"].items()
+    ]
+    rest = "arm at rest" if facts["robot_at_rest"] else "arm moves"
+    return f"{'; '.join(tags)}; {rest}"
