@@ -1,163 +1,49 @@
 """What may happen to a robot program, by the rows of the decision table; the same for every language."""
 
-from collections.abc import Callable
 from dataclasses import dataclass, replace
-from itertools import count
 
-from tests.robot_programs.cell import FIELDS, put
-from tests.robot_programs.world import COORDINATE, Outcome, Rest, When, World
-from vgrd.registers import Command, Status
-
-Fault = Callable[[World], None]
+from tests.robot_programs.faults import (
+    Fault,
+    added,
+    another_asks,
+    damaged,
+    earlier_program,
+    ends,
+    expires,
+    found_at,
+    half_good,
+    last_trigs,
+    nothing,
+    of_cell,
+    out_of_reach,
+    pushed_each_time,
+    shown,
+    stuck,
+)
+from tests.robot_programs.world import COORDINATE, Outcome, Rest, When
+from vgrd.registers import Status
 
 
 @dataclass(frozen=True)
 class Scenario:
-    """A fault at a moment and what any program does then; `row` is the row of the table that it tries."""
+    """A fault at a moment and what any program does then; `row` is the row of the table that it tries.
+
+    languages: which programs can see it, all if empty.
+    """
 
     row: str
     name: str
     fault: Fault
     outcome: Outcome
     when: When = When.START
+    languages: tuple[str, ...] = ()
+
+    def is_for(self, language: str) -> bool:
+        """Whether a program in that language can see it."""
+        return not self.languages or language in self.languages
 
     def __str__(self) -> str:
         return f"{self.row}: {self.name}"
-
-
-def get(words: list[int], first: int, name: str) -> int:
-    """A value of up to two words among those that were read, 0 when it is not."""
-    field = FIELDS[name]
-    if not first <= field.address < first + len(words):
-        return 0
-    value = 0
-    for at in range(field.address - first, field.address - first + field.count):
-        value = value << 16 | words[at]
-    return value
-
-
-def shown(**values: int) -> Fault:
-    """Registers that hold something else by the time the client sees them."""
-
-    def tamper(words: list[int], first: int) -> None:
-        for name, value in values.items():
-            put(words, first, name, value)
-
-    return lambda world: setattr(world.cell, "tamper", tamper)
-
-
-def added(**steps: int) -> Fault:
-    """Registers that are off by so much."""
-
-    def tamper(words: list[int], first: int) -> None:
-        for name, step in steps.items():
-            old = get(words, first, name)
-            if old:
-                put(words, first, name, old + step)
-
-    return lambda world: setattr(world.cell, "tamper", tamper)
-
-
-def of_cell(**values: object) -> Fault:
-    """The cell is so."""
-
-    def fault(world: World) -> None:
-        for name, value in values.items():
-            setattr(world.cell, name, value)
-
-    return fault
-
-
-def found_at(*offset: int) -> Fault:
-    """The object is elsewhere by so many um and urad."""
-    moved = tuple(a + b for a, b in zip(COORDINATE, offset, strict=True))
-    return of_cell(coordinate=moved)
-
-
-def ends(status: Status) -> Fault:
-    """The answer that stands ends with a status."""
-    return lambda world: world.cell.end(status)
-
-
-def expires(world: World) -> None:
-    """The answer that stands is too old from now on."""
-    world.cell.standing = replace(world.cell.standing, valid_until_s=world.clock.monotonic())
-
-
-def another_asks(world: World) -> None:
-    """Another client writes into the same request registers."""
-    world.cell.trigger(40_000, Command.EC_FRESH, point=1)
-
-
-def earlier_program(world: World) -> None:
-    """A program that was started before asked the very same, and its answer stands."""
-    registers = bytearray(64)
-    registers[0:6] = bytes((0, 1, 0, Command.EC_FRESH, 0, 1))
-    world.cell.bank.write_registers(0, bytes(registers))
-    for _ in range(20):
-        world.clock.sleep(0.02)
-        world.cell.advance()
-        world.cell.bank.refresh()
-
-
-def last_trigs(world: World) -> None:
-    """The program has asked 65,534 times."""
-    world.first_trig = 0xFFFE
-
-
-def half_good(bad: Status) -> Fault:
-    """The first answer is a refusal, then all is well."""
-
-    def fault(world: World) -> None:
-        cell = world.cell
-        found = cell.found
-
-        def first_bad(*of: object):
-            cell.found = found
-            cell.refuse_with = bad
-            refusal = found(*of)
-            cell.refuse_with = None
-            return refusal
-
-        cell.found = first_bad
-
-    return fault
-
-
-def pushed_each_time(world: World) -> None:
-    """The object is elsewhere in every answer."""
-    numbers, found, cell = count(1), world.cell.found, world.cell
-
-    def elsewhere(*of: object):
-        x, *rest = COORDINATE
-        cell.coordinate = (x + 2000 * (next(numbers) % 2), *rest)
-        return found(*of)
-
-    cell.found = elsewhere
-
-
-def stuck(world: World) -> None:
-    """Something stops the arm on its way."""
-    world.arm.stuck = True
-
-
-def out_of_reach(what: str) -> Fault:
-    """The arm cannot get there as taught."""
-    return lambda world: world.arm.out_of_reach.append(what)
-
-
-def both(*faults: Fault) -> Fault:
-    """All of them."""
-
-    def fault(world: World) -> None:
-        for each in faults:
-            each(world)
-
-    return fault
-
-
-def nothing(_: World) -> None:
-    """All is well."""
 
 
 def stopped(word: str, asks: int, rest: Rest = Rest.START, status: int = 0) -> Outcome:
@@ -249,6 +135,13 @@ SCENARIOS = (
     Scenario("SEQ", "is odd", added(SEQ=1, EC32_SEQ=1), stopped("SEQ", 3)),
     Scenario("SEQ", "of the block is another", added(EC32_SEQ=2), stopped("SEQ", 3)),
     Scenario("SEQ", "the block echoes another", added(EC32_ECHO=1), stopped("SEQ", 3)),
+    Scenario(
+        "SEQ",
+        "a word of the block is another",
+        damaged(EC32_X=1),
+        stopped("SEQ", 3),
+        languages=("python",),
+    ),
     Scenario("SENTINEL", "for X", shown(EC32_X=SENTINEL32), stopped("SENTINEL", 1)),
     Scenario("SENTINEL", "for RZ", shown(EC32_RZ=SENTINEL32), stopped("SENTINEL", 1)),
     Scenario("AGE", "an old picture", of_cell(picture_age_s=1.5), stopped("AGE", 3)),

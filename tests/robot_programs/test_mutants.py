@@ -22,7 +22,8 @@ MUTANTS = [
 
 def is_found(directory, language, mutant):
     """Whether a scenario of its row, or one in which all is well, fails."""
-    own = [scenario for scenario in SCENARIOS if scenario.row == mutant.row]
+    seen = [scenario for scenario in SCENARIOS if scenario.is_for(language)]
+    own = [scenario for scenario in seen if scenario.row == mutant.row]
     well = [scenario for scenario in SCENARIOS if scenario.row == "ASK_AGAIN"]
     for number, scenario in enumerate([*own, *well]):
         (directory / str(number)).mkdir()

@@ -15,6 +15,7 @@ import math
 import socket
 import struct
 import time
+import zlib
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from enum import Enum
@@ -120,6 +121,7 @@ WORDS: Final[Mapping[str, int]] = {
     "EC32_ECHO": 144,
     "EC32_STATUS": 145,
     "EC32_SEQ": 146,
+    "EC32_CRC": 147,  # and 148: of the words 130 to 146
 }
 SENTINEL: Final = -(2**31)
 REQUEST_WORDS: Final = 32  # all of them are written: nothing of an earlier program stays
@@ -450,6 +452,8 @@ class Program:
         steps = coordinate(words)
         if SENTINEL in steps:
             raise Doubt("SENTINEL", Reaction.STOP, "a sentinel beside a good STATUS")
+        if not is_whole(words):
+            raise Doubt("SEQ", Reaction.ASK_AGAIN, "EC32_CRC is not that of the block")
         if value(words, "AGE") > self.limits.age_ms:
             raise Doubt("AGE", Reaction.ASK_AGAIN, f"{value(words, 'AGE')} ms old")
         if value(words, "U95P") > self.limits.u95_um:
@@ -549,3 +553,10 @@ def coordinate(words: Sequence[int]) -> tuple[int, ...]:
     """The six signed numbers of the int32 block."""
     at = WORDS["EC32_X"] - FIRST
     return struct.unpack(">6i", struct.pack(">12H", *words[at : at + 12]))
+
+
+def is_whole(words: Sequence[int]) -> bool:
+    """Whether the int32 block is as the daemon wrote it."""
+    first, last = WORDS["EC32_X"] - FIRST, WORDS["EC32_CRC"] - FIRST
+    block = struct.pack(f">{last - first}H", *words[first:last])
+    return zlib.crc32(block) == words[last] << 16 | words[last + 1]

@@ -4,13 +4,14 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from fakes.world.simulation import WORK_ROTATION, Simulation
 from vgrd.calibration.calibration import Calibration
 from vgrd.calibration.plausibility import InUse, misses, missing_tags, questions
 from vgrd.calibration.plausibility.rigid import PlacedTouches, fit_rigidly
+from vgrd.calibration.plausibility.stands import Stands, placed_in_one, tied_camera
 from vgrd.calibration.solve import calibrate_system
 from vgrd.calibration.touches import arm_touches, cad_touches
 from vgrd.geometry import Pose, exp_rotation
@@ -131,6 +132,55 @@ def test_a_first_touch_in_the_air_does_not_discredit_those_after_it():
     told = asked(moved(session(7), 0, (0, 20.0, 40.0)))
     assert told.keys() == {11}
     assert "mm from P1" in told[11]
+
+
+def test_the_first_touch_of_a_turned_table_is_foretold_by_the_centre_that_stays():
+    """One wrist tells nothing of the TCP, and a turned touch of any hole of one height would fit some TCP."""
+    names = ["P1", "P3", "P4", "P5", "P6", "P2"]
+    recording = session(8, looks=8, touches=6, names=names, turns_rad=[0.0] * 5 + [2.0])
+    wrong = named(recording, t6="P5")
+    assert asked(recording) == {}
+    assert asked(wrong).keys() == {16}
+    assert "nearest target P2" in asked(wrong)[16]
+    part = replace(recording.facts.object, center_in_object=None)
+    assert asked(replace(wrong, facts=replace(wrong.facts, object=part))) == {}
+
+
+@settings(max_examples=15, deadline=None)
+@given(st.integers(0, 10**6), st.tuples(st.floats(3, 40), st.floats(-40, 40)))
+@example(2189, (8.0, 0.0))  # would be questioned if every small turn told a centre
+def test_a_part_that_was_pushed_instead_of_turned_is_followed_too(seed, push_mm):
+    cell, push = cell_of(seed), Pose(np.eye(3), np.array([*push_mm, 0.0]))
+    recording = cell.record(looks=8, spins=0, wrists=[cell.wrist(0.0) for _ in range(7)])
+    in_camera = cell.base_from_camera.inverse() @ push @ cell.base_from_camera
+    touches = list(recording.touches)
+    for index in (4, 5, 6):
+        touch, tag = touches[index], touches[index].observation.tag_b
+        seen = replace(tag, camera_from_tag=in_camera @ tag.camera_from_tag)
+        touches[index] = replace(
+            touch,
+            base_from_wrist=push @ touch.base_from_wrist,
+            observation=replace(touch.observation, tag_b=seen),
+        )
+    pushed = replace(recording, touches=tuple(touches))
+    assert Stands.of_touches(pushed).of == (0, 0, 0, 0, 1, 1, 1)
+    assert asked(pushed) == {}
+    assert 17 in asked(named(pushed, t7="P5"))
+
+
+@settings(max_examples=15, deadline=None)
+@given(st.integers(0, 10**6), st.floats(0.15, 3.1), st.integers(1, 4))
+def test_the_cost_beside_a_centre_that_stays_is_chance_for_its_freedom(seed, turn, turned):
+    turns = [0.0] * 4 + [turn] * turned
+    recording = session(seed, looks=8, touches=len(turns), turns_rad=turns)
+    stands, tied = Stands.of_touches(recording), tied_camera(recording)
+    placed = placed_in_one(recording, range(len(turns)), stands, tied)
+    assert len(placed.still.points) == 1
+    fit = fit_rigidly(placed)
+    assert (
+        3 * len(turns) - 6 - 1e-6 <= fit.freedom <= 3 * len(turns) - 5
+    )  # the centre tells the tip across
+    assert fit.cost <= fit.freedom + 8 * np.sqrt(2 * fit.freedom) + 3
 
 
 def test_a_turned_table_is_followed_by_tag_b_once_the_looks_tie_the_camera_to_the_robot():

@@ -4,7 +4,7 @@ Works from the first touch on: what nothing determines yet takes away freedom, n
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -18,11 +18,24 @@ _GENERATORS = hat(np.eye(3))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+class StillPoints:
+    """CAD points (k, 3) that the object's motion leaves where they are, as tag B shows it: no tool was there.
+
+    places: (k, 3) in the base; roots: (k, 3, 3) turn an error of a place into one of unit variance, 0 along the axis.
+    """
+
+    points: Array = field(default_factory=lambda: np.empty((0, 3)))
+    places: Array = field(default_factory=lambda: np.empty((0, 3)))
+    roots: Array = field(default_factory=lambda: np.empty((0, 3, 3)))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
 class PlacedTouches:
     """Touches of CAD points (m, 3), brought to where they would be had the object not moved."""
 
     points: Array
     touches: TouchSet
+    still: StillPoints = field(default_factory=StillPoints)
 
     def __len__(self) -> int:
         return len(self.points)
@@ -30,11 +43,11 @@ class PlacedTouches:
     def chosen(self, indices: Sequence[int]) -> "PlacedTouches":
         """Those with the given indices."""
         kept = np.asarray(indices, dtype=np.intp)
-        return PlacedTouches(self.points[kept], self.touches.subset(kept))
+        return PlacedTouches(self.points[kept], self.touches.subset(kept), self.still)
 
     def renamed(self, points: Array) -> "PlacedTouches":
         """The same touches, of other points (m, 3)."""
-        return PlacedTouches(points, self.touches)
+        return PlacedTouches(points, self.touches, self.still)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -57,14 +70,19 @@ class RigidFit:
 
 def fit_rigidly(placed: PlacedTouches) -> RigidFit:
     """The touches' least cost over base_from_object and TCP; of no touch 0 with no freedom."""
-    m, touches = len(placed), placed.touches
+    touches, still, k = placed.touches, placed.still, len(placed.still.points)
+    points = np.concatenate([placed.points, still.points])
+    m = len(points)
     if not m:
         return RigidFit(0.0, 0.0, np.eye(3), np.zeros(3), np.zeros(3))
-    B, middle = touches.base_sqrt_informations(), placed.points.mean(axis=0)
-    A = (B[:, :, :, None] * (placed.points - middle)[:, None, None, :]).reshape(-1, 9)
-    b = np.einsum("mij,mj->mi", B, touches.translations).ravel()
+    B = np.concatenate([touches.base_sqrt_informations(), still.roots])
+    rotations = np.concatenate([touches.rotations, np.zeros((k, 3, 3))])
+    translations = np.concatenate([touches.translations, still.places])
+    middle = points.mean(axis=0)
+    A = (B[:, :, :, None] * (points - middle)[:, None, None, :]).reshape(-1, 9)
+    b = np.einsum("mij,mj->mi", B, translations).ravel()
     # t_i = S p_i + t' - R_i tip, and the tip is within reach of the flange.
-    N = np.concatenate([B, -B @ touches.rotations], axis=2).reshape(-1, 6)
+    N = np.concatenate([B, -B @ rotations], axis=2).reshape(-1, 6)
     N = np.vstack([N, np.hstack([np.zeros((3, 3)), np.eye(3) / _TCP_MM])])
     A, b = np.vstack([A, np.zeros((3, 9))]), np.concatenate([b, np.zeros(3)])
     Q = np.linalg.qr(N)[0]
@@ -72,7 +90,7 @@ def fit_rigidly(placed: PlacedTouches) -> RigidFit:
     S, cost = _lowest(np.asarray(np.linalg.qr(M - Q @ (Q.T @ M), mode="r")))
     turned = np.column_stack([A @ (G @ S).ravel() for G in _GENERATORS])
     shift, tip = np.split(np.linalg.lstsq(N, b - A @ S.ravel(), rcond=None)[0], 2)
-    freedom = 3 * m - _determined(np.hstack([N, turned]), 3 * m)
+    freedom = 3 * m - k - _determined(np.hstack([N, turned]), 3 * m)  # a still point has no height
     return RigidFit(cost, max(freedom, 0.0), S, shift - S @ middle, tip)
 
 

@@ -1,7 +1,8 @@
 """Where the object stood while it was touched: touches of one stand fit CAD together as they are.
 
 Of different stands they do once the camera is tied to the robot: then tag B tells in the base how the object
-moved between them, and each touch is brought to where it would be had the object not moved.
+moved between them, and each touch is brought to where it would be had the object not moved. Of a turntable whose
+centre CAD tells, it shows where the part stands before the tool is known: the centre stays.
 """
 
 from collections.abc import Sequence
@@ -10,17 +11,22 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from vgrd.calibration.hand_eye import HandEyeProblem, calibrate_hand_eye, hand_eye_samples
-from vgrd.calibration.plausibility.rigid import PlacedTouches
+from vgrd.calibration.plausibility.rigid import PlacedTouches, StillPoints
 from vgrd.calibration.touches import TouchSet, arm_touches
 from vgrd.errors import CalibrationError
 from vgrd.geometry import Array, Pose, hat
 from vgrd.geometry.coincidence import Difference
 from vgrd.judging.thresholds import NOISY_SCALE
-from vgrd.model import Recording, Stability, TagObservation
+from vgrd.model import Motion, ObjectSpec, Recording, Stability, TagObservation
 
 _MOVED = Difference(squared=40.0, mm=0.05, rad=1e-3)  # as of the reference picture: 1 in 2 million
 _TIED_MM = 5.0  # of the camera's place: with less certainty a half turn tells nothing to a few mm
 _LEAST_LOOKS = 3  # of a hand-eye
+_CENTER_MM = 0.5  # sigma of the centre at the least: names are tens of mm apart, and a wrong centre is for the solver
+_LEAST_TURN_RAD = (
+    0.1  # of one that tells the centre; chosen: a part that is pushed on its table turns by less
+)
+_NO_TURN = 1e-9  # of the largest singular value: along the axis, where turning moves nothing
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -71,10 +77,13 @@ def placed_in_one(
     camera, covariance = tied
     first = stands.tags[stands.of[indices[0]]]
     size_mm = _size_mm(recording)
+    ways = {
+        stand: _way_back(camera, covariance, first, stands.tags[stand], size_mm)
+        for stand in {stands.of[i] for i in indices}
+    }
     rotations, translations, sigmas = [], [], []
     for i in indices:
-        tag = stands.tags[stands.of[i]]
-        back, sigma = _way_back(camera, covariance, first, tag, size_mm)
+        back, sigma = ways[stands.of[i]]
         pose = back @ recording.touches[i].base_from_wrist
         rotations.append(pose.rotation)
         translations.append(pose.translation)
@@ -82,7 +91,27 @@ def placed_in_one(
     moved = replace(
         placed.touches, rotations=np.array(rotations), translations=np.array(translations)
     )
-    return PlacedTouches(placed.points, _widened(moved, np.array(sigmas)))
+    turned = [way for stand, way in sorted(ways.items()) if stands.tags[stand] is not first]
+    still = _still_center(recording.facts.object, turned)
+    return PlacedTouches(placed.points, _widened(moved, np.array(sigmas)), still)
+
+
+def _still_center(part: ObjectSpec, ways: Sequence[tuple[Pose, float]]) -> StillPoints:
+    """The centre of turning by each way back, with its sigma: (R - I) x = -t tells x but along the axis."""
+    center = part.center_in_object
+    ways = [
+        (back, sigma) for back, sigma in ways if np.linalg.norm(back.rotvec()) > _LEAST_TURN_RAD
+    ]
+    if center is None or part.motion is not Motion.TURNTABLE or not ways:
+        return StillPoints()
+    turns = np.array([back.rotation - np.eye(3) for back, _ in ways])
+    shifts = np.array([back.translation for back, _ in ways])
+    places = -np.einsum("kij,kj->ki", np.linalg.pinv(turns, rcond=_NO_TURN), shifts)
+    center_mm = np.hypot(part.center_sigma_mm, _CENTER_MM)
+    by_center = center_mm * np.linalg.norm(turns, ord=2, axis=(1, 2))
+    sigmas = np.hypot([sigma for _, sigma in ways], by_center)
+    points = np.tile(np.asarray(center), (len(ways), 1))
+    return StillPoints(points, places, turns / sigmas[:, None, None])
 
 
 def _widened(touches: TouchSet, sigmas_mm: Array) -> TouchSet:
