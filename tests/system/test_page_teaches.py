@@ -92,7 +92,7 @@ class Person:
     def done(self, button: str) -> None:
         """Press until the version changes: the daemon may ask to wait and try again."""
         before = self.control.call("teaching")["version"]
-        for _ in range(5):
+        for _ in range(20):
             press(self.page, button)
             end_s = time.monotonic() + 20.0
             while time.monotonic() < end_s:
