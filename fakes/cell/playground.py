@@ -7,6 +7,7 @@ import math
 import threading
 import time
 from collections.abc import Callable, Mapping
+from functools import partial
 from html import escape
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from typing import Self
@@ -87,8 +88,8 @@ class Playground:
             "turn the object by 90 degrees": lambda: self._turn(3 * _TURN_RAD),
         }
         for name in self._world.targets:
-            acts[f"tip on {name}"] = lambda name=name: self._touch(name, WORK_ROTATION)  # type: ignore[misc]
-            acts[f"tip on {name}, tilted"] = lambda name=name: self._touch(name, self._tilted())  # type: ignore[misc]
+            acts[f"tip on {name}"] = partial(self._touch, name, lambda: WORK_ROTATION)
+            acts[f"tip on {name}, tilted"] = partial(self._touch, name, self._tilted)
         return acts
 
     def _aside(self) -> float:
@@ -100,9 +101,9 @@ class Playground:
         now = time.monotonic()
         return self._world.turn_table(self._world.table_angle(now) + angle_rad, now)
 
-    def _touch(self, name: str, rotation: Array) -> float:
+    def _touch(self, name: str, wrist: Callable[[], Array]) -> float:
         self._lift()
-        return self._world.jog_onto(name, rotation, time.monotonic())
+        return self._world.jog_onto(name, wrist(), time.monotonic())
 
     def _lift(self) -> None:
         """Off the object first, along the tool."""

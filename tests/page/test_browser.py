@@ -13,6 +13,7 @@ from tests.page.browser import (
     until,
 )
 from tests.page.daemon import PaperDaemon
+from vgrd.page import texts
 
 pytestmark = [pytest.mark.system, pytest.mark.timeout(400)]
 
@@ -106,6 +107,7 @@ def test_whatever_freezes_it_turns_grey_and_its_buttons_are_dead(page, server, d
     freeze()
     until(lambda: is_grey(page))
     assert page.locator("#no-link").is_visible()
+    assert page.locator("#no-link").inner_text() == texts.NO_LINK
     button.evaluate("one => one.focus()")
     assert (
         page.evaluate("document.activeElement.tagName") == "BODY"

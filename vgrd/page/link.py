@@ -3,6 +3,7 @@
 import asyncio
 import base64
 from collections.abc import Mapping
+from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Final
@@ -43,11 +44,10 @@ class Picture:
 
 @dataclass(slots=True)
 class Heard:
-    """Newest replies by operation; fault: why there is none."""
+    """Newest replies by operation; told_s: when the registers were told (`Link.now_s`)."""
 
     replies: dict[str, Reply] = field(default_factory=dict)
     told_s: float = -1e9
-    fault: str = ""
 
 
 class Link:
@@ -127,24 +127,17 @@ class Link:
 
     async def _follow_state(self) -> None:
         while True:
-            try:
-                for op in ("registers", "teaching"):
-                    reply = await self._call(op, REPLY_S)
-                    self.heard.replies[op] = reply
-                    if op == "registers":
-                        self.heard.told_s = self._clock.monotonic()
-                self.heard.fault = ""
-            except ControlError as error:
-                self.heard.fault = str(error)
+            with suppress(ControlError):  # what was heard before ages, and that is shown
+                self.heard.replies["registers"] = await self._call("registers", REPLY_S)
+                self.heard.told_s = self.now_s
+                self.heard.replies["teaching"] = await self._call("teaching", REPLY_S)
             await asyncio.sleep(PERIOD_S)
 
     async def _follow_slowly(self) -> None:
         while True:
             for op in ("status", "answers", "calibrations"):
-                try:
+                with suppress(ControlError):  # idem
                     self.heard.replies[op] = await self._call(op, COMMAND_S)
-                except ControlError as error:
-                    self.heard.fault = str(error)
             await asyncio.sleep(SLOW_PERIOD_S)
 
     async def _follow_pictures(self) -> None:

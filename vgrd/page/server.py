@@ -33,7 +33,8 @@ _HEADERS: Final = {
     "Cross-Origin-Opener-Policy": "same-origin",
 }
 _HEAD: Final = (
-    f'<script>document.documentElement.lang="{texts.LANGUAGE}"</script>'
+    f"<script>document.documentElement.lang={json.dumps(texts.LANGUAGE)};"
+    f"document.documentElement.dataset.noLink={json.dumps(texts.NO_LINK)}</script>"
     '<link rel="stylesheet" href="/assets/page.css"><script src="/assets/watchdog.js"></script>'
 )
 

@@ -7,15 +7,14 @@ import sys
 import termios
 import threading
 import time
-from collections.abc import Callable
 
 import pytest
 
+from tests.page.browser import PATIENCE_S, until
 from tests.page.daemon import PaperDaemon
 from vgrd.orphans import dying_with_us
 
 pytestmark = pytest.mark.system
-PATIENCE_S = 60.0
 
 
 class Terminal:
@@ -57,13 +56,6 @@ class Terminal:
         self._reading.join()
         os.close(self.its)
         os.close(self.ours)
-
-
-def until(is_so: Callable[[], object]) -> None:
-    end_s = time.monotonic() + PATIENCE_S
-    while not is_so():
-        assert time.monotonic() < end_s, "it never came"
-        time.sleep(0.05)
 
 
 @pytest.fixture

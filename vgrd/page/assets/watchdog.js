@@ -8,7 +8,7 @@
   const noLink = document.createElement("div");
   noLink.id = "no-link";
   noLink.setAttribute("role", "alert");
-  noLink.textContent = document.documentElement.dataset.noLink || "NO LINK";
+  noLink.textContent = document.documentElement.dataset.noLink;
 
   async function ask() {
     const sent = performance.now();
