@@ -98,6 +98,7 @@ class PaperDaemon:
             "answers": {"answers": [], "counts": {"OK": 3}},
             "calibrations": {"active": None, "calibrations": [], "activations": []},
             "sessions": {"sessions": []},
+            "result": {"session": None, "result": None},
         }
         self.frame, self._jpeg, self.taken_unix_s = 1, JPEG, 1.0
         self._gate_since_s: float | None = None

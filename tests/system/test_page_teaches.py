@@ -1,6 +1,5 @@
 """A person with a browser teaches a cell by doing what the page says, verifies, activates; a robot reads it."""
 
-import re
 import time
 
 import pytest
@@ -15,13 +14,12 @@ from fakes.testing import free_port
 from fakes.world.layout import Layout
 from fakes.world.poses import retracted_pose
 from fakes.world.world import World
-from tests.page.browser import browser, need_browser, open_page, press, tab, until
+from tests.page.browser import browser, need_browser, open_page, tab, until
+from tests.page.person import Person
 
 pytestmark = [pytest.mark.system, pytest.mark.timeout(900)]
 
-MOST_STEPS = 40  # a teaching that takes more goes in a circle
 MINUTES = 7.5  # of the operator, by the paper's table 4, with two verifications
-TARGET = re.compile(r"\bP\d\b")
 
 
 @pytest.fixture(scope="module", autouse=True)
@@ -40,71 +38,6 @@ def place(tmp_path, monkeypatch):
         Playground(world, 0) as playground,
     ):
         yield cell, daemon, playground, f"http://127.0.0.1:{page}/"
-
-
-class Person:
-    """Reads the step, moves the arm with the fake's own buttons, presses the page's."""
-
-    def __init__(self, page, playground: Playground, control) -> None:
-        self.page, self.playground, self.control = page, playground, control
-        self.steps: list[str] = []
-
-    def step(self) -> tuple[str, str]:
-        """What is to be done, and the sentence."""
-        what = self.page.locator(".step .what").inner_text()
-        return what, self.page.locator(".step").inner_text()
-
-    def obey(self) -> str:
-        """Do the one next step; returns what it was."""
-        what, words = self.step()
-        self.steps.append(what)
-        assert len(self.steps) < MOST_STEPS, self.steps
-        found = TARGET.search(words)
-        target = found[0] if found else ""
-        if what == "Turn the object":
-            self.playground.press("turn the object by 90 degrees")
-            self.done("SPIN")
-        elif what == "Touch a target":
-            tilted = ", tilted" if "tilted" in words else ""
-            self.playground.press(f"tip on {target}{tilted}")
-            self.done("TOUCH")
-        elif what == "Verify":
-            if self.steps[-2] != "Something is odd":
-                self.playground.press("turn the object by 90 degrees")
-            self.playground.press(f"tip on {target}")
-            self.done("VERIFY")
-        elif what == "Something is odd":
-            self.done("UNDO")
-            self.playground.press("turn the object by 30 degrees")
-        elif what == "Wait":
-            until(lambda: self.step()[0] != "Wait")
-            self.steps.pop()
-        elif what == "Start a session":
-            self.done("START")
-        elif what == "Solve":
-            self.done("SOLVE")
-        elif what == "Activate":
-            tab(self.page, "Result")
-            self.done("ACTIVATE")
-            tab(self.page, "Teach")
-        return what
-
-    def done(self, button: str) -> None:
-        """Press until the version changes: the daemon may ask to wait and try again."""
-        before = self.control.call("teaching")["version"]
-        for _ in range(20):
-            press(self.page, button)
-            end_s = time.monotonic() + 20.0
-            while time.monotonic() < end_s:
-                if self.control.call("teaching")["version"] != before:
-                    until(lambda: self.shown() == self.control.call("teaching")["version"])
-                    return
-                time.sleep(0.1)
-        pytest.fail(f"{button} changed nothing")
-
-    def shown(self) -> str:
-        """The version that the page shows."""
-        return str(self.page.locator("#version").text_content())
 
 
 def test_a_whole_calibration_by_clicking_what_the_page_says(place, record_property) -> None:

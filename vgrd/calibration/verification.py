@@ -28,7 +28,7 @@ _95 = 0.95  # all radii are told at this confidence (u95)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class _Miss:
+class Miss:
     """What a touch says: how far it is off along what it measured, mm, and how far chance allows.
 
     directions: (k, 3) in the base; off: (k,), covariance: (k, k). base_from_wrist: (3, 3) of the touch.
@@ -63,8 +63,7 @@ def verify(
     in the picture of a touch then tells where the camera stands; None: it stands where it was taught.
     """
     findings, misses = [], []
-    for i, touch in enumerate(verifications):
-        judged = _judged(calibration, touch, f"verification {i + 1}", stability)
+    for judged in judge(calibration, verifications, stability):
         if isinstance(judged, Finding):
             findings.append(judged)
             continue
@@ -77,6 +76,16 @@ def verify(
             findings.append(finding("verification_failed", words, fatal=True))
     findings += _tool(misses)
     return findings, {"verification_max_mm": max(miss.mm for miss in misses)} if misses else {}
+
+
+def judge(
+    calibration: Calibration, verifications: Sequence[Touch], stability: Array | None = None
+) -> list[Finding | Miss]:
+    """By verification how far it is off, or why that cannot be told; stability: as in `verify`."""
+    return [
+        _judged(calibration, touch, f"verification {i + 1}", stability)
+        for i, touch in enumerate(verifications)
+    ]
 
 
 def turned_apart(taught: Sequence[Touch], verifications: Sequence[Touch]) -> list[int]:
@@ -101,7 +110,7 @@ def turned_apart(taught: Sequence[Touch], verifications: Sequence[Touch]) -> lis
 
 def _judged(
     calibration: Calibration, touch: Touch, name: str, stability: Array | None
-) -> Finding | _Miss:
+) -> Finding | Miss:
     """How far a touch is off, or why that cannot be told."""
     picture = touch.observation
     if picture is None or picture.tag_b is None:
@@ -121,7 +130,7 @@ def _judged(
         return finding("verification_unusable", f"{name}: {fault}")
     except Contradiction as fault:
         return finding("verification_failed", f"{name}: {fault}", fatal=True)
-    return _Miss(
+    return Miss(
         f"{name} ({touch.target})",
         directions,
         directions @ _off(calibration, touch, expected),
@@ -138,7 +147,7 @@ def _place(picture: Observation, calibration: Calibration, stability: Array | No
     return CameraPlace(stability, FlangeTag.of(picture))
 
 
-def _tool(misses: Sequence[_Miss]) -> list[Finding]:
+def _tool(misses: Sequence[Miss]) -> list[Finding]:
     """The tool, where touches miss although camera, tags and object are where they were."""
     seen = [miss for miss in misses if miss.fits]
     failed = [miss for miss in seen if not miss.share <= 1]
@@ -155,7 +164,7 @@ def _tool(misses: Sequence[_Miss]) -> list[Finding]:
     return [finding("tool_suspected", words)]
 
 
-def _shift_of_tip(misses: Sequence[_Miss]) -> Array | None:
+def _shift_of_tip(misses: Sequence[Miss]) -> Array | None:
     """The one shift (3,) of the tip, mm in the flange, that explains several touches; None without."""
     if len(misses) < 2:
         return None

@@ -23,6 +23,12 @@ if TYPE_CHECKING:
     from vgrd.geometry import Array
 
 _FIRST = ("good", "limits", "add")  # what is told before anything else
+_DRAWN = (
+    "budget",
+    "map",
+    "touches",
+    "verification",
+)  # figures of a page: vgrd report, vgrd budget
 
 
 def register(app: typer.Typer) -> None:
@@ -93,10 +99,11 @@ def _print_calibration(result: Result, json_to: str | None, title: str) -> None:
 
     def show(result: Result) -> None:
         sentences = ("insertions", "blind_spots")
-        apart = (*sentences, *_FIRST, "levels", "transforms")
+        apart = (*sentences, *_FIRST, "levels", "transforms", *_DRAWN)
         _print_goodness(result)
         show_fields(title)({key: value for key, value in result.items() if key not in apart})
-        for sentence in (one for key in sentences for one in result[key]):
+        told = [one for key in sentences for one in result[key]]
+        for sentence in (*told, f"verification: {result['verification']['words']}"):
             console.print(sentence, highlight=False, markup=False)
 
     print_result(result, json_to, show)

@@ -135,7 +135,7 @@ class Link:
 
     async def _follow_slowly(self) -> None:
         while True:
-            for op in ("status", "answers", "calibrations"):
+            for op in ("status", "answers", "calibrations", "result"):
                 with suppress(ControlError):  # idem
                     self.heard.replies[op] = await self._call(op, COMMAND_S)
             await asyncio.sleep(SLOW_PERIOD_S)

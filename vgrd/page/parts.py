@@ -5,6 +5,7 @@ from collections.abc import Awaitable, Callable, Iterable, Mapping, Sequence
 from typing import Any, Final
 
 from nicegui import events, ui
+from nicegui.elements.echart import EChart
 from nicegui.elements.label import Label
 from nicegui.elements.table import Table
 
@@ -41,6 +42,11 @@ def button(key: str, act: Act) -> ui.button:
     return shown.on("click", pressed, js_handler=_PRESSED)
 
 
+def plain_button(words: str, act: Callable[[], Awaitable[None]]) -> ui.button:
+    """A large button that changes nothing in the cell."""
+    return ui.button(words, color=None, on_click=act).classes("press")
+
+
 def live_picture() -> None:
     """The picture that `assets/watchdog.js` fetches and marks."""
     with ui.element("div").classes("view"):
@@ -71,6 +77,19 @@ class Grid:
         ]
         if new != self.table.rows:
             self.table.rows = new
+
+
+def redraw(chart: EChart, options: dict[str, Any]) -> None:
+    """Draw a chart anew, if it shows something else."""
+    if options["series"] != chart.options["series"]:
+        chart.options.update(options)
+        chart.update()
+
+
+def show_if(area: ui.element, is_shown: bool) -> None:
+    """Show or hide, if it is not so already."""
+    if area.visible != is_shown:
+        area.set_visibility(is_shown)
 
 
 def tell(label: Label, words: str) -> None:

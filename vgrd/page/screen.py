@@ -6,12 +6,8 @@ from typing import Any, Final
 from nicegui import ui
 
 from vgrd.page import texts
-from vgrd.page.cell_tab import CellTab
 from vgrd.page.parts import tell
-from vgrd.page.result_tab import ResultTab
-from vgrd.page.runtime_tab import RuntimeTab
-from vgrd.page.sessions_tab import SessionsTab
-from vgrd.page.teach_tab import TeachTab
+from vgrd.page.tabs import CellTab, ResultTab, RuntimeTab, SessionsTab, TeachTab
 from vgrd.page.visitor import Visitor
 
 REFRESH_S: Final = 0.2  # faster than people read; the watchdog does not wait for it

@@ -12,7 +12,7 @@ import structlog
 from fastapi import Request, Response
 from nicegui import app, ui
 
-from vgrd.errors import ServingError
+from vgrd.errors import ControlError, ServingError
 from vgrd.ipc.health import PERIOD_S, HealthReporter
 from vgrd.page import texts
 from vgrd.page.link import Link, Reply
@@ -87,6 +87,10 @@ def serve(link: Link, health: HealthReporter, host: str, port: int) -> None:
     def _pulse() -> Response:
         return pulse(link)
 
+    @app.get("/report")
+    async def _report(session: str = "") -> Response:
+        return await report(link, session)
+
     @app.get("/frame")
     async def _frame(after: int = -1) -> Response:
         return await frame(link, after)
@@ -155,6 +159,15 @@ async def frame(link: Link, after: int) -> Response:
     facts |= {"tags": picture.facts["tags"], "words": picture_in_words(picture.facts)}
     headers = {"X-Facts": json.dumps(facts), "Cache-Control": "no-store"}
     return Response(picture.jpeg, media_type="image/jpeg", headers=headers)
+
+
+async def report(link: Link, session: str) -> Response:
+    """The page to print; 404 with the reason where there is none."""
+    try:
+        told = await link.ask("report", **({"session": session} if session else {}))
+    except ControlError as refusal:
+        return Response(str(refusal), 404, media_type="text/plain")
+    return Response(told["html"], media_type="text/html")
 
 
 def picture_in_words(facts: Reply) -> str:

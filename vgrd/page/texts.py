@@ -92,11 +92,29 @@ UNKNOWN: Final = "Still unknown"
 ODD: Final = "Odd"
 ACCEPTED: Final = "ACCEPTED"
 REJECTED: Final = "REJECTED"
-NOT_SOLVED: Final = "No session was solved since this page was opened"
+NOT_SOLVED: Final = "No session was solved yet"
+LAST_RESULT: Final = "Last result"
+VERIFICATION: Final = "Verification"
+GOES: Final[Mapping[str, str]] = MappingProxyType(
+    {"go": "✔ GO", "no go": "✖ NO GO", "open": "○ NOT VERIFIED YET"}
+)
+REPORT: Final = "Report to print"
+LIMITED: Final = "Limited by {what}. To make it better: {remedy}"
+BUDGET: Final = "Share of the error's variance, %"
+MAP: Final = "95 % error, mm, over the object's turn, degrees"
+NOISE: Final = "Noise, one sigma"
+TOUCHES: Final = "Touches"
+FOUND: Final = "What was found"
+CALIBRATIONS: Final = "Calibrations"
 TREND: Final = "95 % error of the worst target, mm"
 TOLERANCE: Final = "tolerance"
-DIFFERENCE: Final = "Difference to the one in use"
+DIFFERENCE: Final = "Difference of the chosen calibration to the one in use"
 COMPARE: Final = "COMPARE"
+LIST: Final = "LIST"
+SESSION: Final = "session"
+TIMELINE: Final = "95 % error of each calibration, mm"
+COMPARISON: Final = "Two calibrations"
+BETWEEN: Final = "{second} against {first}, for the picture of now"
 WHY: Final = "Answers by status"
 
 COLUMNS: Final[Mapping[str, str]] = MappingProxyType(
@@ -131,5 +149,11 @@ COLUMNS: Final[Mapping[str, str]] = MappingProxyType(
         "deg": "deg",
         "code": "finding",
         "message": "what it says",
+        "noise": "noise",
+        "stated": "stated",
+        "found": "found",
+        "unit": "unit",
+        "counts": "counts",
+        "fails": "more than chance allows",
     }
 )

@@ -8,11 +8,11 @@ import numpy as np
 from vgrd.calibration.calibration import Calibration
 from vgrd.calibration.joint import JointFit, JointSolution, StepLayout
 from vgrd.calibration.levels import Level
-from vgrd.calibration.planning import Budget, Source, error_budget, picture_of
+from vgrd.calibration.planning import Source
 from vgrd.calibration.stated_error import EVERY_PICTURE, u95_in_words
-from vgrd.errors import CalibrationError
 from vgrd.geometry import Array, Pose
 from vgrd.model import Policy, Recording
+from vgrd.solving.figures import budget_of
 
 _MATTERS = 1.1  # times the error with an exact centre, from which on it is worth a sentence
 _TO_ADD: Mapping[Source, str] = MappingProxyType(
@@ -43,7 +43,7 @@ def goodness(
 
     fit: that it was taken from, None in the paper's plans.
     """
-    budget = None if fit is None else _budget(fit, policy)
+    budget = None if fit is None else budget_of(fit, policy)
     includes = {}
     if fit is not None:
         holes = len(fit.data.holes.cad)
@@ -79,14 +79,6 @@ def _sentence(calibration: Calibration, recording: Recording, tolerance_mm: floa
     if residuals.get("touch_left_out_mm", np.nan) > 0:
         said += f"; each touch was predicted by the others to {residuals['touch_left_out_mm']:.2g} mm (rms)"
     return said if tolerance_mm is not None else f"{said}; no tolerance given"
-
-
-def _budget(fit: JointFit, policy: Policy) -> Budget | None:
-    """Of the picture in which the targets were touched; only what the session's own samples leave."""
-    try:
-        return error_budget(fit, picture_of(fit, 0.0), policy)
-    except CalibrationError:
-        return None  # what cannot be predicted is in the verdict
 
 
 def _center_in_words(calibration: Calibration) -> str:

@@ -18,6 +18,7 @@ import structlog
 from vgrd import logs
 from vgrd.calibration.blind_spots import sentences
 from vgrd.calibration.calibration import Calibration
+from vgrd.calibration.confirmation import confirm
 from vgrd.calibration.joint import JointSolution
 from vgrd.calibration.solve import calibrate_with_fit
 from vgrd.clock import Clock, SystemClock
@@ -26,6 +27,7 @@ from vgrd.geometry import Array
 from vgrd.judging.findings import finding
 from vgrd.model import Finding, Plan, Policy, Recording, Verdict
 from vgrd.orphans import die_with
+from vgrd.solving.figures import figures
 from vgrd.solving.goodness import goodness, levels_of, transforms_of
 from vgrd.solving.hole_pictures import draw_searched
 from vgrd.solving.hole_sightings import HolesSeen, Report, holes_of, see_holes
@@ -34,6 +36,7 @@ from vgrd.solving.sample_numbers import SampleNumbers
 from vgrd.solving.servable import places_without_cad, unservable
 from vgrd.solving.timing import late_pictures, time_offset_of
 from vgrd.store.calibrations import CalibrationStore
+from vgrd.store.results import write_result
 from vgrd.store.retention import in_use
 from vgrd.store.sessions import StoredSession, iterate_images, iterate_observations, load_session
 from vgrd.vision.images.drawing import folder_for_pictures
@@ -52,7 +55,7 @@ def solve_session(
     report: Report | None = None,
     draw: Path | None = None,
 ) -> dict[str, object]:
-    """Solve a session folder and store the calibration if `state_dir` is given; JSON-able summary.
+    """Solve a session folder; JSON-able summary. With `state_dir` calibration and summary are stored.
 
     tolerance_mm: 95 % of the misses under the policy must be predicted within it; what cannot be
     served under it at all is rejected. stability: (6,) of the camera, as in `CameraPlace`; None: not
@@ -91,9 +94,12 @@ def solve_session(
         name = None
         if state_dir is not None and calibration.verdict.ok:
             name = CalibrationStore(state_dir, clock).save(calibration)
-    return {
+    result = {
         **goodness(calibration, fit, stored.recording, tolerance_mm, policy),
         "calibration": name,
+        "solved_unix_s": calibration.created_unix_s,
+        "tolerance_mm": tolerance_mm,
+        "policy": policy.value,
         **summary(calibration),
         "transforms": transforms_of(calibration),
         "insertions": insertion_sentences(calibration, stored.recording, policy),
@@ -103,7 +109,12 @@ def solve_session(
         "holes": {"seen": len(holes.sightings), "unseen": dict(holes.unseen)},
         **drawn,
         "warnings": [*stored.warnings, *warnings],
+        "verification": confirm(calibration, stored.recording, tolerance_mm, stability).to_json(),
+        **({} if fit is None else figures(fit, policy, numbers)),
     }
+    if state_dir is not None:
+        write_result(folder, result)
+    return result
 
 
 def _unproven_names(stored: StoredSession) -> tuple[Finding, ...]:

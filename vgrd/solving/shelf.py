@@ -56,6 +56,7 @@ def calibration_row(store: CalibrationStore, name: str) -> dict[str, Any]:
     return {
         "id": name,
         "made": _when(stored.created_unix_s),
+        "made_unix_s": stored.created_unix_s,
         "method": stored.method,
         "session": stored.session,
         "verdict": "good" if fatal is None else f"rejected: {fatal}",

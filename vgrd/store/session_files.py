@@ -6,6 +6,7 @@
       session.json      plan and cell facts, sealed by a checksum
       samples.jsonl     one line per taught sample, on the disk before it is acknowledged
       closed.json       how many lines that are, written when the session is closed
+      result.json       what solving it told last, see `results`
       000.mcap ...      flange poses, observations, pictures; `.mcap.open` while growing, the
                         original of a recovered one is `.mcap.damaged`
 """

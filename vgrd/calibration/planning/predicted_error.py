@@ -86,10 +86,15 @@ class PredictedError:
 
     def target_errors_mm(self, covariance: Array, job: Job) -> dict[str, float]:
         """The same by target."""
-        radii = _radii95(self.miss_covariances(covariance))
+        target_radii = self.angle_errors_mm(covariance, job).mean(axis=0)
         names = _targets(self._result, job)
-        target_radii = radii.reshape(len(job.angles_rad), len(names), -1).mean(axis=(0, 2))
         return dict(zip(names, map(float, target_radii), strict=True))
+
+    def angle_errors_mm(self, covariance: Array, job: Job) -> Array:
+        """(a, t) by turn of the object and target."""
+        radii = _radii95(self.miss_covariances(covariance))
+        by_angle = radii.reshape(len(job.angles_rad), len(_targets(self._result, job)), -1)
+        return np.asarray(by_angle.mean(axis=2))
 
     def errors_after(self, covariance: Array, rows: Array) -> Array:
         """`error_mm` (c,) after each of c candidates, rows (c, r, n), alone."""

@@ -24,6 +24,7 @@ from vgrd.cell.control.lines import (
     text_argument,
     whole_argument,
 )
+from vgrd.cell.control.results import Results
 from vgrd.cell.control.server import Operation
 from vgrd.cell.control.versions import Versions
 from vgrd.cell.control.views import Views
@@ -86,6 +87,7 @@ class Operations:
         self.versions = Versions(teaching, serving)
         self.wizard = Wizard(teaching, activation, serving, clock)
         self.views = Views(measuring, serving, teaching, activation, self.gate, clock)
+        self.results = Results(state_dir)
         self.disk: Callable[[], Mapping[str, Any]] = dict
         self.pedal: Callable[[], Mapping[str, Any]] = dict
 
@@ -128,6 +130,7 @@ class Operations:
             "confirm": guarded(self._confirm, "accept", "by"),
             "teaching": Operation(self._teaching),
             **self.views.table(),
+            **self.results.table(),
         }
 
     async def _status(self, _: Arguments) -> Mapping[str, Any]:
@@ -202,8 +205,20 @@ class Operations:
         return await self.teaching.advise(wait_s, **limits)
 
     async def _solve(self, arguments: Arguments) -> Mapping[str, Any]:
-        """Run the solver in a process of its own: it can be killed, and never delays an answer."""
+        """Solve a session, one at a time: a button that is pressed twice asks for one result."""
         name = optional_text(arguments, "session") or await self._last_session()
+        if self.wizard.solving:
+            raise ControlError(
+                f"session {self.wizard.solving} is being solved: wait for its result"
+            )
+        self.wizard.solving = name
+        try:
+            return await self._solved(name)
+        finally:
+            self.wizard.solving = ""
+
+    async def _solved(self, name: str) -> Mapping[str, Any]:
+        """Run the solver in a process of its own: it can be killed, and never delays an answer."""
         folder = session_directory(self.state_dir, name)
         limits = self.serving.limits
         command = ["-m", "vgrd.solving.session", str(folder), str(self.state_dir)]
@@ -212,14 +227,12 @@ class Operations:
         process = await asyncio.create_subprocess_exec(
             sys.executable, *command, stdout=asyncio.subprocess.PIPE
         )
-        self.wizard.solving = name
         try:
             async with asyncio.timeout(SOLVE_TIMEOUT_S):
                 output, _ = await process.communicate()
         except TimeoutError as err:
             raise CalibrationError(f"not solved within {SOLVE_TIMEOUT_S:.0f} s") from err
         finally:
-            self.wizard.solving = ""
             if process.returncode is None:
                 process.kill()
         if process.returncode != 0:

@@ -8,7 +8,13 @@ from typing import Any
 import numpy as np
 
 from vgrd.calibration.calibration import Calibration, expected_coordinate
-from vgrd.cell.control.lines import Arguments, optional_number, optional_whole, text_argument
+from vgrd.cell.control.lines import (
+    Arguments,
+    optional_number,
+    optional_text,
+    optional_whole,
+    text_argument,
+)
 from vgrd.cell.control.live_picture import (
     LONGEST_WAIT_S,
     NARROWEST_PX,
@@ -55,7 +61,7 @@ class Views:
             "registers": Operation(self._registers),
             "answers": Operation(self._answers),
             "calibrations": Operation(self._calibrations),
-            "difference": Operation(self._difference, ("calibration",)),
+            "difference": Operation(self._difference, ("calibration", "with")),
             "sessions": Operation(self._sessions),
         }
 
@@ -91,16 +97,18 @@ class Views:
         return {"sessions": await asyncio.to_thread(session_list, folder, name)}
 
     async def _difference(self, arguments: Arguments) -> Mapping[str, Any]:
-        """By target how far apart a calibration and the one in use put the flange, for one picture."""
-        name, active = text_argument(arguments, "calibration"), self._serving.calibration
+        """By target how far apart two calibrations put the flange, for one picture; `with`: none is the active."""
+        name, base = text_argument(arguments, "calibration"), optional_text(arguments, "with")
+        load = self._activation.store.load
+        active = self._serving.calibration if base is None else await asyncio.to_thread(load, base)
         if active is None:
             raise ControlError("no calibration is in use, so there is nothing to compare with")
-        other = await asyncio.to_thread(self._activation.store.load, name)
+        other = await asyncio.to_thread(load, name)
         sight = await self._measuring.fresh(PICTURE_TIMEOUT_S)
         if sight.tag_b is None:
             raise TagNotSeen("tag B on the object is not in the picture: move the arm aside")
         targets = {t: self._apart(active, other, t, sight) for t in active.facts.object.targets}
-        return {"active": active.id, "calibration": other.id, "targets": targets}
+        return {"with": active.id, "calibration": other.id, "targets": targets}
 
     def _apart(
         self, active: Calibration, other: Calibration, target: str, sight: Sight

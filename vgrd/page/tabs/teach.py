@@ -1,17 +1,15 @@
 """Teaching: one next step, large buttons, and how the predicted error falls."""
 
-from typing import Any
-
 from nicegui import ui
 
 from vgrd.page import texts
+from vgrd.page.charts import fall
 from vgrd.page.link import Reply
-from vgrd.page.parts import Grid, button, card, heading, live_picture, numbers, tell
+from vgrd.page.parts import Grid, button, card, heading, live_picture, numbers, redraw, tell
 from vgrd.page.visitor import Seen, Visitor
 
 _PLANS = ("joint", "special", "universal", "conventional", "plane", "sphere")
 _FREE = frozenset({"wait", "done"})  # steps at which the person's hands are free
-_GREY = {"color": "#7a828c"}  # is read on both surfaces
 _LEADS_TO = {"mend": "undo"}  # which button a step means, where it is not its own
 
 
@@ -41,7 +39,7 @@ class TeachTab:
             self._buttons = {key: button(key, act) for key, act in acts.items()}
         with ui.element("div").classes("columns"):
             with card("Predicted error"):
-                self._chart = ui.echart(_chart([], 1.0)).classes("w-full h-64")
+                self._chart = ui.echart(fall([], 1.0)).classes("w-full h-64")
                 self._targets = Grid(("target", "touches", "u95_mm"))
                 self._minutes = ui.label().classes("quiet").mark("minutes")
             with ui.column().classes("w-full"):
@@ -91,9 +89,7 @@ class TeachTab:
         if teaching.get("session") and await self._visitor.command("record.stop", seen) is None:
             return
         ui.notify(texts.SOLVING)
-        solved = await self._visitor.solve(session)
-        if solved is not None:
-            self._visitor.link.heard.replies["solved"] = solved
+        await self._visitor.solve(session)
 
     def refresh(self) -> None:
         """Show what was heard."""
@@ -137,10 +133,8 @@ class TeachTab:
             self._target.set_options(names, value=None)
             self._drawn = None
         self._targets.show({**one, "target": one["name"]} for one in targets)
-        options = _chart(teaching.get("trend", []), teaching.get("tolerance_mm", 1.0))
-        if options["series"] != self._chart.options["series"]:
-            self._chart.options.update(options)
-            self._chart.update()
+        options = fall(teaching.get("trend", []), teaching.get("tolerance_mm", 1.0))
+        redraw(self._chart, options)
 
 
 def _pose(step: Reply) -> str:
@@ -164,25 +158,3 @@ def _minutes(clock: Reply | None) -> str:
     return texts.MINUTES.format(
         minutes=clock["minutes"], steps=steps or texts.NONE, elapsed=clock["elapsed_s"] / 60
     )
-
-
-def _chart(trend: list[Reply], tolerance_mm: float) -> dict[str, Any]:
-    """The error after each sample, and the tolerance that it falls to."""
-    samples = [str(one["sample"]) for one in trend]
-    fall = [round(float(one["u95_mm"]), 4) for one in trend]
-    limit = {"yAxis": tolerance_mm, "name": texts.TOLERANCE}
-    return {
-        "animation": False,
-        "title": {"text": texts.TREND, "textStyle": {"fontSize": 15, **_GREY}},
-        "grid": {"left": 50, "right": 20, "top": 40, "bottom": 30},
-        "xAxis": {"type": "category", "data": samples, "axisLabel": _GREY},
-        "yAxis": {"type": "value", "min": 0, "axisLabel": _GREY},
-        "series": [
-            {
-                "type": "line",
-                "data": fall,
-                "lineStyle": {"width": 3},
-                "markLine": {"data": [limit], "symbol": "none", "silent": True},
-            }
-        ],
-    }

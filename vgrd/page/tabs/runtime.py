@@ -5,7 +5,8 @@ from typing import Any
 from nicegui import ui
 
 from vgrd.page import texts
-from vgrd.page.parts import Grid, card, tell
+from vgrd.page.charts import bars
+from vgrd.page.parts import Grid, card, redraw, tell
 from vgrd.page.visitor import Visitor
 
 
@@ -16,7 +17,7 @@ class RuntimeTab:
         self._visitor = visitor
         with ui.element("div").classes("columns"):
             with card(texts.WHY):
-                self._pareto = ui.echart(_pareto({})).classes("w-full h-80")
+                self._pareto = ui.echart(bars({})).classes("w-full h-80")
             with card("Figures"):
                 self._figures = ui.label().mark("figures")
         with card("Answers"):
@@ -25,10 +26,7 @@ class RuntimeTab:
     def refresh(self) -> None:
         """Show what was heard."""
         told = self._visitor.link.reply("answers")
-        options = _pareto(told.get("counts", {}))
-        if options["series"] != self._pareto.options["series"]:
-            self._pareto.options.update(options)
-            self._pareto.update()
+        redraw(self._pareto, bars(told.get("counts", {})))
         answers = told.get("answers", [])
         self._answers.show({**one, "answer": one["name"]} for one in answers)
         tell(self._figures, _figures(answers))
@@ -45,15 +43,3 @@ def _figures(answers: list[dict[str, Any]]) -> str:
         f"{len(good)} coordinates: {latency[len(latency) // 2]} ms to answer (up to {latency[-1]}), "
         f"95 % error {error[len(error) // 2]:.3f} mm (up to {error[-1]:.3f})"
     )
-
-
-def _pareto(counts: dict[str, int]) -> dict[str, Any]:
-    """Statuses by how often they were, the rarest first: bars are drawn from below."""
-    ordered = sorted(counts.items(), key=lambda item: item[1])
-    return {
-        "animation": False,
-        "grid": {"left": 10, "right": 40, "top": 10, "bottom": 20, "containLabel": True},
-        "xAxis": {"type": "value", "minInterval": 1},
-        "yAxis": {"type": "category", "data": [name for name, _ in ordered]},
-        "series": [{"type": "bar", "data": [n for _, n in ordered], "label": {"show": True}}],
-    }

@@ -1,0 +1,91 @@
+"""Charts, as options of ECharts. Grey, with shapes that tell lines apart without colour."""
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from vgrd.page import texts
+
+_GREY = {"color": "#7a828c"}  # is read on both surfaces
+_LINES = ("solid", "dashed", "dotted")
+_SYMBOLS = ("circle", "rect", "triangle", "diamond", "pin", "arrow")
+
+
+def fall(trend: Sequence[Mapping[str, Any]], tolerance_mm: float) -> dict[str, Any]:
+    """The error after each sample, and the tolerance that it falls to."""
+    samples = [str(one["sample"]) for one in trend]
+    errors = [round(float(one["u95_mm"]), 4) for one in trend]
+    line = {"type": "line", "data": errors, "lineStyle": {"width": 3}, **_limit(tolerance_mm)}
+    return {**_frame(texts.TREND), "xAxis": _axis("category", samples), "series": [line]}
+
+
+def error_map(told: Mapping[str, Any], tolerance_mm: float | None) -> dict[str, Any]:
+    """The predicted error over the object's turn, a line for each target."""
+    series = [
+        {
+            "type": "line",
+            "name": name,
+            "data": [round(value, 4) for value in values],
+            "symbol": _SYMBOLS[i % len(_SYMBOLS)],
+            "symbolSize": 7,
+            "lineStyle": {"width": 2, "type": _LINES[i % len(_LINES)]},
+            **(_limit(tolerance_mm) if i == 0 and tolerance_mm else {}),
+        }
+        for i, (name, values) in enumerate(told.get("u95_mm", {}).items())
+    ]
+    angles = [str(angle) for angle in told.get("angles_deg", ())]
+    legend = {"bottom": 0, "type": "scroll", "textStyle": _GREY}
+    frame = {**_frame(texts.MAP), "grid": {"left": 50, "right": 20, "top": 40, "bottom": 60}}
+    return {**frame, "xAxis": _axis("category", angles), "legend": legend, "series": series}
+
+
+def bars(by_name: Mapping[str, float], title: str = "") -> dict[str, Any]:
+    """Bars to the right, the longest above."""
+    ordered = sorted(by_name.items(), key=lambda item: item[1])
+    return {
+        **_frame(title),
+        "grid": {
+            "left": 10,
+            "right": 50,
+            "top": 40 if title else 10,
+            "bottom": 20,
+            "containLabel": True,
+        },
+        "xAxis": _axis("value", None),
+        "yAxis": _axis("category", [name for name, _ in ordered]),
+        "series": [
+            {
+                "type": "bar",
+                "data": [value for _, value in ordered],
+                "label": {"show": True, "position": "right", **_GREY},
+            }
+        ],
+    }
+
+
+def over_time(rows: Sequence[tuple[float, float | None]], title: str) -> dict[str, Any]:
+    """Values at Unix times; a gap where there is none."""
+    points = [[1e3 * unix_s, value] for unix_s, value in rows]
+    return {
+        **_frame(title),
+        "xAxis": {"type": "time", "axisLabel": _GREY},
+        "series": [{"type": "line", "data": points, "symbolSize": 7}],
+    }
+
+
+def _frame(title: str) -> dict[str, Any]:
+    return {
+        "animation": False,
+        "title": {"text": title, "textStyle": {"fontSize": 15, **_GREY}},
+        "grid": {"left": 50, "right": 20, "top": 40, "bottom": 30},
+        "yAxis": {"type": "value", "min": 0, "axisLabel": _GREY},
+    }
+
+
+def _axis(kind: str, data: Sequence[str] | None) -> dict[str, Any]:
+    return {"type": kind, "axisLabel": _GREY, **({} if data is None else {"data": list(data)})}
+
+
+def _limit(tolerance_mm: float) -> dict[str, Any]:
+    """A line across at the tolerance."""
+    limit = {"yAxis": tolerance_mm, "name": texts.TOLERANCE}
+    return {"markLine": {"data": [limit], "symbol": "none", "silent": True}}
