@@ -99,6 +99,8 @@ class PaperDaemon:
             "calibrations": {"active": None, "calibrations": [], "activations": []},
             "sessions": {"sessions": []},
             "result": {"session": None, "result": None},
+            "diary": {"hours": [], "faults": []},
+            "scene": {"known": "", "flange": None, "tip_in_wrist": None, "tag_mm": {}},
         }
         self.frame, self._jpeg, self.taken_unix_s = 1, JPEG, 1.0
         self._gate_since_s: float | None = None

@@ -22,6 +22,7 @@ from vgrd.cell.recording.recorder import Recorder
 from vgrd.cell.recording.teaching import Teaching
 from vgrd.cell.serving.activation import Activation
 from vgrd.cell.serving.answering import Limits
+from vgrd.cell.serving.diary import Diary
 from vgrd.cell.serving.latches import LatchBook
 from vgrd.cell.serving.service import Serving
 from vgrd.cell.serving.vouching import Hold
@@ -122,6 +123,8 @@ class Cell:
             clock,
             resolved,
         )
+        self.diary = Diary(state, self.serving.faults, clock)
+        self.operations.views.diary = self.diary.to_json
         self.operations.disk = self.housekeeping.status
         self.pedal = FootTouches(teaching, runtime, clock, config.pedal.robot_input)
         self.operations.pedal = self.pedal.status
@@ -143,6 +146,7 @@ class Cell:
             tasks.create_task(self.pedal.run())
             tasks.create_task(self.control.serve())
             tasks.create_task(self.housekeeping.run())
+            tasks.create_task(self.diary.run())
             tasks.create_task(self._tell_health())
             tasks.create_task(self._obey(gate))
 

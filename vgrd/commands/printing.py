@@ -98,6 +98,9 @@ def _cell(value: object) -> str:
     return "-" if value is None else str(value)
 
 
+_DRAWN = frozenset({"scenery"})  # matrices, for drawings
+
+
 def show_fields(title: str) -> Callable[[Result], None]:
     """How to print a result as a table of its fields."""
 
@@ -110,6 +113,8 @@ def show_fields(title: str) -> Callable[[Result], None]:
 def flat(result: Result, prefix: str = "") -> Iterator[tuple[str, object]]:
     """Fields by dotted names, findings by their codes."""
     for key, value in result.items():
+        if key in _DRAWN:
+            continue
         if isinstance(value, Mapping):
             yield from flat(value, f"{prefix}{key}.")
         elif key == "findings":

@@ -6,6 +6,15 @@ from typing import Any
 from vgrd.page import texts
 
 _GREY = {"color": "#7a828c"}  # is read on both surfaces
+_SHADES = [
+    "#7a828c",
+    "#4f7d8c",
+    "#8c7a4f",
+    "#6b5f8c",
+    "#8c5f6b",
+    "#5f8c6b",
+]  # dull: colour is for what is wrong
+_SPLIT = {"splitLine": {"lineStyle": {"color": "#7a828c", "opacity": 0.3}}}
 _LINES = ("solid", "dashed", "dotted")
 _SYMBOLS = ("circle", "rect", "triangle", "diamond", "pin", "arrow")
 
@@ -35,7 +44,22 @@ def error_map(told: Mapping[str, Any], tolerance_mm: float | None) -> dict[str, 
     angles = [str(angle) for angle in told.get("angles_deg", ())]
     legend = {"bottom": 0, "type": "scroll", "textStyle": _GREY}
     frame = {**_frame(texts.MAP), "grid": {"left": 50, "right": 20, "top": 40, "bottom": 60}}
-    return {**frame, "xAxis": _axis("category", angles), "legend": legend, "series": series}
+    y_axis = {
+        **frame["yAxis"],
+        **({"max": round(1.1 * _top(told, tolerance_mm), 2)} if series else {}),
+    }
+    return {
+        **frame,
+        "xAxis": _axis("category", angles),
+        "yAxis": y_axis,
+        "legend": legend,
+        "series": series,
+    }
+
+
+def _top(told: Mapping[str, Any], tolerance_mm: float | None) -> float:
+    """The tolerance is seen, too."""
+    return float(max([*map(max, told["u95_mm"].values()), tolerance_mm or 0.0]))
 
 
 def bars(by_name: Mapping[str, float], title: str = "") -> dict[str, Any]:
@@ -50,11 +74,12 @@ def bars(by_name: Mapping[str, float], title: str = "") -> dict[str, Any]:
             "bottom": 20,
             "containLabel": True,
         },
-        "xAxis": _axis("value", None),
+        "xAxis": {**_axis("value", None), **_SPLIT},
         "yAxis": _axis("category", [name for name, _ in ordered]),
         "series": [
             {
                 "type": "bar",
+                "barMaxWidth": 36,
                 "data": [value for _, value in ordered],
                 "label": {"show": True, "position": "right", **_GREY},
             }
@@ -77,7 +102,8 @@ def _frame(title: str) -> dict[str, Any]:
         "animation": False,
         "title": {"text": title, "textStyle": {"fontSize": 15, **_GREY}},
         "grid": {"left": 50, "right": 20, "top": 40, "bottom": 30},
-        "yAxis": {"type": "value", "min": 0, "axisLabel": _GREY},
+        "color": _SHADES,
+        "yAxis": {"type": "value", "min": 0, "axisLabel": _GREY, **_SPLIT},
     }
 
 

@@ -27,6 +27,8 @@ LATE_S: Final = (
 )
 COMMAND_S: Final = 30.0  # a sample takes two pictures, of 5 s each at most
 SOLVE_S: Final = 300.0  # as `vgrd solve`
+SCENE_PERIOD_S: Final = 0.4  # of the drawing of the cell: an arm is jogged slowly
+DIARY_PERIOD_S: Final = 20.0  # of what goes by the hour
 VIEWED_S: Final = 3.0  # nobody looks at pictures who has not asked for so long
 PICTURE_WAIT_S: Final = 1.0  # of one request for another picture
 
@@ -87,6 +89,8 @@ class Link:
             tasks.create_task(self._follow_state())
             tasks.create_task(self._follow_slowly())
             tasks.create_task(self._follow_pictures())
+            tasks.create_task(self._follow("scene", SCENE_PERIOD_S))
+            tasks.create_task(self._follow("diary", DIARY_PERIOD_S))
 
     async def command(
         self, op: str, who: str, pressed_s: float | None = None, **arguments: object
@@ -113,9 +117,13 @@ class Link:
         """What an operation tells that changes nothing."""
         return await self._call(op, COMMAND_S, **arguments)
 
+    def view(self) -> None:
+        """Somebody looks."""
+        self._viewed_s = self._clock.monotonic()
+
     async def newest_picture(self, after: int) -> Picture | None:
         """A picture with another number, None where none comes within a second."""
-        self._viewed_s = self._clock.monotonic()
+        self.view()
         if self.picture is None or self.picture.facts["frame"] == after:
             self._new_picture.clear()
             try:
@@ -139,6 +147,17 @@ class Link:
                 with suppress(ControlError):  # idem
                     self.heard.replies[op] = await self._call(op, COMMAND_S)
             await asyncio.sleep(SLOW_PERIOD_S)
+
+    async def _follow(self, op: str, period_s: float) -> None:
+        """Ask one operation again and again, while somebody looks."""
+        asked_s = -1e9
+        while True:
+            now_s = self._clock.monotonic()
+            if now_s - asked_s >= period_s and now_s - self._viewed_s <= VIEWED_S:
+                asked_s = now_s
+                with suppress(ControlError):  # idem
+                    self.heard.replies[op] = await self._call(op, COMMAND_S)
+            await asyncio.sleep(PERIOD_S)
 
     async def _follow_pictures(self) -> None:
         """Fetch pictures once for all browsers, while one of them looks."""

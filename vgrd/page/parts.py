@@ -116,6 +116,11 @@ def clock_time(unix_s: float) -> str:
     return time.strftime("%H:%M:%S", time.localtime(unix_s))
 
 
+def day_time(unix_s: float) -> str:
+    """Day too."""
+    return time.strftime("%Y-%m-%d %H:%M:%S", time.localtime(unix_s))
+
+
 def numbers(values: Sequence[float] | None, digits: int = 1) -> str:
     """x, y, z."""
     return "-" if values is None else ", ".join(f"{value:.{digits}f}" for value in values)

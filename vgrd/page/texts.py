@@ -116,6 +116,30 @@ TIMELINE: Final = "95 % error of each calibration, mm"
 COMPARISON: Final = "Two calibrations"
 BETWEEN: Final = "{second} against {first}, for the picture of now"
 WHY: Final = "Answers by status"
+LATENCY: Final = "Time to answer, ms"
+CAMERA_DRIFT: Final = "Camera from where it was taught, mm, by the hour"
+MISFIT: Final = "How far pictures are from the calibration, 1 is noise"
+FAULTS: Final = "Faults"
+ANSWERS: Final = "Answers"
+FIGURES: Final = (
+    "{count} coordinates: {middle_ms} ms to answer (up to {most_ms}), "
+    "95 % error {middle_mm:.3f} mm (up to {most_mm:.3f})"
+)
+
+PREDICTED: Final = "Predicted error"
+PICTURE: Final = "Camera"
+SAMPLES: Final = "Samples"
+SCENE: Final = "The cell"
+SCENE_NOTE: Final = "Where the camera stands is not known yet: only the flange is drawn"
+FLANGE: Final = "flange"
+GOAL: Final = "go here"
+CAMERA: Final = "camera"
+TAG: Final = "tag {name}"
+TURN: Final = "turn"
+REACHED: Final = "The flange is there"
+MOVE: Final = "Move the flange by ({:.0f}, {:.0f}, {:.0f}) mm"
+TURN_BY: Final = ", turn it by {:.0f} deg about ({:.2f}, {:.2f}, {:.2f}) of the base"
+VIEWS: Final[Mapping[str, str]] = MappingProxyType({"left": "◀ view", "right": "view ▶"})
 
 COLUMNS: Final[Mapping[str, str]] = MappingProxyType(
     {
@@ -154,6 +178,9 @@ COLUMNS: Final[Mapping[str, str]] = MappingProxyType(
         "found": "found",
         "unit": "unit",
         "counts": "counts",
-        "fails": "more than chance allows",
+        "when": "when",
+        "status": "status",
+        "lasted_s": "lasted, s",
+        "fails": "beyond chance",
     }
 )

@@ -95,7 +95,7 @@ REMEDIES: Final[Mapping[str, Remedy]] = {
         "Find what stopped it; vgrd only reports it.",
     ),
     "NOT_CALIBRATED": Remedy(
-        "Call the integrator.",
+        "The object is not taught: teach it, or call the integrator.",
         "`vgrd status` says why. Put one in use: `vgrd activate cal-000001`; damaged: `vgrd restore`, or teach.",
     ),
     "CALIBRATION_DRIFT": Remedy(

@@ -11,11 +11,13 @@ from vgrd.calibration.first_samples import first_sample
 from vgrd.calibration.insertion import Insertion
 from vgrd.calibration.joint import (
     JointFit,
+    JointSolution,
     TouchMiss,
     as_seen_in_the_end,
     calibrate_joint,
     camera_moves,
     contradicted_targets,
+    solution_of,
     touch_misses,
 )
 from vgrd.calibration.planning.insertions import (
@@ -35,6 +37,7 @@ from vgrd.calibration.planning.pose_trust import reason_against
 from vgrd.calibration.planning.predicted_error import Job, PredictedError, Undetermined
 from vgrd.calibration.planning.reach import Reach, camera_sees_tag_a, usual_wrist
 from vgrd.calibration.planning.with_cad import errors_with_cad_mm
+from vgrd.calibration.scenery import scenery
 from vgrd.calibration.stated_error import each_target, u95_in_words
 from vgrd.calibration.turntable import without_useless_spins
 from vgrd.errors import CalibrationError, DidNotConverge, VgrdError
@@ -64,7 +67,8 @@ class SessionAdvice:
     target with a clearance; further_touches: so many more make 95 % go in without contact, None: more than
     anybody would touch. with_cad_mm: the error by target without CAD, touched, if CAD knew all targets.
     untouched: names of those without CAD and without a touch, of which nothing is known. first: the sample that
-    the plan asks for next, told where there is no best one yet. touches: how each fits the others.
+    the plan asks for next, told where there is no best one yet. touches: how each fits the others. solution: the
+    estimate so far, None where there is none.
     """
 
     policy: Policy
@@ -80,6 +84,7 @@ class SessionAdvice:
     untouched: tuple[str, ...] = ()
     first: str = ""
     touches: tuple[TouchMiss, ...] = ()
+    solution: JointSolution | None = None
 
     def to_json(self) -> dict[str, object]:
         """Everything in words and numbers: poses as flange x, y, z in mm and a rotation vector."""
@@ -99,6 +104,7 @@ class SessionAdvice:
                 for name, with_cad_mm in self.with_cad_mm.items()
             },
             "next": self._next(),
+            "scenery": None if self.solution is None else scenery(self.solution),
             "touches": [
                 {
                     "name": touch.name,
@@ -257,6 +263,7 @@ def _advice(
         {name: with_cad[name] for name in bare},
         untouched,
         touches=touch_misses(result),
+        solution=solution_of(result),
     )
 
 

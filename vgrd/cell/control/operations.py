@@ -25,6 +25,7 @@ from vgrd.cell.control.lines import (
     whole_argument,
 )
 from vgrd.cell.control.results import Results
+from vgrd.cell.control.scene import Scene
 from vgrd.cell.control.server import Operation
 from vgrd.cell.control.versions import Versions
 from vgrd.cell.control.views import Views
@@ -88,6 +89,7 @@ class Operations:
         self.wizard = Wizard(teaching, activation, serving, clock)
         self.views = Views(measuring, serving, teaching, activation, self.gate, clock)
         self.results = Results(state_dir)
+        self.scene = Scene(measuring, serving, self.wizard)
         self.disk: Callable[[], Mapping[str, Any]] = dict
         self.pedal: Callable[[], Mapping[str, Any]] = dict
 
@@ -131,6 +133,7 @@ class Operations:
             "teaching": Operation(self._teaching),
             **self.views.table(),
             **self.results.table(),
+            **self.scene.table(),
         }
 
     async def _status(self, _: Arguments) -> Mapping[str, Any]:

@@ -1,7 +1,7 @@
 """What people look at: pictures, registers, answers, calibrations, sessions. Nothing here changes anything."""
 
 import asyncio
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -36,6 +36,8 @@ from vgrd.geometry import Pose, log_rotation
 from vgrd.model import CameraPlace, FlangeTag, Policy
 from vgrd.solving.shelf import calibration_list, session_list
 
+DAYS, MOST_DAYS = 14.0, 90.0  # of the diary: a season is kept, and two weeks are read at a glance
+
 
 class Views:
     """Operations that only tell; `table` maps names to them."""
@@ -53,6 +55,7 @@ class Views:
         self._activation, self._gate, self._clock = activation, gate, clock
         self._picture = LivePicture(measuring, clock)
         self._known: dict[str, dict[str, Any]] = {}
+        self.diary: Callable[[float], Mapping[str, Any]] = lambda _: {}
 
     def table(self) -> Mapping[str, Operation]:
         """Operations by name."""
@@ -60,6 +63,7 @@ class Views:
             "picture": Operation(self._newest_picture, ("after", "wait_s", "width_px")),
             "registers": Operation(self._registers),
             "answers": Operation(self._answers),
+            "diary": Operation(self._diary, ("days",)),
             "calibrations": Operation(self._calibrations),
             "difference": Operation(self._difference, ("calibration", "with")),
             "sessions": Operation(self._sessions),
@@ -86,6 +90,13 @@ class Views:
 
     async def _answers(self, _: Arguments) -> Mapping[str, Any]:
         return self._serving.history.to_json()
+
+    async def _diary(self, arguments: Arguments) -> Mapping[str, Any]:
+        days = optional_number(arguments, "days")
+        days = DAYS if days is None else days
+        if not 0 < days <= MOST_DAYS:
+            raise ControlError(f"days {days:g}: above 0, up to {MOST_DAYS:g}")
+        return self.diary(days)
 
     async def _calibrations(self, _: Arguments) -> Mapping[str, Any]:
         return await asyncio.to_thread(calibration_list, self._activation.store, self._known)

@@ -33,6 +33,13 @@ class Wizard:
         self._trend: list[dict[str, Any]] = []
         self._candidate: tuple[str, Mapping[str, Any] | None] = ("", None)
 
+    @property
+    def scenery(self) -> Mapping[str, Any]:
+        """Where things stand by the estimate of the open session, empty while there is none."""
+        if self._teaching.recorder.writer is None:
+            return {}
+        return self._advice.get("scenery") or {}
+
     async def state(self) -> dict[str, Any]:
         """Everything for a page or a terminal; JSON-able."""
         writer = self._teaching.recorder.writer

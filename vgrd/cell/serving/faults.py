@@ -67,6 +67,11 @@ class Faults:
         return bool(self._contradictions)
 
     @property
+    def report(self) -> LinkReport | None:
+        """Of the newest picture that told of its links."""
+        return self._report
+
+    @property
     def moved_links(self) -> int:
         """DETAIL of CALIBRATION_DRIFT: what may have moved, by the newest picture."""
         return links_detail(self._contradictions[-1].suspects) if self._contradictions else 0

@@ -1,15 +1,29 @@
 """Teaching: one next step, large buttons, and how the predicted error falls."""
 
+from functools import partial
+
 from nicegui import ui
 
 from vgrd.page import texts
 from vgrd.page.charts import fall
 from vgrd.page.link import Reply
-from vgrd.page.parts import Grid, button, card, heading, live_picture, numbers, redraw, tell
+from vgrd.page.parts import (
+    Grid,
+    button,
+    card,
+    heading,
+    live_picture,
+    numbers,
+    plain_button,
+    redraw,
+    tell,
+)
+from vgrd.page.scene import drawing, move_in_words
 from vgrd.page.visitor import Seen, Visitor
 
 _PLANS = ("joint", "special", "universal", "conventional", "plane", "sphere")
 _FREE = frozenset({"wait", "done"})  # steps at which the person's hands are free
+_VIEW_DEG = 45.0  # of one press: eight views all around
 _LEADS_TO = {"mend": "undo"}  # which button a step means, where it is not its own
 
 
@@ -19,6 +33,7 @@ class TeachTab:
     def __init__(self, visitor: Visitor) -> None:
         self._visitor = visitor
         self._drawn: object = None
+        self._azimuth_deg = _VIEW_DEG
         with card(kind="step") as self._step:
             with ui.row().classes("items-center"):
                 self._turn = ui.label().classes("turn")
@@ -38,26 +53,39 @@ class TeachTab:
             }
             self._buttons = {key: button(key, act) for key, act in acts.items()}
         with ui.element("div").classes("columns"):
-            with card("Predicted error"):
-                self._chart = ui.echart(fall([], 1.0)).classes("w-full h-64")
-                self._targets = Grid(("target", "touches", "u95_mm"))
-                self._minutes = ui.label().classes("quiet").mark("minutes")
-            with ui.column().classes("w-full"):
-                with card("Camera"):
+            with ui.element("div").classes("column"):
+                self._look_at_cell()
+                with card(texts.PICTURE):
                     live_picture()
-                with card(texts.UNKNOWN):
-                    self._unknown = ui.label()
-                    heading(texts.ODD)
-                    self._odd = ui.label().mark("odd")
-                with card("Touches"):
-                    self._touches = Grid(("name", "off_mm", "left_out_mm", "reason"))
-                with card("Samples"):
-                    self._samples = Grid(("sample", "kind", "target", "remark"))
+            with ui.element("div").classes("column"):
+                self._look_at_numbers()
         with ui.element("div").classes("buttons"):
             self._plan = ui.select(list(_PLANS), value=_PLANS[0], label=texts.PLAN)
             self._plan.props("outlined")
             self._buttons["start"] = button("start", self._start)
             self._buttons["stop"] = button("stop", self._stop)
+
+    def _look_at_cell(self) -> None:
+        with card(texts.SCENE):
+            self._scene = ui.html("", sanitize=False).classes("w-full").mark("scene")
+            self._move = ui.label().mark("move")
+            with ui.element("div").classes("buttons"):
+                for key, turn_deg in (("left", -_VIEW_DEG), ("right", _VIEW_DEG)):
+                    plain_button(texts.VIEWS[key], partial(self._turn_view, turn_deg))
+
+    def _look_at_numbers(self) -> None:
+        with card(texts.PREDICTED):
+            self._chart = ui.echart(fall([], 1.0)).classes("w-full h-64")
+            self._targets = Grid(("target", "touches", "u95_mm"))
+            self._minutes = ui.label().classes("quiet").mark("minutes")
+        with card(texts.UNKNOWN):
+            self._unknown = ui.label()
+            heading(texts.ODD)
+            self._odd = ui.label().mark("odd")
+        with card(texts.TOUCHES):
+            self._touches = Grid(("name", "off_mm", "left_out_mm", "reason"))
+        with card(texts.SAMPLES):
+            self._samples = Grid(("sample", "kind", "target", "remark"))
 
     async def _start(self, seen: Seen) -> None:
         await self._visitor.command("record.start", seen, plan=str(self._plan.value))
@@ -99,6 +127,7 @@ class TeachTab:
             return
         self._show_targets(teaching)
         self._show_step(step)
+        self._show_scene(step)
         tell(self._unknown, str(teaching.get("unknown") or texts.NONE))
         odd = [f"{n}: {words}" for n, words in teaching.get("questions", {}).items()]
         odd += [finding["message"] for finding in teaching.get("findings", ())]
@@ -106,6 +135,17 @@ class TeachTab:
         self._touches.show(teaching.get("touches", ()))
         self._samples.show(reversed(teaching.get("samples", ())))
         tell(self._minutes, _minutes(teaching.get("clock")))
+
+    async def _turn_view(self, by_deg: float) -> None:
+        self._azimuth_deg = (self._azimuth_deg + by_deg) % 360.0
+
+    def _show_scene(self, step: Reply) -> None:
+        scene = self._visitor.link.reply("scene")
+        content = drawing(scene, step, self._azimuth_deg)
+        if content != self._scene.content:
+            self._scene.set_content(content)
+        note = texts.SCENE_NOTE if scene and not scene["known"] else ""
+        tell(self._move, move_in_words(scene, step) or note)
 
     def _show_step(self, step: Reply) -> None:
         is_mine = step["kind"] not in _FREE
