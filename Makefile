@@ -11,7 +11,7 @@ CELL ?= default
 PAGE ?=
 SHOWN := $(if $(PAGE),--page 8080)
 
-.PHONY: install demo cell paper test test-robust soak lint bench run format clean
+.PHONY: install demo cell paper test test-robust soak lint bench run screenshots format clean
 
 .venv: pyproject.toml constraints.txt
 	$(PYTHON) -m venv .venv
@@ -63,6 +63,10 @@ format: .venv
 
 bench: .venv
 	$(BIN)/python -m tests.benchmarks $(ARGS)
+
+# Every page in both themes and three sizes, taught on the way; needs Debian's chromium.
+screenshots: .venv
+	$(BIN)/python -m tests.page.screenshots build/screenshots $(ARGS)
 
 clean:
 	rm -rf .venv build

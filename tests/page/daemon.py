@@ -12,8 +12,11 @@ from typing import Any, Self
 import cv2
 import numpy as np
 
+from tests.reporting.sessions import recorded
 from vgrd.cell.control.server import ControlServer, Operation
 from vgrd.errors import ControlError, StaleVersion
+from vgrd.geometry import Pose
+from vgrd.solving.session import solve_session
 
 JPEG = cv2.imencode(".jpg", np.full((30, 40), 128, np.uint8))[1].tobytes()
 STEP = {
@@ -63,7 +66,7 @@ def teaching() -> dict[str, Any]:
         "trouble": "",
         "computing": False,
         "unknown": "",
-        "findings": [],
+        "odd": [],
         "questions": {},
         "tolerance_mm": 1.0,
         "targets": [
@@ -84,6 +87,48 @@ def teaching() -> dict[str, Any]:
         ],
         "touches": [{"name": "touch 1 (P1)", "off_mm": 0.1, "left_out_mm": 0.2, "reason": ""}],
         "clock": {"minutes": 1.0, "by_step": {"touch": 1.0}, "elapsed_s": 60.0},
+    }
+
+
+def full(folder: Path) -> dict[str, Any]:
+    """Replies of a cell that was taught and asked for a while; the result is one that was solved."""
+    session = recorded(folder)
+    result = solve_session(session, folder, tolerance_mm=2.0)
+    answer = {
+        "unix_s": 1.7e9,
+        "target": "P1",
+        "name": "OK",
+        "u95_mm": 0.3,
+        "age_ms": 200,
+        "latency_ms": 310,
+        "words": "the expected coordinate is valid",
+    }
+    hours = [{"unix_s": 1.7e9 + 3600 * i, "camera_mm": 0.01 * i, "misfit": 1.0} for i in range(48)]
+    fault = {"unix_s": 1.7e9, "status": "CAMERA_OFFLINE", "words": "cable", "lasted_s": 12.5}
+    row = {"session": "one", "made": "today", "verdict": "good", "u95_mm": 0.3}
+    rows = [{**row, "id": f"cal-00000{i}", "active": i == 2, "made_unix_s": 1.7e9} for i in (1, 2)]
+    where = Pose.from_rotvec([np.pi, 0, 0], [0, 0, 500]).matrix().tolist()
+    return {
+        "result": {"session": "one", "result": result},
+        "answers": {"answers": [answer] * 5, "counts": {"OK": 5, "TAG_B_NOT_FOUND": 2}},
+        "diary": {"hours": hours, "faults": [fault]},
+        "calibrations": {"active": "cal-000002", "calibrations": rows, "activations": []},
+        "sessions": {
+            "sessions": [
+                {"name": "one", "plan": "joint", "begun": "today", "samples": {"touch": 6}}
+            ]
+        },
+        "scene": {
+            "known": "session",
+            "flange": where,
+            "camera": where,
+            "tag_a": where,
+            "tag_b": where,
+            "axis": where,
+            "tip_in_wrist": [0.0, 0.0, 120.0],
+            "targets": {"P1": [50.0, 20.0, 300.0]},
+            "tag_mm": {"a": 30.0, "b": 40.0},
+        },
     }
 
 
@@ -109,6 +154,7 @@ class PaperDaemon:
         self._frozen = threading.Event()
         names = {name: Operation(self._reply(name)) for name in self.replies}
         names["picture"] = Operation(self._picture, ("after", "wait_s", "width_px"))
+        names["report"] = Operation(self._report, ("session",))
         for op in ("touch", "verify", "spin", "look", "undo", "record.start", "record.stop"):
             names[op] = Operation(self._command(op), ("version", "target", "sample", "plan"))
         self._server = ControlServer(runtime_dir / "control.sock", names)
@@ -170,6 +216,11 @@ class PaperDaemon:
             return reply
 
         return told
+
+    async def _report(self, arguments: Mapping[str, Any]) -> Mapping[str, Any]:
+        if arguments.get("session") == "missing":
+            raise ControlError("no such session")
+        return {"session": "one", "html": "<h1>Calibration report</h1>"}
 
     def _command(self, op: str) -> Any:
         async def done(arguments: Mapping[str, Any]) -> Mapping[str, Any]:

@@ -13,6 +13,8 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
+import cv2
+
 from fakes.cell.cell import FakeCell
 from fakes.cell.daemon import Daemon
 from fakes.cell.operator import SPEED_MM_S, TURN_RAD_S
@@ -29,6 +31,14 @@ from tests.page.person import Person
 SIZES = {"desk": (1280, 800), "tablet": (800, 1280), "phone": (390, 844)}
 THEMES = ("light", "dark")
 TABS = ("Cell", "Teach", "Result", "Runtime", "Sessions")
+IN_DOCS = {
+    "teaching-teach-desk-light": "teach",
+    "taught-result-desk-light": "result",
+    "taught-cell-desk-light": "cell",
+    "taught-runtime-desk-dark": "runtime",
+    "report": "report",
+}
+_DOCS_PX = (900, 1100)  # largest width and height of a picture in the documents
 _SETTLE_S = 1.0  # charts and pictures come after the words
 _ASKED = 6  # requests of the robot, so that Runtime has something to show
 
@@ -37,7 +47,9 @@ def main() -> int:
     """Teach, and take the pictures; says which parts of a page are wider than it."""
     given = argparse.ArgumentParser(description=__doc__)
     given.add_argument("folder", type=Path)
-    folder = given.parse_args().folder
+    given.add_argument("--docs", type=Path, help="copy those of the documents there")
+    options = given.parse_args()
+    folder = options.folder
     folder.mkdir(parents=True, exist_ok=True)
     os.environ.pop("PYTEST_CURRENT_TEST", None)
     with (
@@ -46,6 +58,9 @@ def main() -> int:
         browser() as opened,
     ):
         faults = _all(opened, cell, daemon, playground, url, folder)
+    if options.docs is not None:
+        for shot, name in IN_DOCS.items():
+            _shrink(folder / f"{shot}.png", options.docs / f"{name}.png")
     for fault in faults:
         print(fault, file=sys.stderr)
     return 1 if faults else 0
@@ -75,7 +90,7 @@ def _all(
         what = person.obey()
         print(what, flush=True)
         touched += what == "Touch a target"
-        if what == "Touch a target" and touched == 4:
+        if what == "Touch a target" and touched == 5:
             faults = _shoot(opened, url, folder, "teaching", ("Teach",))
         if what == "Activate":
             break
@@ -83,9 +98,13 @@ def _all(
     with RobotProgram(cell.world, "127.0.0.1", cell.port) as program:
         for _ in range(_ASKED):
             ask_until_answered(program, 1)
-        return faults + _shoot(
+        faults += _shoot(
             opened, url, folder, "taught", TABS, lambda: ask_until_answered(program, 1)
         )
+    report = opened.new_page(viewport={"width": 900, "height": 1200})
+    report.goto(f"{url}report")
+    report.screenshot(path=folder / "report.png", full_page=True)
+    return faults
 
 
 def _shoot(
@@ -117,6 +136,15 @@ def _shoot(
                     faults.append(f"{when} {name} {size} {theme}: wider than the screen")
             page.close()
     return faults
+
+
+def _shrink(source: Path, to: Path) -> None:
+    """Small enough for a repository: the top of a page, in few greys."""
+    picture = cv2.imread(str(source))
+    scale = min(1.0, _DOCS_PX[0] / picture.shape[1])
+    small = cv2.resize(picture, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)
+    to.parent.mkdir(parents=True, exist_ok=True)
+    cv2.imwrite(str(to), small[: _DOCS_PX[1]], [cv2.IMWRITE_PNG_COMPRESSION, 9])
 
 
 if __name__ == "__main__":

@@ -12,7 +12,7 @@ from tests.page.browser import (
     tab,
     until,
 )
-from tests.page.daemon import PaperDaemon
+from tests.page.daemon import PaperDaemon, full
 from vgrd.page import texts
 
 pytestmark = [pytest.mark.system, pytest.mark.timeout(400)]
@@ -77,8 +77,9 @@ def grave_faults(page) -> list[tuple[str, str]]:
 
 
 @pytest.mark.parametrize("theme", ["light", "dark"])
-def test_nothing_is_cut_small_or_unreadable(server, theme):
+def test_nothing_is_cut_small_or_unreadable(server, daemon, tmp_path, theme):
     """By axe-core; by the width of the screen; by the height that a gloved finger on a tablet needs."""
+    daemon.replies |= full(tmp_path)
     with browser() as opened:
         page = open_page(opened, server.url, color_scheme=theme)
         for width, height in ((1280, 800), (800, 1280), (390, 844)):
@@ -89,6 +90,52 @@ def test_nothing_is_cut_small_or_unreadable(server, theme):
                     until(lambda: grave_faults(page) == [], name)
                 assert page.evaluate("document.documentElement.scrollWidth") <= width, name
                 assert min(page.evaluate(HEIGHTS)) >= LEAST_PX, name
+
+
+def test_a_result_is_told_in_words_first_and_its_report_opens(page, daemon, tmp_path):
+    daemon.replies |= full(tmp_path)
+    result = daemon.replies["result"]["result"]
+    tab(page, "Result")
+    until(lambda: page.get_by_text("✔ ACCEPTED: cal-000001").is_visible())
+    assert page.get_by_text("✔ GO").is_visible()
+    assert page.get_by_text(result["verification"]["words"]).is_visible()
+    until(lambda: page.get_by_text("touches across the tool").is_visible())
+    with page.expect_popup() as opening:
+        page.get_by_role("link", name=texts.REPORT).first.click()
+    assert opening.value.get_by_role("heading", name="Calibration report").is_visible()
+    daemon.replies["result"] = {
+        "session": "two",
+        "result": {
+            **result,
+            "calibration": None,
+            "verdict": {"ok": False, "findings": []},
+            "verification": {**result["verification"], "verdict": "no go", "words": "off by 8 mm"},
+        },
+    }
+    until(lambda: page.get_by_text("✖ REJECTED: two").is_visible())
+    assert page.get_by_text("✖ NO GO").is_visible()
+    assert page.faults == []
+
+
+def test_the_cell_is_drawn_and_turned(page, daemon, tmp_path):
+    daemon.replies |= full(tmp_path)
+    tab(page, "Teach")
+    until(lambda: page.locator("svg.scene text.goal").count() == 1)
+    before = page.locator("svg.scene polygon.flange").get_attribute("points")
+    press(page, texts.VIEWS["right"])
+    until(lambda: page.locator("svg.scene polygon.flange").get_attribute("points") != before)
+    assert page.get_by_text("Move the flange by").is_visible()
+
+
+def test_two_calibrations_are_compared_and_sessions_listed(page, daemon, tmp_path):
+    daemon.replies |= full(tmp_path)
+    tab(page, "Sessions")
+    press(page, "LIST")
+    until(lambda: page.get_by_text("touch 6").count() == 1)
+    assert (
+        page.get_by_role("link", name=texts.REPORT).last.get_attribute("href")
+        == "/report?session=one"
+    )
 
 
 @pytest.mark.parametrize("what", ["cell", "gate", "page"])

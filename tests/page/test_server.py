@@ -9,9 +9,10 @@ import pytest
 
 pytest.importorskip("nicegui", reason="the extra `page` is not installed")
 
+from tests.page.daemon import PaperDaemon
 from vgrd.clock import SystemClock
 from vgrd.page.link import Link
-from vgrd.page.server import OnlyHere, names_of, picture_in_words, pulse
+from vgrd.page.server import OnlyHere, names_of, picture_in_words, pulse, report
 
 HOST = "127.0.0.1:8080"
 Headers = dict[str, str]
@@ -100,3 +101,12 @@ def test_a_picture_is_told_in_words():
 def test_nobody_waits_in_vain_for_a_picture_that_does_not_come(tmp_path):
     link = Link(tmp_path, SystemClock())
     assert asyncio.run(link.newest_picture(3)) is None
+
+
+def test_a_report_is_passed_on_and_a_refusal_is_told(tmp_path):
+    with PaperDaemon(tmp_path):
+        link = Link(tmp_path, SystemClock())
+        good, bad = (asyncio.run(report(link, name)) for name in ("one", "missing"))
+    assert (good.status_code, good.media_type) == (200, "text/html")
+    assert b"Calibration report" in bytes(good.body)
+    assert (bad.status_code, bytes(bad.body)) == (404, b"no such session")

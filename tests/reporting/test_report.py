@@ -10,7 +10,8 @@ import pytest
 from typer.testing import CliRunner
 
 from fakes.testing import ManualClock
-from fakes.world.simulation import WORK_ROTATION, Simulation
+from fakes.world.simulation import Simulation
+from tests.reporting.sessions import recorded
 from vgrd.cell.control.results import Results
 from vgrd.cli import app
 from vgrd.devices import CameraImage
@@ -20,26 +21,7 @@ from vgrd.reporting import report_of, report_page
 from vgrd.solving.session import solve_session
 from vgrd.store.calibrations import CalibrationStore
 from vgrd.store.results import RESULT, read_result
-from vgrd.store.sessions import SampleKind, SessionWriter
-
-TURNED = (1.2, 2.8)
-
-
-def recorded(state_dir: Path, name: str = "one") -> Path:
-    """A session with two verifications and one picture, taught in the simulated cell."""
-    sim = Simulation(3)
-    wrists = [WORK_ROTATION] * 3 + [sim.wrist(np.radians(25)) for _ in range(3)]
-    recording = sim.record(wrists=wrists, plan=Plan.JOINT, looks=0, spins=4, points=0)
-    verifications = [sim.touch("P2", WORK_ROTATION, angle) for angle in TURNED]
-    with SessionWriter(state_dir, name, Plan.JOINT, recording.facts, ManualClock()) as writer:
-        for kind, samples in (
-            (SampleKind.SPIN, recording.spins),
-            (SampleKind.TOUCH, recording.touches),
-            (SampleKind.VERIFY, verifications),
-        ):
-            for sample in samples:
-                writer.sample(kind, sample)
-    return writer.path
+from vgrd.store.sessions import SessionWriter
 
 
 @pytest.fixture(scope="module")

@@ -12,6 +12,7 @@ from vgrd.cell.serving.activation import Activation
 from vgrd.cell.serving.service import Serving
 from vgrd.clock import Clock
 from vgrd.errors import CalibrationError
+from vgrd.judging.findings import MISSING
 from vgrd.judging.operator_time import operator_minutes
 from vgrd.model import Observation, Touch
 from vgrd.solving.shelf import active_calibration, calibration_row
@@ -59,8 +60,8 @@ class Wizard:
             "step": self._step(writer, told, advice).to_json(),
             **{key: told[key] for key in ("have", "missing", "harvested", "warning", "trouble")},
             "computing": "pending" in advice,
-            "unknown": advice.get("trouble", ""),
-            "findings": advice.get("findings", []),
+            "unknown": advice.get("trouble") or "; ".join(_messages(advice, are_missing=True)),
+            "odd": _messages(advice, are_missing=False),
             "questions": told.get("questions", {}),
             "tolerance_mm": self._serving.limits.max_u95_mm,
             "targets": [
@@ -187,6 +188,15 @@ def _samples(taught: tuple[Taught, ...], questions: Mapping[int, str]) -> list[d
             "question": questions.get(one.sequence, ""),
         }
         for one in taught
+    ]
+
+
+def _messages(advice: Mapping[str, Any], *, are_missing: bool) -> list[str]:
+    """Findings that say that a sample is still to come, or those that say that something is wrong."""
+    return [
+        str(one["message"])
+        for one in advice.get("findings", ())
+        if (one["code"] in MISSING) is are_missing
     ]
 
 

@@ -48,7 +48,7 @@ def _trouble(state: State) -> Iterator[str]:
     yield from (f"unknown yet: {one}" for one in told if one)
     if state["warning"]:
         yield f"warning: {state['warning']}"
-    yield from (f"{one['code']}: {one['message']}" for one in state["findings"])
+    yield from state["odd"]
 
 
 def _errors(state: State) -> Iterator[str]:

@@ -130,7 +130,7 @@ class TeachTab:
         self._show_scene(step)
         tell(self._unknown, str(teaching.get("unknown") or texts.NONE))
         odd = [f"{n}: {words}" for n, words in teaching.get("questions", {}).items()]
-        odd += [finding["message"] for finding in teaching.get("findings", ())]
+        odd += teaching.get("odd", ())
         tell(self._odd, "; ".join(odd) or texts.NONE)
         self._touches.show(teaching.get("touches", ()))
         self._samples.show(reversed(teaching.get("samples", ())))
