@@ -21,7 +21,8 @@ GRAVE = ("serious", "critical")
 LEAST_PX = (
     64  # of what is pressed; 12 mm on 1280 px of 10 inches are 71, a tab has its line below it
 )
-HEIGHTS = """[...document.querySelectorAll('button, [role=tab]')].filter(one => one.offsetParent)
+HEIGHTS = """[...document.querySelectorAll('button, [role=tab], a.press, .q-field__control')]
+    .filter(one => one.offsetParent)
     .map(one => one.getBoundingClientRect().height)"""
 
 
@@ -138,7 +139,34 @@ def test_two_calibrations_are_compared_and_sessions_listed(page, daemon, tmp_pat
     )
 
 
-@pytest.mark.parametrize("what", ["cell", "gate", "page"])
+REACHED = """() => { const one = document.activeElement; return one === document.body ? "" :
+    one.tagName + (one.textContent || one.getAttribute("aria-label") || "").trim(); }"""
+TO_REACH = """[...document.querySelectorAll('button, a[href], input')]
+    .filter(one => one.offsetParent && !one.disabled && one.closest(".q-table__bottom") === null)
+    .map(one => one.tagName + (one.textContent || one.getAttribute("aria-label") || "").trim())"""
+
+
+def test_everything_can_be_reached_by_keyboard(page, daemon, tmp_path):
+    daemon.replies |= full(tmp_path)
+    for name in ("Cell", "Teach", "Result", "Runtime", "Sessions"):
+        tab(page, name)
+        wanted = set(page.evaluate(TO_REACH))
+        reached = set()
+        for _ in range(60):
+            page.keyboard.press("Tab")
+            reached.add(page.evaluate(REACHED))
+        assert wanted <= reached, name
+
+
+def test_a_choice_opens_wide_enough_for_a_glove(page, daemon):
+    tab(page, "Teach")
+    page.get_by_role("combobox", name=texts.TARGET).click()
+    choice = page.get_by_role("option").first
+    choice.wait_for()
+    assert choice.bounding_box()["height"] >= LEAST_PX
+
+
+@pytest.mark.parametrize("what", ["cell", "gate", "page", "network"])
 def test_whatever_freezes_it_turns_grey_and_its_buttons_are_dead(page, server, daemon, what):
     tab(page, "Teach")
     button = page.get_by_role("button", name="TOUCH", include_hidden=True)
@@ -146,6 +174,10 @@ def test_whatever_freezes_it_turns_grey_and_its_buttons_are_dead(page, server, d
     freeze, thaw = {
         "cell": (daemon.freeze, daemon.thaw),
         "page": (server.freeze, server.thaw),
+        "network": (
+            lambda: page.context.set_offline(True),
+            lambda: page.context.set_offline(False),
+        ),
         "gate": (
             lambda: daemon.replies["registers"].update(age_s=9.0),
             lambda: daemon.replies["registers"].update(age_s=0.01),
