@@ -17,7 +17,7 @@ import numpy as np
 
 from fakes.cell.memory import pss_mib
 from tests.page.browser import PageProcess, browser, is_grey, open_page, until
-from tests.page.daemon import PaperDaemon
+from tests.page.daemon import PaperDaemon, teaching
 
 FRAMES_S = 10.0  # pictures a second
 SIZE = (773, 1024)  # of a picture, as the daemon makes them
@@ -28,6 +28,7 @@ def main() -> int:
     given = argparse.ArgumentParser(description=__doc__)
     given.add_argument("--seconds", type=float, default=20.0)
     given.add_argument("--browsers", type=int, default=4)
+    given.add_argument("--soak", type=float, default=0.0, help="minutes of use before it ends")
     options = given.parse_args()
     with tempfile.TemporaryDirectory() as folder:
         place = Path(folder)
@@ -43,9 +44,28 @@ def main() -> int:
             print(
                 f"memory, {options.browsers} browsers: {pss_mib(server.process.pid):.0f} MiB (bar 250)"
             )
+            _soak(daemon, server, options.soak)
             for other in others:
                 other.close()
     return 0
+
+
+def _soak(daemon: PaperDaemon, server: PageProcess, minutes: float) -> None:
+    """Two pictures and a changed session a second, with the memory every few minutes."""
+    start_s, told_s = time.monotonic(), -1e9
+    noise = np.random.default_rng(0)
+    while (used_s := time.monotonic() - start_s) < 60 * minutes:
+        for _ in range(2):
+            grey = cv2.blur(noise.integers(60, 190, SIZE, np.uint8), (5, 5))
+            daemon.show(cv2.imencode(".jpg", grey)[1].tobytes())
+            time.sleep(0.5)
+        daemon.replies["teaching"] = {**teaching(), "version": f"v{used_s:.0f}"}
+        if used_s - told_s >= 60 * min(5.0, minutes / 4):
+            told_s = used_s
+            print(
+                f"memory after {used_s / 60:.0f} min: {pss_mib(server.process.pid):.0f} MiB",
+                flush=True,
+            )
 
 
 def _freezers(
