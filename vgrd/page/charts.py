@@ -24,7 +24,8 @@ def fall(trend: Sequence[Mapping[str, Any]], tolerance_mm: float) -> dict[str, A
     samples = [str(one["sample"]) for one in trend]
     errors = [round(float(one["u95_mm"]), 4) for one in trend]
     line = {"type": "line", "data": errors, "lineStyle": {"width": 3}, **_limit(tolerance_mm)}
-    return {**_frame(texts.TREND), "xAxis": _axis("category", samples), "series": [line]}
+    frame = _frame(texts.TREND, [*errors, tolerance_mm])
+    return {**frame, "xAxis": _axis("category", samples), "series": [line]}
 
 
 def error_map(told: Mapping[str, Any], tolerance_mm: float | None) -> dict[str, Any]:
@@ -43,23 +44,14 @@ def error_map(told: Mapping[str, Any], tolerance_mm: float | None) -> dict[str, 
     ]
     angles = [str(angle) for angle in told.get("angles_deg", ())]
     legend = {"bottom": 0, "type": "scroll", "textStyle": _GREY}
-    frame = {**_frame(texts.MAP), "grid": {"left": 50, "right": 20, "top": 40, "bottom": 60}}
-    y_axis = {
-        **frame["yAxis"],
-        **({"max": round(1.1 * _top(told, tolerance_mm), 2)} if series else {}),
-    }
+    seen = [*map(max, told.get("u95_mm", {}).values()), tolerance_mm or 0.0]
     return {
-        **frame,
+        **_frame(texts.MAP, seen),
+        "grid": {"left": 50, "right": 20, "top": 40, "bottom": 60},
         "xAxis": _axis("category", angles),
-        "yAxis": y_axis,
         "legend": legend,
         "series": series,
     }
-
-
-def _top(told: Mapping[str, Any], tolerance_mm: float | None) -> float:
-    """The tolerance is seen, too."""
-    return float(max([*map(max, told["u95_mm"].values()), tolerance_mm or 0.0]))
 
 
 def bars(by_name: Mapping[str, float], title: str = "") -> dict[str, Any]:
@@ -97,13 +89,15 @@ def over_time(rows: Sequence[tuple[float, float | None]], title: str) -> dict[st
     }
 
 
-def _frame(title: str) -> dict[str, Any]:
+def _frame(title: str, seen: Sequence[float] = ()) -> dict[str, Any]:
+    """seen: values that the upright axis has to show, a tolerance among them."""
+    top = {"max": round(1.1 * max(seen), 3)} if any(seen) else {}
     return {
         "animation": False,
         "title": {"text": title, "textStyle": {"fontSize": 15, **_GREY}},
         "grid": {"left": 50, "right": 20, "top": 40, "bottom": 30},
         "color": _SHADES,
-        "yAxis": {"type": "value", "min": 0, "axisLabel": _GREY, **_SPLIT},
+        "yAxis": {"type": "value", "min": 0, "axisLabel": _GREY, **_SPLIT, **top},
     }
 
 
