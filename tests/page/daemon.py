@@ -245,7 +245,14 @@ class PaperDaemon:
             "taken_unix_s": self.taken_unix_s,
             "width_px": 40,
             "height_px": 30,
+            "full_px": [400, 300],
             "jpeg": base64.b64encode(self._jpeg).decode(),
             "robot_at_rest": True,
-            "tags": {"a": {"wanted": "36h11 id 0", "corners": [[1, 1], [9, 1], [9, 9], [1, 9]]}},
+            "tags": {
+                "a": {
+                    "wanted": "36h11 id 0",
+                    "corners": [[1, 1], [9, 1], [9, 9], [1, 9]],
+                    "fit_px": 0.1,
+                }
+            },
         }

@@ -2,8 +2,10 @@
 
 import asyncio
 import json
+import math
 import socket
 from collections.abc import Awaitable, Callable
+from itertools import pairwise
 from pathlib import Path
 from typing import Final
 from urllib.parse import urlsplit
@@ -20,6 +22,7 @@ from vgrd.page.screen import Screen
 from vgrd.page.visitor import Visitor
 
 ASSETS: Final = Path(__file__).with_name("assets")
+SMALL_PX: Final = 40.0  # of a tag's edge, as `vgrd detect` calls it (docs/fit.md)
 MOST_AGE_MS: Final = 10**7  # of what was never heard; JSON has no infinity
 _HEADERS: Final = {
     # The page's framework compiles its templates in the browser and writes styles into elements.
@@ -171,10 +174,18 @@ async def report(link: Link, session: str) -> Response:
 
 
 def picture_in_words(facts: Reply) -> str:
-    """Which tags it shows."""
-    tags = [
-        f"tag {name.upper()} ({tag['wanted']}) {'seen' if tag['corners'] else 'not seen'}"
-        for name, tag in facts["tags"].items()
-    ]
-    rest = "arm at rest" if facts["robot_at_rest"] else "arm moves"
-    return f"{'; '.join(tags)}; {rest}"
+    """Which tags it shows, and how well."""
+    tags = [_tag_in_words(name.upper(), tag, facts) for name, tag in facts["tags"].items()]
+    return "; ".join([*tags, texts.AT_REST if facts["robot_at_rest"] else texts.MOVES])
+
+
+def _tag_in_words(name: str, tag: Reply, facts: Reply) -> str:
+    corners = tag["corners"]
+    if not corners:
+        return texts.NOT_SEEN.format(name=name, wanted=tag["wanted"])
+    sides = [math.dist(one, other) for one, other in pairwise([*corners, corners[0]])]
+    side = sum(sides) / 4 * facts["full_px"][0] / facts["width_px"]
+    small = texts.SMALL if side < SMALL_PX else ""
+    return texts.SEEN.format(
+        name=name, wanted=tag["wanted"], side=side, small=small, fit=tag["fit_px"]
+    )

@@ -1,5 +1,7 @@
 """How the cell is: picture, devices, robot, calibration, last answers."""
 
+import time
+
 from nicegui import ui
 
 from vgrd.page import texts
@@ -7,6 +9,8 @@ from vgrd.page.link import Reply
 from vgrd.page.parts import Grid, ago, button, card, in_words, live_picture, numbers, tell
 from vgrd.page.visitor import Seen, Visitor
 
+_CONFIRMED = ("CALIBRATION_DRIFT", "TCP_OFFSET_CHANGED")  # stand until a person confirms
+_DAY_S = 86400.0
 _SHOWN = 8  # answers: a screen's worth
 
 
@@ -16,20 +20,21 @@ class CellTab:
     def __init__(self, visitor: Visitor) -> None:
         self._visitor = visitor
         with ui.element("div").classes("columns"):
-            with card("Camera"):
+            with card(texts.PICTURE):
                 live_picture()
             with ui.column().classes("w-full"):
-                with card("Robot program"):
+                with card(texts.ROBOT_PROGRAM):
                     self._asked = ui.label()
+                    self._beat = ui.label().classes("quiet").mark("beat")
                     self._coordinate = ui.label().mark("coordinate")
-                with card("Calibration"):
+                with card(texts.CALIBRATION_IN_USE):
                     self._calibration = ui.label().mark("calibration")
-                with card("Devices"):
+                with card(texts.DEVICES):
                     self._devices = ui.label()
                     self._processes = Grid(("process", "state"))
                 with ui.element("div").classes("buttons"):
-                    button("confirm", self._confirm)
-        with card("Last answers"):
+                    self._confirming = button("confirm", self._confirm)
+        with card(texts.LAST_ANSWERS):
             self._answers = Grid(
                 ("unix_s", "target", "answer", "u95_mm", "age_ms", "latency_ms", "words")
             )
@@ -45,6 +50,9 @@ class CellTab:
             ago=ago(registers.get("asked_s_ago")), read=ago(registers.get("read_s_ago"))
         )
         tell(self._asked, words)
+        tell(self._beat, texts.BEAT.format(beat=registers.get("beat", "-")))
+        is_mine = registers.get("cause") in _CONFIRMED
+        self._confirming.classes(add="next" if is_mine else "", remove="" if is_mine else "next")
         tell(self._coordinate, coordinate_in_words(registers))
         tell(self._calibration, in_use(link.reply("calibrations")))
         devices = f"robot {status.get('robot', '-')}; camera {status.get('camera', '-')}"
@@ -71,5 +79,8 @@ def in_use(calibrations: Reply) -> str:
     for row in calibrations.get("calibrations", ()):
         if row["active"]:
             u95 = in_words(row.get("u95_mm"))
-            return texts.IN_USE.format(id=row["id"], made=row.get("made", "-"), u95=f"{u95} mm")
+            days = (time.time() - row["made_unix_s"]) / _DAY_S if "made_unix_s" in row else 0.0
+            return texts.IN_USE.format(
+                id=row["id"], made=row.get("made", "-"), days=days, u95=f"{u95} mm"
+            )
     return texts.NOT_IN_USE

@@ -40,6 +40,7 @@ class TeachTab:
                 self._count = ui.label().classes("quiet")
             self._what = ui.label().classes("what").mark("step")
             self._words = ui.label().mark("step-words")
+            self._job = ui.label().classes("quiet").mark("job")
             self._pose = ui.label().classes("quiet").mark("step-pose")
         with ui.element("div").classes("buttons"):
             self._target = ui.select([], label=texts.TARGET).props("outlined").mark("target")
@@ -126,6 +127,7 @@ class TeachTab:
         if step is None:
             return
         self._show_targets(teaching)
+        tell(self._job, _job(teaching))
         self._show_step(step)
         self._show_scene(step)
         tell(self._unknown, str(teaching.get("unknown") or texts.NONE))
@@ -175,6 +177,16 @@ class TeachTab:
         self._targets.show({**one, "target": one["name"]} for one in targets)
         options = fall(teaching.get("trend", []), teaching.get("tolerance_mm", 1.0))
         redraw(self._chart, options)
+
+
+def _job(teaching: Reply) -> str:
+    """What is taught, and how well it has to be."""
+    session = teaching.get("session")
+    if not session:
+        return ""
+    return texts.JOB.format(
+        count=len(teaching["targets"]), tolerance=teaching["tolerance_mm"], plan=session["plan"]
+    )
 
 
 def _pose(step: Reply) -> str:
