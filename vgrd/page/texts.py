@@ -130,6 +130,7 @@ WHY: Final = "Answers by status"
 LATENCY: Final = "Time to answer, ms"
 CAMERA_DRIFT: Final = "Camera from where it was taught, mm, by the hour"
 MISFIT: Final = "How far pictures are from the calibration, 1 is noise"
+REQUESTS: Final = "{count} requests since the gate began"
 FAULTS: Final = "Faults"
 ANSWERS: Final = "Answers"
 FIGURES: Final = (

@@ -38,7 +38,8 @@ class RuntimeTab:
         took = [(one["unix_s"], one["latency_ms"]) for one in reversed(answers)]
         redraw(self._latency, over_time(took, texts.LATENCY))
         self._answers.show({**one, "answer": one["name"]} for one in answers)
-        tell(self._figures, _figures(answers))
+        requests = self._visitor.link.reply("registers").get("requests", 0)
+        tell(self._figures, f"{texts.REQUESTS.format(count=requests)}; {_figures(answers)}")
         diary = self._visitor.link.reply("diary")
         hours = diary.get("hours", [])
         for chart, key, title in (
