@@ -111,6 +111,7 @@ def full(folder: Path) -> dict[str, Any]:
     return {
         "result": {"session": "one", "result": result},
         "answers": {"answers": [answer] * 5, "counts": {"OK": 5, "TAG_B_NOT_FOUND": 2}},
+        "trials": result["verification"],
         "diary": {"hours": hours, "faults": [fault]},
         "calibrations": {"active": "cal-000002", "calibrations": rows, "activations": []},
         "sessions": {
@@ -139,12 +140,18 @@ class PaperDaemon:
         self.replies: dict[str, Any] = {
             "registers": registers(),
             "teaching": teaching(),
-            "status": {"robot": "ok", "camera": "ok", "processes": {"cell": "running"}},
+            "status": {
+                "robot": "ok",
+                "camera": "ok",
+                "processes": {"cell": "running"},
+                "targets": ["P1", "P2"],
+            },
             "answers": {"answers": [], "counts": {"OK": 3}},
             "calibrations": {"active": None, "calibrations": [], "activations": []},
             "sessions": {"sessions": []},
             "result": {"session": None, "result": None},
             "diary": {"hours": [], "faults": []},
+            "trials": {},
             "scene": {"known": "", "flange": None, "tip_in_wrist": None, "tag_mm": {}},
         }
         self.frame, self._jpeg, self.taken_unix_s = 1, JPEG, 1.0

@@ -2,6 +2,7 @@
 
 import re
 import time
+from collections.abc import Callable
 
 import pytest
 
@@ -52,10 +53,8 @@ class Person:
         elif what == "Start a session":
             self.done("START")
         elif what == "Solve":
-            press(
-                self.page, "SOLVE"
-            )  # ends the session too, so the version changes before it is solved
-            until(lambda: self.step()[0] not in ("Solve", "Wait"), "a result", 300.0)
+            self.insist("SOLVE", self.is_solved)
+            until(lambda: self.step()[0] not in ("Solve", "Wait"))
         elif what == "Activate":
             tab(self.page, "Result")
             self.done("ACTIVATE")
@@ -63,17 +62,25 @@ class Person:
         return what
 
     def done(self, button: str) -> None:
-        """Press until the version changes: the daemon may ask to wait and try again."""
+        """Press until the version changes."""
         before = self.control.call("teaching")["version"]
+        self.insist(button, lambda: self.control.call("teaching")["version"] != before)
+        until(lambda: self.shown() == self.control.call("teaching")["version"])
+
+    def insist(self, button: str, is_so: Callable[[], object]) -> None:
+        """Press until something is so: the daemon may ask to wait and try again, the page refuses late presses."""
         for _ in range(20):
             press(self.page, button)
             end_s = time.monotonic() + 20.0
             while time.monotonic() < end_s:
-                if self.control.call("teaching")["version"] != before:
-                    until(lambda: self.shown() == self.control.call("teaching")["version"])
+                if is_so():
                     return
                 time.sleep(0.1)
         pytest.fail(f"{button} changed nothing")
+
+    def is_solved(self) -> bool:
+        """Whether the daemon asks for something else by now."""
+        return self.control.call("teaching")["step"]["kind"] not in ("solve", "wait")
 
     def shown(self) -> str:
         """The version that the page shows."""

@@ -1,7 +1,8 @@
 """What verifications confirm: how far each is off, go or no go, and the tolerance that so many stand for."""
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass, replace
+from typing import Any
 
 import numpy as np
 
@@ -9,7 +10,7 @@ from vgrd.calibration.calibration import Calibration
 from vgrd.calibration.verification import judge, turned_apart
 from vgrd.geometry import Array
 from vgrd.geometry.chi2 import chi2_quantile
-from vgrd.model import Finding, Recording
+from vgrd.model import Finding, Recording, Touch
 
 LEAST_ANGLES = 2  # of the object: one turn cannot show an axis that stands wrong
 _95 = 0.95  # all radii are told at this confidence (u95)
@@ -30,6 +31,22 @@ class Verified:
     counts: bool
     fails: bool
     trouble: str = ""
+
+    def to_json(self) -> dict[str, object]:
+        """For a result, and to be kept."""
+        return asdict(self)
+
+    @classmethod
+    def from_json(cls, kept: Mapping[str, Any], *, counts: bool) -> "Verified":
+        """As it was kept; whether it counts depends on the others."""
+        return cls(
+            str(kept["target"]),
+            kept["off_mm"],
+            int(kept["directions"]),
+            counts,
+            bool(kept["fails"]),
+            str(kept["trouble"]),
+        )
 
 
 @dataclass(frozen=True, slots=True)
@@ -107,16 +124,7 @@ class Confirmation:
             "verdict": self.verdict,
             "words": self.sentence,
             "confirmed_mm": self.confirmed_mm,
-            "verifications": [
-                {
-                    "target": one.target,
-                    "off_mm": one.off_mm,
-                    "counts": one.counts,
-                    "fails": one.fails,
-                    "trouble": one.trouble,
-                }
-                for one in self.verified
-            ],
+            "verifications": [one.to_json() for one in self.verified],
         }
 
 
@@ -145,15 +153,16 @@ def confirm(
     """What the verifications of a session say of its calibration; stability: as in `verify`."""
     held_out = recording.verifications
     counting = set(turned_apart(recording.touches, held_out))
-    verified = []
-    for i, (touch, judged) in enumerate(
-        zip(held_out, judge(calibration, held_out, stability), strict=True)
-    ):
-        if isinstance(judged, Finding):
-            one = Verified(touch.target, None, 0, i in counting, judged.fatal, judged.message)
-        else:
-            one = Verified(
-                touch.target, judged.mm, len(judged.off), i in counting, not judged.share <= 1
-            )
-        verified.append(one)
+    verified = [
+        replace(verified_of(calibration, touch, stability), counts=i in counting)
+        for i, touch in enumerate(held_out)
+    ]
     return Confirmation(tuple(verified), tolerance_mm)
+
+
+def verified_of(calibration: Calibration, touch: Touch, stability: Array | None) -> Verified:
+    """One touch alone, taken to count; stability: as in `verify`."""
+    (judged,) = judge(calibration, [touch], stability)
+    if isinstance(judged, Finding):
+        return Verified(touch.target, None, 0, True, judged.fatal, judged.message)
+    return Verified(touch.target, judged.mm, len(judged.off), True, not judged.share <= 1)

@@ -94,17 +94,25 @@ def turned_apart(taught: Sequence[Touch], verifications: Sequence[Touch]) -> lis
     Hand-eye and axis errors cancel in a touch at the taught turn. Turns are compared by tag B as a camera
     that stands still sees it; a touch without it does not count.
     """
-    seen = [touch.observation.tag_b for touch in taught if touch.observation is not None]
-    turns = [tag.camera_from_tag.rotation for tag in seen if tag is not None]
-    counted = []
-    for i, touch in enumerate(verifications):
-        tag = None if touch.observation is None else touch.observation.tag_b
-        if tag is None:
+    seen = [next(iter(turns_of([touch])), None) for touch in verifications]
+    return apart(turns_of(taught), seen)
+
+
+def turns_of(touches: Sequence[Touch]) -> list[Array]:
+    """(3, 3) of tag B in the camera, of those that show it."""
+    seen = [touch.observation.tag_b for touch in touches if touch.observation is not None]
+    return [np.asarray(tag.camera_from_tag.rotation) for tag in seen if tag is not None]
+
+
+def apart(taught: Sequence[Array], turns: Sequence[Array | None]) -> list[int]:
+    """Which turns (indices) differ from all that were taught and from each other; None: not seen."""
+    known, counted = list(taught), []
+    for i, R in enumerate(turns):
+        if R is None:
             continue
-        R = tag.camera_from_tag.rotation
-        if all(np.linalg.norm(log_rotation(R @ turn.T)) >= TURNED_RAD for turn in turns):
+        if all(np.linalg.norm(log_rotation(R @ turn.T)) >= TURNED_RAD for turn in known):
             counted.append(i)
-            turns.append(R)
+            known.append(R)
     return counted
 
 

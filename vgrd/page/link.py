@@ -143,7 +143,7 @@ class Link:
 
     async def _follow_slowly(self) -> None:
         while True:
-            for op in ("status", "answers", "calibrations", "result"):
+            for op in ("status", "answers", "calibrations", "result", "trials"):
                 with suppress(ControlError):  # idem
                     self.heard.replies[op] = await self._call(op, COMMAND_S)
             await asyncio.sleep(SLOW_PERIOD_S)

@@ -109,6 +109,11 @@ VERIFICATION: Final = "Verification"
 GOES: Final[Mapping[str, str]] = MappingProxyType(
     {"go": "✔ GO", "no go": "✖ NO GO", "open": "○ NOT VERIFIED YET"}
 )
+TRIALS: Final = "Verify the calibration in use"
+WHERE: Final = "WHERE TO GO"
+WHERE_IS: Final = (
+    "{target}. {pose}; 95 % error {u95:.2f} mm. Go there slowly, jog the rest, VERIFY"
+)
 REPORT: Final = "Report to print"
 LIMITED: Final = "Limited by {what}. To make it better: {remedy}"
 BUDGET: Final = "Share of the error's variance, %"

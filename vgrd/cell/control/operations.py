@@ -37,6 +37,7 @@ from vgrd.cell.serving.activation import Activation
 from vgrd.cell.serving.latches import LatchBook
 from vgrd.cell.serving.limits import excess_of, summary, words_of
 from vgrd.cell.serving.service import Serving
+from vgrd.cell.serving.trials import Trials
 from vgrd.clock import Clock
 from vgrd.config.resolved import Resolved
 from vgrd.devices import FlangeReading
@@ -88,6 +89,7 @@ class Operations:
         self.versions = Versions(teaching, serving)
         self.wizard = Wizard(teaching, activation, serving, clock)
         self.views = Views(measuring, serving, teaching, activation, self.gate, clock)
+        self.trials = Trials(serving, state_dir, clock)
         self.results = Results(state_dir)
         self.scene = Scene(measuring, serving, self.wizard)
         self.disk: Callable[[], Mapping[str, Any]] = dict
@@ -131,6 +133,7 @@ class Operations:
             "ec": Operation(self._ec, ("target", "policy", "work_rotvec_deg")),
             "confirm": guarded(self._confirm, "accept", "by"),
             "teaching": Operation(self._teaching),
+            "trials": Operation(lambda _: self.trials.tell()),
             **self.views.table(),
             **self.results.table(),
             **self.scene.table(),
@@ -159,6 +162,7 @@ class Operations:
             "tag_a_seen": sight is not None and sight.tag_a is not None,
             "tag_b_seen": sight is not None and sight.tag_b is not None,
             "tags": self._tags(),
+            "targets": list(self.measuring.facts.object.targets),
             "answer": self.serving.answer.status.name,
             "moved_told_within_s": round(self.serving.vouch.span_s, 3),
             "recording": self.teaching.status(),
@@ -320,7 +324,11 @@ class Operations:
         return self.teaching.samples()
 
     async def _verify(self, arguments: Arguments) -> Mapping[str, Any]:
+        """In the open session; without one, of the calibration in use."""
         target = text_argument(arguments, "target")
+        if self.teaching.recorder.writer is None and self.serving.calibration is not None:
+            tip = await self.teaching.tip_at(target)
+            return await self.trials.add(tip) | dict(await self.activation.bear_out(tip))
         reply = await self.teaching.touch(target, SampleKind.VERIFY)
         touch = self.teaching.last_touch
         return reply | dict(await self.activation.bear_out(touch) if touch else {})

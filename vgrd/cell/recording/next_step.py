@@ -107,7 +107,11 @@ def step_without_session(
     if last and candidate is None:
         return Step("solve", f"solve session {last}")
     if active is not None:
-        return Step("done", f"{active} is in use; a new session teaches again")
+        words = (
+            f"{active} is in use. To verify it: turn the object by 60 degrees, drive to where the flange must be, "
+            "jog the rest until the tip meets the target, VERIFY. A new session teaches again"
+        )
+        return Step("done", words)
     return Step("start", "nothing is taught yet: start a session")
 
 

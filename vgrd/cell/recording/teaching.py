@@ -146,6 +146,12 @@ class Teaching:
             self.last_touch = touch
             return await self._store(kind, touch, by_foot=by_foot)
 
+    async def tip_at(self, target: str) -> Touch:
+        """That the tip rests on a target, recorded nowhere."""
+        self._check_target(target)
+        with self._asked():
+            return self._touch(target, await self._observe())
+
     async def point(self, name: str) -> dict[str, object]:
         """Record a touch beside the object, of a fixed point, a plane or a ball; no picture is needed."""
         self._check_tcp()

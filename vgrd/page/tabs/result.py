@@ -6,7 +6,7 @@ from vgrd.errors import ControlError
 from vgrd.page import texts
 from vgrd.page.charts import bars, error_map
 from vgrd.page.link import Reply
-from vgrd.page.parts import Grid, button, card, plain_button, redraw, show_if, tell
+from vgrd.page.parts import Grid, button, card, numbers, plain_button, redraw, show_if, tell
 from vgrd.page.visitor import Seen, Visitor
 
 _PERCENT = 100
@@ -30,6 +30,7 @@ class ResultTab:
                 self._confirms = ui.label().mark("confirms")
                 self._checks = Grid(("target", "off_mm", "counts", "fails", "trouble"))
         self._activation()
+        self._trials()
         with ui.element("div").classes("columns") as self._figures:
             with card():
                 self._budget = ui.echart(bars({}, texts.BUDGET)).classes("w-full h-64")
@@ -56,6 +57,37 @@ class ResultTab:
                 ui.label(texts.DIFFERENCE).classes("quiet")
                 self._difference = Grid(("target", "mm", "deg", "trouble"))
             show_if(self._apart, is_shown=False)
+
+    def _trials(self) -> None:
+        """The calibration in use, where robots go by it."""
+        with card(texts.TRIALS):
+            self._trial_words = ui.label().mark("trials")
+            with ui.element("div").classes("buttons"):
+                self._target = (
+                    ui.select([], label=texts.TARGET).props("outlined").mark("trial-target")
+                )
+                plain_button(texts.WHERE, self._show_where).mark("where")
+                self._verifying = button("verify", self._verify)
+            self._where = ui.label().mark("where-words")
+            self._trial_grid = Grid(("target", "off_mm", "counts", "fails", "trouble"))
+
+    async def _show_where(self) -> None:
+        """Where the flange has to go for the picture of now."""
+        try:
+            told = await self._visitor.link.ask("ec", target=str(self._target.value or ""))
+        except ControlError as refusal:
+            ui.notify(texts.REFUSED.format(reason=refusal), type="warning")
+            return
+        pose = texts.POSE.format(
+            position=numbers(told["position_mm"], 2), rotation=numbers(told["rotvec_deg"], 2)
+        )
+        tell(
+            self._where,
+            texts.WHERE_IS.format(target=told["target"], pose=pose, u95=told["u95_mm"]),
+        )
+
+    async def _verify(self, seen: Seen) -> None:
+        await self._visitor.command("verify", seen, target=str(self._target.value or ""))
 
     async def _activate(self, seen: Seen) -> None:
         name = str(self._choice.value or "")
@@ -93,8 +125,15 @@ class ResultTab:
         names = [row["id"] for row in reversed(rows)]
         if names != self._choice.options:
             self._choice.set_options(names, value=names[0] if names else None)
+        self._show_trials(link.reply("trials"), link.reply("status").get("targets", []))
         is_next = link.reply("teaching").get("step", {}).get("kind") == "activate"
         self.activate.classes(add="next" if is_next else "", remove="" if is_next else "next")
+
+    def _show_trials(self, told: Reply, targets: list[str]) -> None:
+        tell(self._trial_words, _in_words(told))
+        self._trial_grid.show(reversed(told.get("verifications", ())))
+        if targets and targets != self._target.options:
+            self._target.set_options(targets, value=targets[0])
 
     def _show_result(self, session: str, result: Reply) -> None:
         is_good = bool(result["verdict"]["ok"])
@@ -117,6 +156,11 @@ class ResultTab:
         self._touches.show(result.get("touches", ()))
         redraw(self._budget, bars(_shares(result.get("budget", {})), texts.BUDGET))
         redraw(self._map, error_map(result.get("map", {}), result.get("tolerance_mm")))
+
+
+def _in_words(trials: Reply) -> str:
+    """Go or no go, and why."""
+    return f"{texts.GOES[trials['verdict']]}: {trials['words']}" if trials else texts.NOT_IN_USE
 
 
 def _better(result: Reply) -> str:

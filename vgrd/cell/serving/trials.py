@@ -1,0 +1,97 @@
+"""Verifications of the calibration in use: the robot went where it was sent, and a person jogged the rest.
+
+::
+
+    STATE_DIR/trials/cal-000001.json    all of them, on the disk before one is acknowledged
+"""
+
+import asyncio
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from vgrd.calibration.calibration import Calibration
+from vgrd.calibration.confirmation import Confirmation, Verified, verified_of
+from vgrd.calibration.verification import apart, turns_of
+from vgrd.cell.serving.service import Serving
+from vgrd.clock import Clock
+from vgrd.errors import ControlError, StoreError
+from vgrd.geometry import Array
+from vgrd.model import Touch
+from vgrd.permissions import make_folder
+from vgrd.store.files import read_document, write_document
+from vgrd.store.sessions import load_recording, session_directory
+
+_SCHEMA = 1
+
+
+class Trials:
+    """Judges touches by what is served, and keeps what they told, calibration by calibration."""
+
+    def __init__(self, serving: Serving, state_dir: Path, clock: Clock) -> None:
+        self._serving, self._state_dir, self._clock = serving, state_dir, clock
+        self._taught: tuple[str, list[Array]] = ("", [])  # turns of the object while it was taught
+
+    async def add(self, touch: Touch) -> dict[str, Any]:
+        """Judge a touch, keep it, and tell what all of them confirm. Raises StoreError."""
+        calibration = self._calibration()
+        stability = self._serving.cameras.stability
+        turn = next(iter(turns_of([touch])), None)
+        record = {
+            "unix_s": round(self._clock.wall(), 3),
+            "turn": None if turn is None else turn.tolist(),
+            **verified_of(calibration, touch, stability).to_json(),
+        }
+        await asyncio.to_thread(self._keep, calibration.id, record)
+        told = await self.tell()
+        return {
+            "calibration": calibration.id,
+            "target": touch.target,
+            "off_mm": record["off_mm"],
+            **told,
+        }
+
+    async def tell(self) -> dict[str, Any]:
+        """Of the calibration in use: verdict, words, `confirmed_mm`, every verification."""
+        calibration = self._calibration()
+        return await asyncio.to_thread(self._told, calibration)
+
+    def _calibration(self) -> Calibration:
+        if self._serving.calibration is None:
+            raise ControlError("no calibration is in use, so there is nothing to verify")
+        return self._serving.calibration
+
+    def _keep(self, name: str, record: Mapping[str, Any]) -> None:
+        make_folder(self._file(name).parent)
+        write_document(self._file(name), [*self._kept(name), record], _SCHEMA)
+
+    def _kept(self, name: str) -> list[Any]:
+        if not self._file(name).exists():
+            return []
+        remedy = "move it away: earlier verifications are lost with it"
+        return list(read_document(self._file(name), _SCHEMA, remedy))
+
+    def _told(self, calibration: Calibration) -> dict[str, Any]:
+        records = self._kept(calibration.id)
+        turns = [None if one["turn"] is None else np.array(one["turn"]) for one in records]
+        counting = set(apart(self._turns_taught(calibration), turns))
+        verified = tuple(
+            Verified.from_json(one, counts=i in counting) for i, one in enumerate(records)
+        )
+        return Confirmation(verified, self._serving.limits.max_u95_mm).to_json()
+
+    def _turns_taught(self, calibration: Calibration) -> list[Array]:
+        """None where the session gave way: then verifications are compared among each other alone."""
+        if self._taught[0] != calibration.id:
+            try:
+                folder = session_directory(self._state_dir, calibration.session)
+                touches = load_recording(folder).touches
+            except StoreError:
+                touches = ()
+            self._taught = calibration.id, turns_of(touches)
+        return self._taught[1]
+
+    def _file(self, name: str) -> Path:
+        return self._state_dir / "trials" / f"{name}.json"
