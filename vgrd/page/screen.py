@@ -7,6 +7,7 @@ from nicegui import ui
 
 from vgrd.page import texts
 from vgrd.page.cell_tab import CellTab
+from vgrd.page.log_in import LogIn
 from vgrd.page.parts import tell
 from vgrd.page.result_tab import ResultTab
 from vgrd.page.runtime_tab import RuntimeTab
@@ -31,6 +32,7 @@ class Screen:
         ):
             self.word = ui.label("").classes("word").mark("state")
             self.cause = ui.label("").mark("cause")
+        LogIn(visitor)
         self.tabs = self._tabs()
         ui.timer(REFRESH_S, self.refresh)
 
