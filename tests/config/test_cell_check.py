@@ -277,6 +277,13 @@ CASES = {
         "page.host",
         "tell in names",
     ),
+    "page without its password file": Mistake(
+        "[tool]",
+        '[page]\ncertificate = "cell.toml"\nkey = "cell.toml"\npassword_file = "none"  # <<\n[tool]',
+        "page.password_file",
+        "make it by `vgrd page-password FILE`",
+        is_fault=False,
+    ),
     "page under an address of the browser": Mistake(
         "[tool]",
         '[page]\nnames = ["https://cell1"]  # <<\n[tool]',

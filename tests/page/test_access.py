@@ -1,12 +1,16 @@
 """Password, sessions, lock-out and limits of the page, by clocks that the tests turn."""
 
 import asyncio
+import json
 from pathlib import Path
 
 import pytest
 
 pytest.importorskip("nicegui", reason="the extra `page` is not installed")
 
+from vgrd.config.cell_file import load_config
+from vgrd.config.resolved import Resolved, save_resolved
+from vgrd.config.setup import process_table
 from vgrd.errors import ControlError, InputError, ServingError
 from vgrd.page.access import doors
 from vgrd.page.access.buckets import Buckets
@@ -25,6 +29,7 @@ from vgrd.page.access.password import LONGEST, SHORTEST, Password
 from vgrd.page.access.terms import Terms
 
 WORD = "a horse, a battery"
+EXAMPLE = Path(__file__).parents[2] / "config" / "cell.example.toml"
 
 
 class TurnedClock:
@@ -347,6 +352,29 @@ def test_without_a_password_it_is_loopback_only(clock):
     assert Terms().guard("127.0.0.1", clock) is None
     with pytest.raises(ServingError, match="not without certificate"):
         Terms().guard("0.0.0.0", clock)  # noqa: S104  it is refused
+
+
+def test_what_the_cell_file_says_reaches_the_page(tmp_path):
+    """Paths count from the cell file's folder, whatever folder the process has."""
+    path = tmp_path / "cell.toml"
+    section = [
+        "[page]",
+        'host = "0.0.0.0"',
+        "port = 8080",
+        'names = ["cell1.plant.lan"]',
+        'certificate = "page.crt"',
+        'key = "/etc/page.key"',
+        'password_file = "password"',
+    ]
+    path.write_text("\n".join([EXAMPLE.read_text(), *section]))
+    resolved = Resolved(load_config(path), str(path), 0.0)
+    table = process_table(resolved, save_resolved(resolved, tmp_path))
+    (argv,) = (one["argv"] for one in table["processes"] if one["name"] == "page")
+    terms = Terms(**json.loads(argv[-1]))
+    assert terms.is_guarded
+    assert list(terms.names) == ["cell1.plant.lan"]
+    files = (terms.certificate, terms.key, terms.password_file)
+    assert files == (f"{tmp_path}/page.crt", "/etc/page.key", f"{tmp_path}/password")
 
 
 def test_files_that_are_no_pem_are_told_with_the_remedy(file, clock, tmp_path):

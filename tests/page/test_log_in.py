@@ -8,6 +8,7 @@ import pytest
 
 from tests.page.browser import PageProcess, browser, need_browser, open_page, press, tab, until
 from tests.page.daemon import PaperDaemon
+from tests.page.test_browser import grave_faults
 from vgrd.page import texts
 from vgrd.page.access.password import Password
 
@@ -66,6 +67,7 @@ def test_who_is_not_logged_in_may_only_look(server, daemon):
         touch(page)
         until(lambda: page.get_by_text("log in first").count(), "the refusal")
         log_in(page, "not the password")
+        until(lambda: grave_faults(page) == [], "a dialog that everybody can use")
         until(lambda: page.get_by_text(texts.WRONG_PASSWORD).count(), "the second refusal")
         assert daemon.given == []
 

@@ -25,19 +25,24 @@ class LogIn:
             self._session = ui.label().mark("session")
             self._in = _button(texts.LOG_IN).mark("log-in")
             self._out = _button(texts.LOG_OUT).mark("log-out")
-        with ui.dialog() as self._dialog, ui.element("div").classes("card"):
+        self._dialog = ui.dialog().props(f'aria-label="{texts.LOG_IN}"')
+        with self._dialog, ui.element("div").classes("card"):
             self._word = ui.input(texts.PASSWORD, password=True)
             self._word.props(
                 f"outlined autofocus autocomplete=current-password maxlength={LONGEST}"
             )
             with ui.element("div").classes("buttons"):
                 enter = _button(texts.ENTER).mark("enter")
-        self._in.on_click(self._dialog.open)
+        self._in.on_click(self._open)
         self._out.on_click(lambda: guard.log_out(self._visitor.mark, self._visitor.address))
         enter.on_click(lambda: self._log_in(guard))
         self._word.on("keydown.enter", lambda: self._log_in(guard))
         self._refresh(guard)
         ui.timer(_REFRESH_S, lambda: self._refresh(guard))
+
+    def _open(self) -> None:
+        self._word.set_value("")  # what somebody typed and left
+        self._dialog.open()
 
     async def _log_in(self, guard: Guard) -> None:
         word = str(self._word.value or "")
