@@ -40,6 +40,7 @@ HOST = 'host = "192.168.1.10"'
 SIZE_A = 'family = "36h11"\nid = 0\nsize_mm = 25.0'
 SERVED = 'host = "127.0.0.1"\nport = 1502\nallow = ["127.0.0.1"]'
 UR_TABLE = 'driver = "ur_rtde"\nid = "UR5e 20225500001"\nsigma_mm = 0.1\n[robot.settings]'
+PAGE_FILES = 'certificate = "a.pem"\nkey = "a.key"\npassword_file = "password"\n'
 LAST_TWO = """[[object.targets]]
 id = 3
 name = "P3"
@@ -250,7 +251,44 @@ CASES = {
         "[tool]",
         '[page]\nhost = "0.0.0.0"  # <<\nport = 8080\n[tool]',
         "page.host",
-        "not an address of this computer alone",
+        "needs certificate, key, password_file too",
+    ),
+    "page for everybody without a password": Mistake(
+        "[tool]",
+        '[page]\nhost = "192.168.1.2"  # <<\ncertificate = "a.pem"\nkey = "a.key"\n[tool]',
+        "page.host",
+        "needs password_file too",
+    ),
+    "page with half of its files": Mistake(
+        "[tool]",
+        '[page]\nkey = "a.key"  # <<\n[tool]',
+        "page.key",
+        "needs certificate, password_file beside it",
+    ),
+    "page at a name": Mistake(
+        "[tool]",
+        '[page]\nhost = "cell1.plant.lan"  # <<\n[tool]',
+        "page.host",
+        "names that browsers may call go into names",
+    ),
+    "page at all addresses under no name": Mistake(
+        "[tool]",
+        f'[page]\nhost = "0.0.0.0"  # <<\n{PAGE_FILES}[tool]',
+        "page.host",
+        "tell in names",
+    ),
+    "page without its password file": Mistake(
+        "[tool]",
+        '[page]\ncertificate = "cell.toml"\nkey = "cell.toml"\npassword_file = "none"  # <<\n[tool]',
+        "page.password_file",
+        "make it by `vgrd page-password FILE`",
+        is_fault=False,
+    ),
+    "page under an address of the browser": Mistake(
+        "[tool]",
+        '[page]\nnames = ["https://cell1"]  # <<\n[tool]',
+        "page.names.#1",
+        "is no host name, such as cell1.plant.lan",
     ),
     "port that is none": Mistake(
         "port = 1502", "port = 70000  # <<", "serving.port", "less than or equal to 65535"

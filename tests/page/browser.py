@@ -1,12 +1,14 @@
 """A headless Chromium, and the page's process, for the tests that look at both."""
 
+import json
 import os
 import signal
+import ssl
 import subprocess
 import sys
 import time
 import urllib.request
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from shutil import which
@@ -54,15 +56,16 @@ def browser() -> Iterator[Any]:
 class PageProcess:
     """`python -m vgrd.page` on a runtime folder; killed at the end of the `with`."""
 
-    def __init__(self, runtime_dir: Path) -> None:
-        self.port = free_port()
+    def __init__(self, runtime_dir: Path, terms: Mapping[str, object] | None = None) -> None:
+        self.port, self._terms = free_port(), dict(terms or {})
         self._argv = [sys.executable, "-m", "vgrd.page", str(runtime_dir), "127.0.0.1"]
         self._log = runtime_dir / "page.log"
 
     @property
     def url(self) -> str:
         """Where browsers find it."""
-        return f"http://127.0.0.1:{self.port}/"
+        scheme = "https" if self._terms.get("certificate") else "http"
+        return f"{scheme}://127.0.0.1:{self.port}/"
 
     @property
     def log(self) -> str:
@@ -74,16 +77,25 @@ class PageProcess:
         env = {name: text for name, text in os.environ.items() if name != "PYTEST_CURRENT_TEST"}
         with self._log.open("w") as log:
             self.process = subprocess.Popen(
-                dying_with_us([*self._argv, str(self.port)]), stderr=log, env=env
+                dying_with_us([*self._argv, str(self.port), json.dumps(self._terms)]),
+                stderr=log,
+                env=env,
             )
         until(self._answers)
         return self
 
     def _answers(self) -> bool:
         assert self.process.poll() is None, self.log
-        with suppress(OSError), urllib.request.urlopen(f"{self.url}pulse", timeout=5.0):  # noqa: S310  loopback
+        with suppress(OSError), self.asked("pulse"):
             return True
         return False
+
+    def asked(self, path: str, **headers: str) -> Any:
+        """The reply to a request of no browser, whoever signed its certificate. Raises HTTPError, an OSError."""
+        anybody = ssl.create_default_context()
+        anybody.check_hostname, anybody.verify_mode = False, ssl.CERT_NONE
+        request = urllib.request.Request(f"{self.url}{path}", headers=headers)  # noqa: S310  loopback
+        return urllib.request.urlopen(request, timeout=5.0, context=anybody)  # noqa: S310  idem
 
     def __exit__(self, *_: object) -> None:
         self.process.send_signal(signal.SIGCONT)

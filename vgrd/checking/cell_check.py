@@ -12,6 +12,7 @@ from vgrd.checking import machine, picture, work
 from vgrd.checking.drivers import driver_remarks
 from vgrd.checking.remarks import Remark, fault
 from vgrd.config.cell_file import CellConfig, CellSection, read_cell, with_folders
+from vgrd.config.page_section import PageSection
 from vgrd.documents.tables import Table
 from vgrd.documents.toml_lines import KeyPlaces
 
@@ -29,6 +30,7 @@ _CHECKS: tuple[_Check, ...] = (
     (("tool",), work.tool_remarks),
     (("pedal", "robot"), work.pedal_remarks),
     (("serving",), work.serving_remarks),
+    (("page",), machine.page_remarks),
 )
 
 
@@ -94,4 +96,7 @@ def _good_sections(data: Mapping[str, Any], folder: Path) -> dict[str, Table]:
     cell = good.get("cell")
     if isinstance(cell, CellSection):
         good["cell"] = with_folders(cell, folder)
+    page = good.get("page")
+    if isinstance(page, PageSection):
+        good["page"] = page.with_files(folder)
     return good

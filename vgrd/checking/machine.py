@@ -12,6 +12,7 @@ from typing import Any
 
 from vgrd.checking.remarks import Remark, doubt, fault
 from vgrd.config.cell_file import CellSection, RobotSection, ServingSection
+from vgrd.config.page_section import PageSection
 from vgrd.config.setup import (
     RUNTIME_PARTS,
     SOCKET_FOLDER_BYTES,
@@ -120,6 +121,20 @@ def address_remarks(serving: ServingSection, free_from: int) -> Iterator[Remark]
         if ip_network(entry).prefixlen == 0:
             words = f"{entry} is everybody: write the robot's address"
             yield doubt(words, "serving", "allow", index)
+
+
+def page_remarks(page: PageSection) -> Iterator[Remark]:
+    """On the files of the page; their paths are resolved. Whether they are good, the page says as it starts."""
+    for key, remedy in (
+        ("certificate", "docs/page.md tells how to make one"),
+        ("key", "docs/page.md tells how to make one"),
+        ("password_file", "make it by `vgrd page-password FILE`, as the daemon's user"),
+    ):
+        path = getattr(page, key)
+        if path is not None and not os.path.isfile(path):  # noqa: PTH113  Path raises where a folder is closed
+            yield doubt(
+                f"{path}: user {getpass.getuser()} sees no such file; {remedy}", "page", key
+            )
 
 
 def robot_reach_remarks(serving: ServingSection, robot: RobotSection) -> Iterator[Remark]:

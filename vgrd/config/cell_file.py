@@ -392,8 +392,9 @@ def read_cell(path: Path) -> CellText:
         config = CellConfig.model_validate(places.data)
     except ValidationError as err:
         return CellText(places, None, tuple(located_faults(err, CellConfig, _hint)))
-    cell = with_folders(config.cell, path.resolve().parent)
-    return CellText(places, config.model_copy(update={"cell": cell}), ())
+    folder = path.resolve().parent
+    found = {"cell": with_folders(config.cell, folder), "page": config.page.with_files(folder)}
+    return CellText(places, config.model_copy(update=found), ())
 
 
 def load_config(path: Path) -> CellConfig:

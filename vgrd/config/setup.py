@@ -197,12 +197,14 @@ def process_table(resolved: Resolved, path: Path) -> dict[str, object]:
 
 def _telling(config: "CellConfig") -> Iterator[object]:
     """The processes that tell Prometheus and people, where a port is named for them."""
-    for name, section, hang_s in (
-        ("metrics", config.metrics, METRICS_HANG_S),
-        ("page", config.page, PAGE_HANG_S),
+    page = config.page
+    terms = {key: getattr(page, key) for key in ("names", "certificate", "key", "password_file")}
+    for name, section, hang_s, more in (
+        ("metrics", config.metrics, METRICS_HANG_S, []),
+        ("page", page, PAGE_HANG_S, [json.dumps(terms)]),
     ):
         if section.port is not None:
-            told = [config.cell.runtime_dir, section.host, str(section.port)]
+            told = [config.cell.runtime_dir, section.host, str(section.port), *more]
             yield {
                 "name": name,
                 "kind": name,

@@ -1,5 +1,9 @@
-"""The process of the page: `python -m vgrd.page RUNTIME_DIR HOST PORT`, started by the gate."""
+"""The process of the page: `python -m vgrd.page RUNTIME_DIR HOST PORT [TERMS]`, started by the gate.
 
+TERMS: who may come in, as JSON, by the keys of `vgrd.page.access.terms`.
+"""
+
+import json
 import sys
 from importlib.util import find_spec
 from pathlib import Path
@@ -20,7 +24,7 @@ def _check_package() -> None:
         raise ServingError("the page needs another package: pip install 'vgrd[page]'")
 
 
-def main(runtime_dir: Path, host: str, port: int) -> int:
+def main(runtime_dir: Path, host: str, port: int, terms: str = "{}") -> int:
     """Serve until killed; an exit code where that is not possible."""
     logs.configure("page")
     give_way()
@@ -28,10 +32,11 @@ def main(runtime_dir: Path, host: str, port: int) -> int:
     health = HealthReporter(runtime_dir, "page", clock)
     try:
         _check_package()
+        from vgrd.page.access.terms import Terms
         from vgrd.page.link import Link
         from vgrd.page.server import serve
 
-        serve(Link(runtime_dir, clock), health, host, port)
+        serve(Link(runtime_dir, clock), health, host, port, Terms(**json.loads(terms)), clock)
     except ServingError as error:
         health.report("refused", str(error))
         log.error("no_page", reason=str(error))  # noqa: TRY400  a line, not a trace
@@ -39,4 +44,4 @@ def main(runtime_dir: Path, host: str, port: int) -> int:
 
 
 if __name__ == "__main__":
-    sys.exit(main(Path(sys.argv[1]), sys.argv[2], int(sys.argv[3])))
+    sys.exit(main(Path(sys.argv[1]), sys.argv[2], int(sys.argv[3]), *sys.argv[4:]))

@@ -60,7 +60,7 @@ class Link:
         self._clock = clock
         self.heard = Heard()
         self.picture: Picture | None = None
-        self._new_picture = asyncio.Event()
+        self._new_picture, self._asking = asyncio.Event(), asyncio.Lock()
         self._viewed_s = -1e9
 
     @property
@@ -114,8 +114,9 @@ class Link:
         return reply
 
     async def ask(self, op: str, **arguments: object) -> Reply:
-        """What an operation tells that changes nothing."""
-        return await self._call(op, COMMAND_S, **arguments)
+        """What an operation tells that changes nothing; one after the other, for they cost the cell some time."""
+        async with self._asking:
+            return await self._call(op, COMMAND_S, **arguments)
 
     def view(self) -> None:
         """Somebody looks."""

@@ -6,6 +6,7 @@ from typing import Any, Final
 from nicegui import ui
 
 from vgrd.page import texts
+from vgrd.page.log_in import LogIn
 from vgrd.page.parts import tell
 from vgrd.page.tabs import CellTab, ResultTab, RuntimeTab, SessionsTab, TeachTab
 from vgrd.page.visitor import Visitor
@@ -27,6 +28,7 @@ class Screen:
         ):
             self.word = ui.label("").classes("word").mark("state")
             self.cause = ui.label("").mark("cause")
+        LogIn(visitor)
         self.tabs = self._tabs()
         ui.timer(REFRESH_S, self.refresh)
 

@@ -4,19 +4,21 @@ import asyncio
 import json
 import math
 import socket
-from collections.abc import Awaitable, Callable
+from collections.abc import Awaitable, Callable, Collection
 from itertools import pairwise
 from pathlib import Path
-from typing import Final
-from urllib.parse import urlsplit
+from typing import Any, Final
 
 import structlog
 from fastapi import Request, Response
 from nicegui import app, ui
 
+from vgrd.clock import Clock
 from vgrd.errors import ControlError, ServingError
 from vgrd.ipc.health import PERIOD_S, HealthReporter
 from vgrd.page import texts
+from vgrd.page.access.doors import Doors
+from vgrd.page.access.terms import Terms
 from vgrd.page.link import Link, Reply
 from vgrd.page.screen import Screen
 from vgrd.page.visitor import Visitor
@@ -24,6 +26,7 @@ from vgrd.page.visitor import Visitor
 ASSETS: Final = Path(__file__).with_name("assets")
 SMALL_PX: Final = 40.0  # of a tag's edge, as `vgrd detect` calls it (docs/fit.md)
 MOST_AGE_MS: Final = 10**7  # of what was never heard; JSON has no infinity
+_ANY_SCHEME: Final = ("http", "https")  # without TLS of ours there may be a proxy that has it
 _HEADERS: Final = {
     # The page's framework compiles its templates in the browser and writes styles into elements.
     "Content-Security-Policy": "default-src 'self'; script-src 'self' 'unsafe-inline' 'unsafe-eval'; "
@@ -47,11 +50,16 @@ log = structlog.get_logger()
 class OnlyHere:
     """ASGI middleware: whoever comes under another name, or from another page, gets nothing, by HTTP or websocket.
 
-    The address is loopback, but any page in the same browser can ask it, under a name that leads here.
+    Even where the address is loopback, any page in the same browser can ask it, under a name that leads here.
     """
 
-    def __init__(self, inner: Callable[..., Awaitable[None]], hosts: frozenset[str]) -> None:
-        self._inner, self._hosts = inner, hosts
+    def __init__(
+        self,
+        inner: Callable[..., Awaitable[None]],
+        hosts: frozenset[str],
+        schemes: tuple[str, ...] = _ANY_SCHEME,
+    ) -> None:
+        self._inner, self._hosts, self._schemes = inner, hosts, schemes
 
     async def __call__(self, scope: dict, receive: Callable, send: Callable) -> None:  # type: ignore[type-arg]
         """Pass on what is ours."""
@@ -60,8 +68,8 @@ class OnlyHere:
             return
         headers = {name: value.decode("latin-1") for name, value in scope["headers"]}
         host, origin = headers.get(b"host", ""), headers.get(b"origin")
-        is_ours = host in self._hosts and (origin is None or urlsplit(origin).netloc == host)
-        if is_ours:
+        came_from_us = origin is None or origin in {f"{kind}://{host}" for kind in self._schemes}
+        if host in self._hosts and came_from_us:
             await self._inner(scope, receive, _with_headers(send))
         elif scope["type"] == "http":
             await Response("not served under this name", 403)(scope, receive, send)
@@ -79,11 +87,17 @@ def _with_headers(send: Callable[..., Awaitable[None]]) -> Callable[..., Awaitab
     return sending
 
 
-def serve(link: Link, health: HealthReporter, host: str, port: int) -> None:
-    """Serve until killed. Raises ServingError where the address cannot be had."""
+def serve(
+    link: Link, health: HealthReporter, host: str, port: int, terms: Terms, clock: Clock
+) -> None:
+    """Serve until killed. Raises ServingError where the address cannot be had, or a file of `terms` is not good."""
+    guard = terms.guard(host, clock)
     _check_free(host, port)
     app.add_static_files("/assets", ASSETS, max_cache_age=0)
-    app.add_middleware(OnlyHere, hosts=names_of(host, port))
+    hosts = names_of(host, port, terms.names)
+    app.add_middleware(OnlyHere, hosts=hosts, schemes=("https",) if guard else _ANY_SCHEME)
+    if guard is not None:
+        app.add_middleware(Doors, clock=clock)
     app.on_startup(lambda: _work(link, health))
 
     @app.get("/pulse")
@@ -101,10 +115,11 @@ def serve(link: Link, health: HealthReporter, host: str, port: int) -> None:
     @ui.page("/", title=texts.TITLE, response_timeout=20)
     def screen(request: Request) -> None:
         ui.add_head_html(_HEAD)
-        who = request.client.host if request.client else "?"
-        Screen(Visitor(link, who))
+        address = request.client.host if request.client else "?"
+        mark = request.state.mark if guard is not None else ""
+        Screen(Visitor(link, address, guard, mark))
 
-    log.info("showing_page", host=host, port=port)
+    log.info("showing_page", host=host, port=port, tls=guard is not None)
     ui.run(
         host=host,
         port=port,
@@ -116,8 +131,18 @@ def serve(link: Link, health: HealthReporter, host: str, port: int) -> None:
         binding_refresh_interval=None,
         reconnect_timeout=5.0,
         access_log=False,
+        **({} if guard is None else _over_network(terms)),
     )
     raise ServingError(f"page at {host}:{port}: cannot be served; change [page] port")
+
+
+def _over_network(terms: Terms) -> dict[str, Any]:
+    """Nobody may say that he asks for another address: lock-out and limits go by it."""
+    return {
+        "ssl_certfile": terms.certificate,
+        "ssl_keyfile": terms.key,
+        "proxy_headers": False,
+    }
 
 
 def _check_free(host: str, port: int) -> None:
@@ -130,10 +155,10 @@ def _check_free(host: str, port: int) -> None:
         ) from error
 
 
-def names_of(host: str, port: int) -> frozenset[str]:
+def names_of(host: str, port: int, names: Collection[str] = ()) -> frozenset[str]:
     """What a browser may call us by."""
-    written = f"[{host}]" if ":" in host else host
-    return frozenset(f"{name}:{port}" for name in (written, "localhost", "127.0.0.1"))
+    called = (host, "localhost", "127.0.0.1", *names)
+    return frozenset(f"[{name}]:{port}" if ":" in name else f"{name}:{port}" for name in called)
 
 
 async def _work(link: Link, health: HealthReporter) -> None:

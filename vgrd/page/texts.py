@@ -201,3 +201,16 @@ COLUMNS: Final[Mapping[str, str]] = MappingProxyType(
         "fails": "beyond chance",
     }
 )
+
+# Of a page with a password (`vgrd/page/access`).
+LOG_IN: Final = "LOG IN"
+LOG_OUT: Final = "LOG OUT"
+PASSWORD: Final = "password"  # noqa: S105  its label
+ENTER: Final = "ENTER"
+MAY_VIEW: Final = "You may look. To command, log in."
+MAY_COMMAND: Final = "You may command. Without a command this ends in {minutes:.0f} min."
+NOT_LOGGED_IN: Final = "log in first; whoever is not logged in may only look"
+WRONG_PASSWORD: Final = "this is not the password"  # noqa: S105
+NO_PASSWORD: Final = "the password file cannot be used; the log of the page says why"  # noqa: S105
+LOCKED: Final = "too many wrong passwords; try again in {seconds} s"
+TOO_MANY: Final = "too many requests from this address; wait a moment"

@@ -1,14 +1,17 @@
 """Who looks at a page, and the commands that the buttons there give."""
 
 import json
-from collections.abc import Awaitable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
+import structlog
 from nicegui import ui
 
 from vgrd.errors import ControlError
 from vgrd.page import texts
+from vgrd.page.access.guard import Guard
 from vgrd.page.link import Link, Reply
+
+log = structlog.get_logger()
 
 
 @dataclass(frozen=True, slots=True)
@@ -30,25 +33,32 @@ class Seen:
 
 @dataclass(frozen=True, slots=True)
 class Visitor:
-    """One browser; `who` is written into the log beside every command."""
+    """One browser. guard: lets it command or not, None where all may; mark: by which the guard knows it."""
 
     link: Link
-    who: str
+    address: str
+    guard: Guard | None = None
+    mark: str = field(default="", repr=False)
+
+    @property
+    def who(self) -> str:
+        """Is written into the log beside every command: the address, and the session where there is one."""
+        session = "" if self.guard is None else self.guard.name(self.mark)
+        return f"{self.address} {session}".strip()
 
     async def command(self, op: str, seen: Seen, **arguments: object) -> Reply | None:
         """Give a command as of what was seen; None where it was refused, which is told."""
-        return await self._told(
-            op, self.link.command(op, self.who, seen.at_s, version=seen.version, **arguments)
-        )
+        return await self._told(op, seen.at_s, version=seen.version, **arguments)
 
     async def solve(self, session: str) -> Reply | None:
         """Solve a session: that changes nothing that a version names, and comes never too late."""
-        return await self._told("solve", self.link.command("solve", self.who, session=session))
+        return await self._told("solve", None, session=session)
 
-    async def _told(self, op: str, commanded: Awaitable[Reply]) -> Reply | None:
-        """Say what became of a command."""
+    async def _told(self, op: str, pressed_s: float | None, **arguments: object) -> Reply | None:
+        """Give a command, if this browser may, and say what became of it."""
         try:
-            reply = await commanded
+            self._check(op)
+            reply = await self.link.command(op, self.who, pressed_s, **arguments)
         except ControlError as refusal:
             ui.notify(
                 texts.REFUSED.format(reason=refusal), type="warning", timeout=8000, multi_line=True
@@ -57,3 +67,11 @@ class Visitor:
         words = texts.RECORDED if "sample" in reply else texts.DID
         ui.notify(words.format(what=op, sample=reply.get("sample")), timeout=2500)
         return reply
+
+    def _check(self, op: str) -> None:
+        try:
+            if self.guard is not None:
+                self.guard.check(self.mark)
+        except ControlError as refusal:
+            log.warning("command_refused", op=op, who=self.who, reason=str(refusal))
+            raise
