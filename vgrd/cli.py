@@ -23,7 +23,7 @@ from vgrd.commands import (
     study,
     target,
 )
-from vgrd.commands.checking import calibrations, check, drivers, snapshot
+from vgrd.commands.checking import calibrations, check, drivers, expect, snapshot
 from vgrd.commands.wizard import teach
 from vgrd.errors import DaemonUnreachable, VgrdError
 
@@ -39,6 +39,7 @@ for group in (
     daemon,
     check,
     drivers,
+    expect,
     snapshot,
     detect,
     importing,
