@@ -12,6 +12,7 @@ from enum import StrEnum
 import numpy as np
 from scipy.linalg import solve_triangular
 
+from vgrd.calibration.acceptance import served_radius
 from vgrd.calibration.joint import (
     PRINTED,
     TAG_A,
@@ -19,11 +20,13 @@ from vgrd.calibration.joint import (
     CameraCorrections,
     EvidenceKind,
     JointFit,
+    JointSolution,
     Prediction,
     PriorSigmas,
     Tags,
     predict,
     solution_of,
+    target_of,
     whiten_arm,
     work_orientation,
 )
@@ -31,8 +34,7 @@ from vgrd.calibration.planning.predicted_error import Job, PredictedError
 from vgrd.calibration.planning.reach import known_targets
 from vgrd.errors import InputError
 from vgrd.geometry import Array
-from vgrd.geometry.covariance import radius95
-from vgrd.model import CellFacts, Policy, TagObservation
+from vgrd.model import UNMOVED, CameraPlace, CellFacts, Policy, TagObservation, Target
 
 _NOTHING = np.zeros((3, 3))
 
@@ -43,8 +45,8 @@ class Source(StrEnum):
     REPEATABILITY, FIELD, QUANTISATION: the arm, taught and at the answer. HAND_EYE: tag A in all
     pictures. TCP: touches of a fixed point; where none were taught, the TCP's error is among the
     TOUCHES. TAG_B: in the pictures while touching, in spins, and now. PRINT, INTRINSICS, TIME: what
-    all pictures share, or what moved since. EXCESS: residuals beyond all stated sigmas.
-    UNDETERMINED: what the samples leave open.
+    all pictures share, or what moved since. CAMERA: it may stand elsewhere since, as far as tag A does not
+    tell. EXCESS: residuals beyond all stated sigmas. UNDETERMINED: what the samples leave open.
     """
 
     REPEATABILITY = "robot repeatability"
@@ -59,6 +61,7 @@ class Source(StrEnum):
     CAD = "targets in CAD"
     PRINT = "print tolerance"
     INTRINSICS = "intrinsics"
+    CAMERA = "camera moved since (tag A)"
     TIME = "time"
     EXCESS = "beyond the stated noise"
     UNDETERMINED = "left undetermined"
@@ -148,10 +151,12 @@ def error_budget(
     base_from_work: Array | None = None,
     systematic: Systematic | None = None,
     targets: Sequence[str] | None = None,
+    place: CameraPlace = UNMOVED,
 ) -> Budget:
     """Where the variance of every target's expected coordinate comes from, for a picture.
 
-    Shares are of the trace of the position's covariance. Raises what `expected_by_joint` raises.
+    place: where the camera may stand in it, as answers are served. Shares are of the trace of the
+    position's covariance. Raises what `expected_by_joint` raises.
     """
     names = tuple(targets or known_targets(result))
     if not names:
@@ -163,14 +168,34 @@ def error_budget(
         chain.parts(predict(result, solution, name, now, policy, work))
         for name, work in zip(names, works, strict=True)
     ]
+    if not place.is_exact:
+        for parts, name, work in zip(per_target, names, works, strict=True):
+            wish = (result.recording.facts, target_of(result.recording.facts, name), now, policy)
+            parts[Source.CAMERA] = _of_place(solution, wish, work, place)
     links = tuple(link for link in Source if link in per_target[0])
     traces = np.array([[np.trace(parts[link]) for link in links] for parts in per_target])
-    radii = np.array([radius95(np.sum(list(parts.values()), axis=0)) for parts in per_target])
+    covariances = [np.sum(list(parts.values()), axis=0) for parts in per_target]
+    radii = np.array([served_radius(covariance, place) for covariance in covariances])
     asked = () if base_from_work is None else (base_from_work,)
     job = Job(policy, asked, angles_rad=(0.0,), targets=names)
     undetermined = PredictedError(result, job).undetermined()
     irrelevant = tuple(direction.what for direction in undetermined if not direction.matters)
     return Budget(names, links, traces / traces.sum(axis=1, keepdims=True), radii, irrelevant)
+
+
+def _of_place(
+    solution: JointSolution,
+    wish: tuple[CellFacts, Target, TagObservation, Policy],
+    R_work: Array,
+    place: CameraPlace,
+) -> Array:
+    """Covariance (3, 3) that is added where the camera may have moved; what tag A tells beside is left out."""
+    moved, still = (
+        solution.expected_for(*wish, R_work, where).position_covariance
+        for where in (place, UNMOVED)
+    )
+    values, vectors = np.linalg.eigh(moved - still)
+    return np.asarray((vectors * np.maximum(values, 0.0)) @ vectors.T)
 
 
 class _Chain:

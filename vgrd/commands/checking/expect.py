@@ -14,7 +14,6 @@ if TYPE_CHECKING:
     from vgrd.documents.toml_lines import Location
 
 _PARTS = (
-    "cell",
     "camera",
     "tags",
     "tool",
@@ -65,7 +64,7 @@ def expect(
 ) -> None:
     """Tell the error that a cell can be expected to have, and what to change first, from its file alone."""
     from vgrd.checking.cell_check import check_cell
-    from vgrd.config.setup import cell_facts
+    from vgrd.config.setup import camera_stability, cell_facts
     from vgrd.model import Policy
     from vgrd.solving.expectation import Assumptions, Cell, report
 
@@ -87,7 +86,9 @@ def expect(
     }
     assumed = Assumptions.of(facts, {k: v for k, v in given.items() if v is not None})
     sigmas_mm = (settings.touch.lateral_sigma_mm, settings.touch.axial_sigma_mm)
-    cell = Cell(facts, sigmas_mm, Policy(settings.serving.policy), assumed)
+    cell = Cell(
+        facts, camera_stability(settings), sigmas_mm, Policy(settings.serving.policy), assumed
+    )
     limits_mm = (settings.serving.warn_u95_mm, settings.serving.max_u95_mm)
     print_result({"cell": settings.cell.name, **report(cell, limits_mm)}, json_to, _show)
 

@@ -6,8 +6,9 @@ from typing import Any
 
 from vgrd.calibration.first_samples import wanted
 from vgrd.errors import InputError
-from vgrd.model import CellFacts, Motion, Plan
+from vgrd.model import CellFacts, Motion, Plan, Stability
 
+_TILTED_ALONE = 4  # a guess: where no turned touch can tell the tip, advice asks for tilted ones
 _STEEPEST_DEG = 70.0  # a flatter tag is not found
 
 
@@ -43,13 +44,14 @@ class Assumptions:
         """As many samples as teaching asks for, and what is given instead by name."""
         counts = wanted(Plan.JOINT, facts)
         is_free = facts.object.motion is Motion.FREE
+        shows_turns = not is_free and facts.camera_stability is Stability.FIXED
         most = cls(
             looks=counts.get("look", 0),
             spins=0 if is_free else counts["spin"],
             touches=counts["touch"],
         )
-        if is_free:
-            most = replace(most, turned=0)
+        if not shows_turns:
+            most = replace(most, turned=0, tilted=_TILTED_ALONE)
         few = given.get("touches", most.touches)
         if few < most.touches:  # fewer of each kind, as long as nobody says which
             share = few / most.touches
@@ -81,6 +83,12 @@ class Assumptions:
             raise InputError(
                 f"--touches {self.touches}: {len(bare)} targets have no point_mm and each must be touched "
                 f"as it works; give {len(bare) + self.turned + self.tilted} touches or more"
+            )
+        if self.turned and facts.object.motion is Motion.FREE:
+            raise InputError("--turned: an object that moves freely has no half round; give 0")
+        if self.turned and facts.camera_stability is Stability.MOVABLE:
+            raise InputError(
+                "--turned: only a camera that stands still shows how far the object was turned; give 0"
             )
         if self.spins and facts.object.motion is Motion.FREE:
             raise InputError("--spins: an object that moves freely has no axis; give 0")

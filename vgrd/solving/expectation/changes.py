@@ -9,6 +9,7 @@ from vgrd.solving.expectation.expectation import Cell, expect
 
 _LARGER = 1.6  # of a tag: from 25 to 40 mm
 _NEARER = 0.7  # of the camera: half the depth error
+_STRAIGHT = 1  # touches as the tool works that are left, beside turned ones
 _BORED_MM = 0.02  # as `object.center_sigma_mm` of a centre that was measured (docs/cell-file.md)
 
 
@@ -90,6 +91,10 @@ def _of_teaching(cell: Cell) -> Iterator[tuple[str, Cell]]:
             more |= {"turned": 2 * assumed.turned, "tilted": 2 * assumed.tilted}
         words = f"{2 * count} {name} instead of {count}"
         yield words, replace(cell, assumed=replace(assumed, **more))
+
+    if assumed.touches - assumed.turned - 2 * assumed.tilted >= _STRAIGHT and assumed.tilted:
+        words = f"{2 * assumed.tilted} of the touches tilted instead of {assumed.tilted}"
+        yield words, replace(cell, assumed=replace(assumed, tilted=2 * assumed.tilted))
 
 
 def _with(cell: Cell, facts: CellFacts) -> Cell:

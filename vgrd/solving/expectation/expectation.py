@@ -4,11 +4,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from vgrd.calibration.joint import JointFit, calibrate_joint
+from vgrd.calibration.joint import JointFit, calibrate_joint, tag_b_of
 from vgrd.calibration.planning import Budget, Systematic, error_budget
 from vgrd.geometry import Array
 from vgrd.judging.operator_time import operator_minutes
-from vgrd.model import CellFacts, Policy
+from vgrd.model import CameraPlace, CellFacts, FlangeTag, Policy
 from vgrd.solving.expectation.assumptions import Assumptions
 from vgrd.solving.expectation.scene import Scene
 
@@ -17,9 +17,14 @@ TURNS_DEG = (0.0, 90.0, 180.0, 270.0)  # of the object since it was touched
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Cell:
-    """What an expectation is drawn from: facts of the file, sigmas of a touch across and along the tool, mm."""
+    """What an expectation is drawn from: facts of the file and what it says of touches and the camera.
+
+    touch_sigmas_mm: across and along the tool; stability: (6,) sigmas (mm, rad) of the camera's displacement
+    since teaching, infinite where people move it.
+    """
 
     facts: CellFacts
+    stability: Array
     touch_sigmas_mm: tuple[float, float]
     policy: Policy
     assumed: Assumptions
@@ -74,38 +79,48 @@ class Expectation:
         """Its error."""
         return self.u95_mm[self.worst]
 
-    def rows(self) -> list[dict[str, str | float]]:
-        """By target: the row of its budget at the worst turn, and that turn."""
-        worst = self._radii.argmax(axis=0)
-        return [
-            {**self.budgets[k].rows()[i], "turn_deg": TURNS_DEG[k]} for i, k in enumerate(worst)
-        ]
+    @property
+    def budget(self) -> Budget:
+        """Of every target at its worst turn."""
+        worst, targets = self._radii.argmax(axis=0), range(len(self.targets))
+        first = self.budgets[0]
+        shares = np.array([self.budgets[k].shares[i] for k, i in zip(worst, targets, strict=True)])
+        return Budget(
+            first.targets, first.links, shares, self._radii.max(axis=0), first.irrelevant
+        )
 
     @property
-    def links(self) -> list[str]:
-        """Of the chain, as the rows name them."""
-        return [str(link) for link in self.budgets[0].links]
+    def worst_turns_deg(self) -> tuple[float, ...]:
+        """(t,) of the object."""
+        return tuple(TURNS_DEG[k] for k in self._radii.argmax(axis=0))
 
 
-def expect(cell: Cell) -> Expectation:
-    """Foresee it; raises InputError, and as `calibrate_joint` and `error_budget` where samples are too few."""
+def expect(cell: Cell, *, tag_a_in_view: bool = True) -> Expectation:
+    """Foresee it, with tag A or without in the pictures of the answers.
+
+    Raises InputError, TagNotSeen for a movable camera without tag A, and as `calibrate_joint` and `error_budget`
+    where samples are too few.
+    """
     scene = cell.scene
     fit = nominal_fit(scene)
     systematic = Systematic.of(
         scene.facts,
+        print_share=0.0,  # `size_sigma_mm` of the tags counts, as the joint estimate refines it
         focal_share=cell.assumed.focal_percent / 100,
         center_px=cell.assumed.center_px,
         drift_mm=cell.assumed.drift_mm,
     )
+    answers = [scene.answer(float(np.radians(turn))) for turn in TURNS_DEG]
     budgets = [
         error_budget(
             fit,
-            scene.seen_now(float(np.radians(turn))),
+            tag_b_of(picture),
             cell.policy,
             systematic=systematic,
             targets=tuple(scene.points),
+            place=CameraPlace(cell.stability, FlangeTag.of(picture) if tag_a_in_view else None),
         )
-        for turn in TURNS_DEG
+        for picture in answers
     ]
     return Expectation(tuple(budgets))
 

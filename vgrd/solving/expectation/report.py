@@ -5,7 +5,9 @@ from dataclasses import asdict
 
 import numpy as np
 
+from vgrd.calibration.joint import tag_b_of
 from vgrd.calibration.stated_error import u95_in_words
+from vgrd.model import Stability
 from vgrd.solving.expectation.changes import Change, changes_of
 from vgrd.solving.expectation.expectation import TURNS_DEG, Cell, Expectation, expect
 from vgrd.solving.expectation.sight import edge_px, is_in_picture
@@ -23,7 +25,7 @@ _NOT_INCLUDED = (
 def report(cell: Cell, limits_mm: tuple[float, float]) -> dict[str, object]:
     """Everything to tell; limits_mm: `warn_u95_mm` and `max_u95_mm` of the cell file. Raises as `expect`."""
     expectation = expect(cell)
-    changes = changes_of(cell)
+    budget, changes = expectation.budget, changes_of(cell)
     minutes = cell.minutes()
     warn_mm, max_mm = limits_mm
     return {
@@ -35,13 +37,16 @@ def report(cell: Cell, limits_mm: tuple[float, float]) -> dict[str, object]:
         "worst_u95_mm": expectation.worst_mm,
         "warn_u95_mm": warn_mm,
         "max_u95_mm": max_mm,
-        "links": expectation.links,
+        **budget.to_json(),
         "targets": [
-            {**row, "meets": row["u95_mm"] <= max_mm}  # type: ignore[operator]
-            for row in expectation.rows()
+            {**row, "turn_deg": turn_deg, "meets": error_mm <= max_mm}
+            for row, turn_deg, error_mm in zip(
+                budget.rows(), expectation.worst_turns_deg, budget.u95_mm.tolist(), strict=True
+            )
         ],
         "changes": [asdict(change) for change in changes],
         "minutes": {**minutes, "all": sum(minutes.values())},
+        "tag_a_hidden_u95_mm": _without_tag_a_mm(cell),
         "assumed": assumed_of(cell),
         "remarks": list(remarks(cell)),
         "not_included": list(_NOT_INCLUDED),
@@ -78,6 +83,13 @@ def _first_words(expectation: Expectation, changes: list[Change]) -> str:
     return f"; first: {useful[0].words}, which gives {useful[0].u95_mm:.2f} mm"
 
 
+def _without_tag_a_mm(cell: Cell) -> float | None:
+    """Error of the worst target where answers rest on the camera's stability alone; None: there is no answer."""
+    if cell.facts.camera_stability is Stability.MOVABLE:
+        return None
+    return expect(cell, tag_a_in_view=False).worst_mm
+
+
 def assumed_of(cell: Cell) -> dict[str, object]:
     """What was taken for the scene and for teaching, given or not."""
     return {**asdict(cell.assumed), "arm_mm": cell.arm_mm, "tag_b_mm": cell.scene.tag_b_mm}
@@ -88,7 +100,7 @@ def remarks(cell: Cell) -> Iterator[str]:
     scene = cell.scene
     width, height = scene.field_mm()
     seen = f"the camera sees {width:.0f} x {height:.0f} mm at {scene.assumed.distance_mm:.0f} mm"
-    now = [scene.seen_now(float(np.radians(turn))) for turn in TURNS_DEG]
+    now = [tag_b_of(scene.answer(float(np.radians(turn)))) for turn in TURNS_DEG]
     for name, tags in (("tag B", now), ("tag A", scene.looks_seen())):
         if not all(is_in_picture(tag, scene.camera) for tag in tags):
             yield (

@@ -27,7 +27,6 @@ from vgrd.model import (
     Observation,
     Plan,
     Recording,
-    Stability,
     TagObservation,
     Touch,
 )
@@ -44,6 +43,7 @@ _TRIES = 8  # poses to choose every look from
 _LOOK_TILT_RAD = np.radians([10, 65])  # under which a tag is found and has one pose
 _ABOVE_MM = 80.0  # of the flange in looks and aside, over a touch
 _SECONDS = 5.0  # between samples; any: stamps only have to differ
+_LATER_S = 1e4  # after all of them
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -72,11 +72,6 @@ class Scene:
     ) -> "Scene":
         """Lay it out; raises InputError for a cell that cannot be foreseen."""
         assumed.check(facts)
-        if facts.camera_stability is Stability.MOVABLE:
-            raise InputError(
-                '[camera] stability = "movable": what tag A adds to each answer is not foreseen; '
-                'try it with stability = "fixed", which is the best it can become'
-            )
         if facts.tag_a is None:
             raise InputError("the cell has no tag A: its looks cannot be foreseen")
         points = _places(facts.object, assumed.radius_mm)
@@ -107,7 +102,7 @@ class Scene:
     def recording(self) -> Recording:
         """The session that teaches it, no sample off."""
         assumed = self.assumed
-        stamps = iter(np.arange(1, 1000) * _SECONDS)
+        stamps = iter(np.arange(1, _LATER_S / _SECONDS) * _SECONDS)
         looks = [self._picture(pose, 0.0, next(stamps)) for pose in self._looks(assumed.looks)]
         since_s = float(next(stamps))
         spins = [
@@ -132,9 +127,9 @@ class Scene:
         place = (self.base_from_axis.inverse() @ self.base_from_object) @ self.object_from_tag_b
         return float(np.linalg.norm(place.translation[:2]))
 
-    def seen_now(self, turn_rad: float) -> TagObservation:
-        """Tag B in the picture of an answer, the object turned so far since it was touched."""
-        return self._tag_b(turn_rad)
+    def answer(self, turn_rad: float) -> Observation:
+        """The picture of an answer, the object turned so far since it was touched, the arm aside."""
+        return self._picture(self.aside, turn_rad, _LATER_S)
 
     def field_mm(self) -> tuple[float, float]:
         """Width and height of what the camera sees at the object, across the line of sight."""
