@@ -6,7 +6,6 @@ import pytest
 from fakes.studies.planning.expected import STUDY, ratios
 from fakes.studies.runner import run_trials
 
-
 _SESSIONS = 20
 _BAND = (0.8, 1.2)  # of the 95 % miss over the foretold: 20 sessions leave so much to chance
 

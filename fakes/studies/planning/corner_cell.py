@@ -7,9 +7,9 @@ from numpy.random import SeedSequence
 from scipy.spatial.transform import Rotation
 
 from fakes.world.arm_errors import ArmErrors
-from fakes.world.simulation import Simulation
+from fakes.world.simulation import TAG_A, TAG_B, Simulation
 from vgrd.geometry import Array, Pose, exp_rotation, hat
-from vgrd.model import CellFacts, TagObservation, TagSpec, frozen_array
+from vgrd.model import CellFacts, Motion, TagObservation, TagSpec, frozen_array
 
 _SQUARE = np.array([(-0.5, -0.5, 0.0), (0.5, -0.5, 0.0), (0.5, 0.5, 0.0), (-0.5, 0.5, 0.0)])
 _STEPS = 4  # of Gauss and Newton from the truth, which is within a pixel
@@ -19,7 +19,7 @@ _TILT_RAD = np.radians(30)  # of the camera from the vertical, and so of tags th
 class CornerCell(Simulation):
     """edge_mm: of both tags; distance_mm: from the camera to the middle of the table; corner_px: 1 sigma per axis.
 
-    The other arguments are as of `Simulation`.
+    print_mm: how far the edges are off, 1 sigma along and across each. The other arguments are as of `Simulation`.
     """
 
     def __init__(
@@ -32,25 +32,39 @@ class CornerCell(Simulation):
         touch_mm: float,
         arm: ArmErrors,
         center_mm: float,
+        motion: Motion = Motion.TURNTABLE,
+        print_mm: float = 0.0,
     ) -> None:
         super().__init__(seed, touch_sigma_mm=touch_mm, arm=arm, center_sigma_mm=center_mm)
         self.edge_mm, self.corner_px = edge_mm, corner_px
+        self._motion, self._print_mm = motion, print_mm
+        off = self.rng.normal(size=(2, 2)) * print_mm
+        self._printed = {TAG_A.id: edge_mm + off[0], TAG_B.id: edge_mm + off[1]}  # along, across
         self._K = np.asarray(super().facts().camera_matrix)
         R = Rotation.from_euler("xyz", [np.pi, _TILT_RAD, 0.2]).as_matrix()
         self.base_from_camera = Pose(R, self.center_in_base - distance_mm * R[:, 2])
 
     def facts(self) -> CellFacts:
-        """With tags of this size."""
+        """With tags of this size on an object that moves so."""
         facts = super().facts()
         a, b = facts.tag_a or facts.tag_b, facts.tag_b
+        spec = facts.object
+        if self._motion is not Motion.TURNTABLE:
+            spec = replace(spec, motion=self._motion, center_in_object=None)
         return replace(
-            facts, tag_a=replace(a, size_mm=self.edge_mm), tag_b=replace(b, size_mm=self.edge_mm)
+            facts,
+            tag_a=replace(a, size_mm=self.edge_mm),
+            tag_b=replace(b, size_mm=self.edge_mm),
+            tag_a_sigma_mm=self._print_mm,
+            tag_b_sigma_mm=self._print_mm,
+            object=spec,
         )
 
     def _see(self, spec: TagSpec, truth: Pose) -> TagObservation:
         """The pose that fits the noisy corners best, its covariance that of their noise."""
         square = self.edge_mm * _SQUARE
-        pixels = self._project(truth @ square) + self.rng.normal(size=(4, 2)) * self.corner_px
+        printed = _SQUARE * np.append(self._printed[spec.id], 0.0)
+        pixels = self._project(truth @ printed) + self.rng.normal(size=(4, 2)) * self.corner_px
         pose = truth
         for _ in range(_STEPS):
             J = self._by_pose(pose @ square)

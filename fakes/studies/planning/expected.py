@@ -24,7 +24,7 @@ from fakes.world.simulation import BORED_CENTER_MM, SimulatedRequest, Simulation
 from vgrd.calibration.joint import calibrate_joint, solution_of, tag_b_of
 from vgrd.charts import COLORS, panels
 from vgrd.geometry import Array, Pose
-from vgrd.model import ArmModel, Policy, Recording, frozen_array
+from vgrd.model import ArmModel, Motion, Policy, Recording, frozen_array
 from vgrd.solving.expectation import TURNS_DEG, Assumptions, Cell, expect
 
 if TYPE_CHECKING:
@@ -32,11 +32,9 @@ if TYPE_CHECKING:
 
 _CORNER_PX = 0.03  # as `cell_fit`
 _TURNS_RAD = np.radians(TURNS_DEG)
-_TILTED = ("P1", "P2")  # after every target was touched, the latter half of them half round
-_BAND = (
-    0.85,
-    1.15,
-)  # of the 95 % miss over the foretold: what 40 sessions leave to chance, and 5 %
+# Of the 95 % miss over the foretold: what 40 sessions leave to chance above; below also what touches tell that lean
+# about other axes than the nominal ones.
+_BAND = (0.7, 1.15)
 _HELD = 90.0  # %: stated 95, fewer by the chance of few sessions
 
 
@@ -50,6 +48,8 @@ class _Nominal:
     arm_mm: float = 0.1
     center_mm: float = BORED_CENTER_MM
     may_move: bool = False
+    motion: Motion = Motion.TURNTABLE
+    print_mm: float = 0.0
 
     @property
     def arm(self) -> ArmErrors:
@@ -72,6 +72,8 @@ class _Nominal:
             touch_mm=self.touch_mm,
             arm=self.arm,
             center_mm=self.center_mm,
+            motion=self.motion,
+            print_mm=self.print_mm,
         )
 
 
@@ -82,6 +84,8 @@ _CELLS: Mapping[str, _Nominal] = MappingProxyType(
         "tiny tags from far, fine touches and arm": _Nominal(8.0, 1200.0, 0.02, 0.02),
         "large tags, a bad arm": _Nominal(40.0, arm_mm=0.3),
         "a camera that gives": _Nominal(may_move=True),
+        "an object that lies anywhere, exact tags": _Nominal(motion=Motion.FREE),
+        "an object that lies anywhere, printed tags": _Nominal(motion=Motion.FREE, print_mm=0.05),
     }
 )
 _CASES = tuple({"cell": name} for name in _CELLS)
@@ -95,7 +99,7 @@ def _trial(seed: SeedSequence, parameters: Parameters) -> dict[str, float]:
     solution = solution_of(calibrate_joint(recording))
     foretold = _foretold(parameters["cell"])
     cell.base_from_camera = _displaced(cell, nominal.stability)
-    ratios, told = [], []
+    misses, told = [], []
     for angle, name in product(_TURNS_RAD, cell.targets):
         picture = cell.observe(cell.standing, float(angle))
         place = place_in(picture, nominal.stability)
@@ -104,11 +108,11 @@ def _trial(seed: SeedSequence, parameters: Parameters) -> dict[str, float]:
         answer = solution.expected_for(recording.facts, target, tag, Policy.FIXED, wrist, place)
         error_mm = foretold[float(angle), name]
         miss = cell.miss(SimulatedRequest(name, float(angle), picture), answer.base_from_wrist)
-        ratios.append(float(np.linalg.norm(miss)) / error_mm)
+        misses.append(float(np.linalg.norm(miss)) / error_mm)
         told.append(answer.u95_mm / error_mm)
     return {
-        **{f"ratio {i}": ratio for i, ratio in enumerate(ratios)},
-        "held": float(np.mean(np.less_equal(ratios, 1.0))),
+        **{f"ratio {i}": ratio for i, ratio in enumerate(misses)},
+        "held": float(np.mean(np.less_equal(misses, 1.0))),
         "told": float(np.median(told)),
     }
 
@@ -119,12 +123,19 @@ def _displaced(cell: CornerCell, stability: Array) -> Pose:
 
 
 def _taught(cell: Simulation) -> Recording:
-    """As `Assumptions` has it: every target as it works, the latter half with the object half round, two tilted."""
-    names = [*cell.targets, *_TILTED]
-    count, half = len(cell.targets), len(cell.targets) // 2
-    wrists = [cell.wrist()] * count + [cell.wrist(TILT_RAD) for _ in _TILTED]
-    turns_rad = [0.0] * (count - half) + [np.pi] * half + [0.0] * len(_TILTED)
-    return cell.record(wrists=wrists, names=names, turns_rad=turns_rad, looks=8, spins=4)
+    """As `Assumptions` has it: targets in turn as they work, then half round, then tilted."""
+    facts, names = cell.facts(), list(cell.targets)
+    assumed = Assumptions.of(facts, {})
+    plain = assumed.touches - assumed.tilted
+    wrists = [cell.wrist()] * plain + [cell.wrist(TILT_RAD) for _ in range(assumed.tilted)]
+    turned = [np.pi] * assumed.turned
+    return cell.record(
+        wrists=wrists,
+        names=[names[i % len(names)] for i in (*range(plain), *range(assumed.tilted))],
+        turns_rad=[0.0] * (plain - assumed.turned) + turned + [0.0] * assumed.tilted,
+        looks=assumed.looks,
+        spins=assumed.spins,
+    )
 
 
 @cache
@@ -179,8 +190,8 @@ def _draw(trials: Trials) -> "Drawing":
         "Misses over what was foretold", ("miss / foretold 95 % error", "share of the misses")
     )
     for color, name in zip(COLORS, _CELLS, strict=False):
-        ratios = np.sort(ratios(trials, name))
-        axes.plot(ratios, np.arange(1, len(ratios) + 1) / len(ratios), color=color, label=name)
+        misses = np.sort(ratios(trials, name))
+        axes.plot(misses, np.arange(1, len(misses) + 1) / len(misses), color=color, label=name)
     axes.axvline(1.0, color="black", linewidth=0.8)
     axes.axhline(0.95, color="black", linewidth=0.8)
     axes.legend(fontsize=8, frameon=False)

@@ -5,6 +5,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from vgrd.commands.budget import draw_shares
 from vgrd.commands.printing import JsonOption, Result, console, print_result, table
 from vgrd.errors import ConfigError
 
@@ -60,6 +61,14 @@ def expect(
     tilted: Annotated[
         int | None, typer.Option(min=0, help="So many of the touches with the wrist tilted.")
     ] = None,
+    focal_percent: Annotated[
+        float | None, typer.Option(min=0, help="Sigma of the focal length.")
+    ] = None,
+    center_px: Annotated[float | None, typer.Option(min=0, help="Sigma of cx and cy.")] = None,
+    drift_mm: Annotated[
+        float | None, typer.Option(min=0, help="Sigma of what moves later.")
+    ] = None,
+    png: Annotated[Path | None, typer.Option(help="Draw the shares into this file.")] = None,
     json_to: JsonOption = None,
 ) -> None:
     """Tell the error that a cell can be expected to have, and what to change first, from its file alone."""
@@ -67,6 +76,7 @@ def expect(
     from vgrd.config.setup import camera_stability, cell_facts
     from vgrd.model import Policy
     from vgrd.solving.expectation import Assumptions, Cell, report
+    from vgrd.solving.expectation import expect as foresee
 
     settings = _checked(check_cell(config), config)
     facts = cell_facts(settings)
@@ -83,6 +93,9 @@ def expect(
         "touches": touches,
         "turned": turned,
         "tilted": tilted,
+        "focal_percent": focal_percent,
+        "center_px": center_px,
+        "drift_mm": drift_mm,
     }
     assumed = Assumptions.of(facts, {k: v for k, v in given.items() if v is not None})
     sigmas_mm = (settings.touch.lateral_sigma_mm, settings.touch.axial_sigma_mm)
@@ -90,7 +103,11 @@ def expect(
         facts, camera_stability(settings), sigmas_mm, Policy(settings.serving.policy), assumed
     )
     limits_mm = (settings.serving.warn_u95_mm, settings.serving.max_u95_mm)
-    print_result({"cell": settings.cell.name, **report(cell, limits_mm)}, json_to, _show)
+    expectation = foresee(cell)
+    if png is not None:
+        draw_shares(expectation.budget, f"Expected error of {settings.cell.name}", png)
+    told = report(cell, expectation, limits_mm)
+    print_result({"cell": settings.cell.name, **told}, json_to, _show)
 
 
 def _checked(checked: "CheckedCell", path: Path) -> "CellConfig":
@@ -127,6 +144,9 @@ def _show(result: Result) -> None:
     console.print(table(title, ("change", "95 % error of the worst target, mm"), changes))
     minutes = ", ".join(f"{kind} {value:.1f}" for kind, value in result["minutes"].items())
     _say(f"operator minutes: {minutes}")
+    if result["tag_a_hidden_u95_mm"] is not None:
+        hidden_mm = result["tag_a_hidden_u95_mm"]
+        _say(f"with tag A hidden in the answers' pictures: {hidden_mm:.2f} mm at the worst target")
     assumed = ", ".join(f"{key} {value:g}" for key, value in result["assumed"].items())
     _say(f"assumed (each is an option): {assumed}")
     _say(f"95 % error: {result['u95_includes']}")

@@ -22,9 +22,10 @@ _NOT_INCLUDED = (
 )
 
 
-def report(cell: Cell, limits_mm: tuple[float, float]) -> dict[str, object]:
+def report(
+    cell: Cell, expectation: Expectation, limits_mm: tuple[float, float]
+) -> dict[str, object]:
     """Everything to tell; limits_mm: `warn_u95_mm` and `max_u95_mm` of the cell file. Raises as `expect`."""
-    expectation = expect(cell)
     budget, changes = expectation.budget, changes_of(cell)
     minutes = cell.minutes()
     warn_mm, max_mm = limits_mm
