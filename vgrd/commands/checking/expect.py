@@ -61,6 +61,9 @@ def expect(
     tilted: Annotated[
         int | None, typer.Option(min=0, help="So many of the touches with the wrist tilted.")
     ] = None,
+    four_axes: Annotated[
+        bool, typer.Option("--four-axes", help="The wrist turns about the vertical only.")
+    ] = False,
     focal_percent: Annotated[
         float | None, typer.Option(min=0, help="Sigma of the focal length.")
     ] = None,
@@ -93,6 +96,7 @@ def expect(
         "touches": touches,
         "turned": turned,
         "tilted": tilted,
+        "four_axes": four_axes,
         "focal_percent": focal_percent,
         "center_px": center_px,
         "drift_mm": drift_mm,

@@ -21,6 +21,7 @@ class Assumptions:
     targets that have no point_mm; tool_mm: flange to tip; corner_px: of a tag's corner, 1 sigma per axis; arm_mm:
     as `robot.sigma_mm`, None takes that. turned of the touches are taken with the object half round, tilted with
     the wrist leaning. focal_percent, center_px, drift_mm: as of `vgrd budget`.
+    four_axes: the wrist turns about the vertical only, in looks and in tilted touches.
     """
 
     looks: int
@@ -38,6 +39,7 @@ class Assumptions:
     focal_percent: float = 0.03  # as `Systematic.of`
     center_px: float = 0.5  # as `Systematic.of`
     drift_mm: float = 0.02  # as `Systematic.of`
+    four_axes: bool = False
 
     @classmethod
     def of(cls, facts: CellFacts, given: Mapping[str, Any]) -> "Assumptions":

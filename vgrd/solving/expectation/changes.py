@@ -3,13 +3,12 @@
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
-from vgrd.errors import CalibrationError
+from vgrd.errors import CalibrationError, InputError
 from vgrd.model import CellFacts, Motion, TagSpec
 from vgrd.solving.expectation.expectation import Cell, expect
 
 _LARGER = 1.6  # of a tag: from 25 to 40 mm
 _NEARER = 0.7  # of the camera: half the depth error
-_STRAIGHT = 1  # touches as the tool works that are left, beside turned ones
 _BORED_MM = 0.02  # as `object.center_sigma_mm` of a centre that was measured (docs/cell-file.md)
 
 
@@ -22,12 +21,12 @@ class Change:
 
 
 def changes_of(cell: Cell) -> list[Change]:
-    """What to change first comes first; what cannot be solved is left out."""
+    """What to change first comes first; what cannot be is left out."""
     changes = []
     for words, changed in _changed(cell):
         try:
             changes.append(Change(words, expect(changed).worst_mm))
-        except CalibrationError:
+        except (CalibrationError, InputError):  # such as a camera too near for tag A
             continue
     return sorted(changes, key=lambda change: change.u95_mm)
 
@@ -52,13 +51,15 @@ def _of_parts(cell: Cell) -> Iterator[tuple[str, Cell]]:
     yield words, replace(cell, assumed=replace(assumed, distance_mm=nearer))
     words = f"an arm good to {cell.arm_mm / 2:g} mm instead of {cell.arm_mm:g} mm"
     yield words, replace(cell, assumed=replace(assumed, arm_mm=cell.arm_mm / 2))
-    half = replace(
-        facts, tag_a_sigma_mm=facts.tag_a_sigma_mm / 2, tag_b_sigma_mm=facts.tag_b_sigma_mm / 2
-    )
-    words = f"tags measured to {half.tag_b_sigma_mm:g} mm instead of {facts.tag_b_sigma_mm:g} mm"
-    yield words, _with(cell, half)
-    words = f"focal length known to {assumed.focal_percent / 2:g} % instead of {assumed.focal_percent:g} %"
-    yield words, replace(cell, assumed=replace(assumed, focal_percent=assumed.focal_percent / 2))
+    sigma_mm = facts.tag_b_sigma_mm
+    if sigma_mm > 0:
+        half = replace(facts, tag_a_sigma_mm=facts.tag_a_sigma_mm / 2, tag_b_sigma_mm=sigma_mm / 2)
+        words = f"edges of the tags measured to {sigma_mm / 2:g} mm instead of {sigma_mm:g} mm"
+        yield words, _with(cell, half)
+    percent = assumed.focal_percent
+    if percent > 0:
+        words = f"focal length known to {percent / 2:g} % instead of {percent:g} %"
+        yield words, replace(cell, assumed=replace(assumed, focal_percent=percent / 2))
     yield from _of_object(cell)
 
 
@@ -92,7 +93,8 @@ def _of_teaching(cell: Cell) -> Iterator[tuple[str, Cell]]:
         words = f"{2 * count} {name} instead of {count}"
         yield words, replace(cell, assumed=replace(assumed, **more))
 
-    if assumed.touches - assumed.turned - 2 * assumed.tilted >= _STRAIGHT and assumed.tilted:
+    least = max(1, len(cell.facts.object.bare))  # as the tool works
+    if assumed.tilted and assumed.touches - assumed.turned - 2 * assumed.tilted >= least:
         words = f"{2 * assumed.tilted} of the touches tilted instead of {assumed.tilted}"
         yield words, replace(cell, assumed=replace(assumed, tilted=2 * assumed.tilted))
 

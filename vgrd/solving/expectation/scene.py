@@ -153,8 +153,14 @@ class Scene:
         ]
         for i in range(assumed.tilted):
             name, side = straight[i % len(straight)], np.eye(3)[i % 2] * (-1) ** (i // 2)
-            wished.append((name, exp_rotation(_TURN_RAD * side) @ self._wrist(name), 0.0))
+            wished.append((name, self._turned(side) @ self._wrist(name), 0.0))
         return wished
+
+    def _turned(self, axis: Array) -> Array:
+        """Turn (3, 3) of the wrist about an axis (3,); an arm of four axes turns about the vertical instead."""
+        if self.assumed.four_axes:
+            axis = _UP * float(np.sum(axis))
+        return np.asarray(exp_rotation(_TURN_RAD * axis))
 
     def _wrist(self, name: str) -> Array:
         """As it works at that target."""
@@ -184,7 +190,7 @@ class Scene:
         reach = min(_REACH_MM, _REACH_SHARE * min(self.field_mm()))
         poses = []
         for k in range(_TRIES * count):
-            turn = exp_rotation(_TURN_RAD * _SIDES[k % len(_SIDES)])
+            turn = self._turned(_SIDES[k % len(_SIDES)])
             poses.append(self._above(turn @ self.straight, reach * _CORNERS[k % len(_CORNERS)]))
         return sorted(poses, key=lambda pose: not self._shows_tag_a(pose))[:count]
 

@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from vgrd.errors import InputError
 from vgrd.geometry import Array, Pose, hat
 from vgrd.geometry.camera import CameraModel
 from vgrd.model import TagObservation, TagSpec, frozen_array
@@ -12,8 +13,16 @@ _SQUARE = np.array([(-0.5, -0.5, 0.0), (0.5, -0.5, 0.0), (0.5, 0.5, 0.0), (-0.5,
 def sight_of(
     camera: CameraModel, tag: TagSpec, camera_from_tag: Pose, corner_px: float
 ) -> TagObservation:
-    """The tag where it is, mm, every corner good to corner_px per axis, 1 sigma, by itself."""
+    """The tag where it is, mm, every corner good to corner_px per axis, 1 sigma, by itself.
+
+    Raises InputError for a tag that is not in front of the camera.
+    """
     corners = camera_from_tag @ (tag.size_mm * _SQUARE)
+    if corners[:, 2].min() < tag.size_mm:
+        raise InputError(
+            f"the camera is so near that tag {tag.id} passes beside it: give a larger --distance-mm, or a shorter "
+            "--tool-mm"
+        )
     pixels, D = camera.linearize(corners)
     J = np.concatenate([D, -D @ hat(corners)], axis=2).reshape(8, 6)
     covariance = corner_px**2 * np.linalg.inv(J.T @ J)
