@@ -8,6 +8,7 @@ would be left if all the others were nought.
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from enum import StrEnum
+from functools import cached_property
 
 import numpy as np
 from scipy.linalg import solve_triangular
@@ -20,7 +21,6 @@ from vgrd.calibration.joint import (
     CameraCorrections,
     EvidenceKind,
     JointFit,
-    JointSolution,
     Prediction,
     PriorSigmas,
     Tags,
@@ -34,7 +34,7 @@ from vgrd.calibration.planning.predicted_error import Job, PredictedError
 from vgrd.calibration.planning.reach import known_targets
 from vgrd.errors import InputError
 from vgrd.geometry import Array
-from vgrd.model import UNMOVED, CameraPlace, CellFacts, Policy, TagObservation, Target
+from vgrd.model import UNMOVED, CameraPlace, CellFacts, Policy, TagObservation
 
 _NOTHING = np.zeros((3, 3))
 
@@ -164,14 +164,19 @@ def error_budget(
     chain = _Chain(result, now, systematic or Systematic())
     solution = solution_of(result)
     works = [work_orientation(result.recording, n, policy, base_from_work) for n in names]
-    per_target = [
-        chain.parts(predict(result, solution, name, now, policy, work))
+    predictions = [
+        predict(result, solution, name, now, policy, work)
         for name, work in zip(names, works, strict=True)
     ]
+    per_target = [chain.parts(prediction) for prediction in predictions]
     if not place.is_exact:
-        for parts, name, work in zip(per_target, names, works, strict=True):
-            wish = (result.recording.facts, target_of(result.recording.facts, name), now, policy)
-            parts[Source.CAMERA] = _of_place(solution, wish, work, place)
+        facts = result.recording.facts
+        for parts, still, name, work in zip(per_target, predictions, names, works, strict=True):
+            moved = solution.predict(facts, target_of(facts, name), now, policy, work, place)
+            parts[Source.CAMERA] = _added(
+                moved.covariance(solution.covariance, now.covariance),
+                still.covariance(result.covariance, now.covariance),
+            )
     links = tuple(link for link in Source if link in per_target[0])
     traces = np.array([[np.trace(parts[link]) for link in links] for parts in per_target])
     covariances = [np.sum(list(parts.values()), axis=0) for parts in per_target]
@@ -183,17 +188,8 @@ def error_budget(
     return Budget(names, links, traces / traces.sum(axis=1, keepdims=True), radii, irrelevant)
 
 
-def _of_place(
-    solution: JointSolution,
-    wish: tuple[CellFacts, Target, TagObservation, Policy],
-    R_work: Array,
-    place: CameraPlace,
-) -> Array:
-    """Covariance (3, 3) that is added where the camera may have moved; what tag A tells beside is left out."""
-    moved, still = (
-        solution.expected_for(*wish, R_work, where).position_covariance
-        for where in (place, UNMOVED)
-    )
+def _added(moved: Array, still: Array) -> Array:
+    """Covariance (3, 3) beyond that of a camera that stands; what tag A tells beside is left out."""
     values, vectors = np.linalg.eigh(moved - still)
     return np.asarray((vectors * np.maximum(values, 0.0)) @ vectors.T)
 
@@ -287,11 +283,10 @@ class _Chain:
 
     def _of_pictures(self, prediction: Prediction, gain: Array) -> dict[Source, Array]:
         """What all pictures share, as far as it was not refined, and time."""
-        data, systematic = self._result.data, self._systematic
-        corrections = CameraCorrections.of(self._result.recording.facts, systematic.corrections)
+        data, systematic, corrections = self._result.data, self._systematic, self._corrections
         parts: dict[Source, Array] = {}
         if corrections.count:
-            J = self._by_pictures(prediction, gain, corrections)
+            J = self._by_pictures(prediction, gain)
             for i, name in enumerate(corrections.sigmas):
                 if name not in data.corrections.sigmas:
                     source, K = _source(name), J[:, i : i + 1]
@@ -300,27 +295,37 @@ class _Chain:
             parts[Source.TIME] = systematic.drift_mm**2 * np.eye(3)
         return parts
 
-    def _by_pictures(
-        self, prediction: Prediction, gain: Array, corrections: CameraCorrections
-    ) -> Array:
+    def _by_pictures(self, prediction: Prediction, gain: Array) -> Array:
         """How the answer moves, (3, e), when all tags are seen with sizes or intrinsics off."""
-        data, values = self._result.data, np.zeros(corrections.count)
+        by_now, by_link = self._tangents
+        total = prediction.J_picture @ by_now
+        for link, rows in by_link:
+            total = total - gain[:, self._result.data.rows_of(link)] @ rows
+        return np.asarray(total)
+
+    @cached_property
+    def _corrections(self) -> CameraCorrections:
+        return CameraCorrections.of(self._result.recording.facts, self._systematic.corrections)
+
+    @cached_property
+    def _tangents(self) -> tuple[Array, list[tuple[EvidenceKind, Array]]]:
+        """By what all pictures share: tangents (6, e) of the picture now, rows (r, e) of every link."""
+        data, corrections = self._result.data, self._corrections
+        values = np.zeros(corrections.count)
         now = Tags(
             self._now.camera_from_tag.rotation[None],
             self._now.camera_from_tag.translation[None],
             np.eye(6)[None],
         )
-        total = prediction.J_picture @ _refined_tangents(now, corrections, TAG_B, values)[0]
+        by_link = []
         for link, tags, tag in (
             (EvidenceKind.HAND_EYE, data.looks.tags, TAG_A),
             (EvidenceKind.REFERENCE, data.reference, TAG_B),
             (EvidenceKind.SPINS, data.spins, TAG_B),
         ):
-            rows = (
-                tags.sqrt_informations @ _refined_tangents(tags, corrections, tag, values)
-            ).reshape(-1, corrections.count)
-            total = total - gain[:, data.rows_of(link)] @ rows
-        return np.asarray(total)
+            rows = tags.sqrt_informations @ _refined_tangents(tags, corrections, tag, values)
+            by_link.append((link, rows.reshape(-1, corrections.count)))
+        return _refined_tangents(now, corrections, TAG_B, values)[0], by_link
 
 
 def _refined_tangents(
