@@ -24,7 +24,7 @@ from vgrd.commands import (
     study,
     target,
 )
-from vgrd.commands.checking import calibrations, check, drivers, snapshot
+from vgrd.commands.checking import calibrations, check, drivers, expect, snapshot
 from vgrd.commands.wizard import teach
 from vgrd.errors import DaemonUnreachable, VgrdError
 
@@ -40,6 +40,7 @@ for group in (
     daemon,
     check,
     drivers,
+    expect,
     snapshot,
     detect,
     importing,

@@ -20,6 +20,7 @@ from fakes.studies.paper import (
 )
 from fakes.studies.paper.contacts import contact_methods, contact_plans
 from fakes.studies.paper.published import eq9, eq19, eq25
+from fakes.studies.planning import expected
 from fakes.studies.prints import single_tags
 from fakes.studies.robustness import (
     bare_targets,
@@ -67,6 +68,7 @@ STUDIES: Mapping[str, Study] = MappingProxyType(
             conventions,
             degenerate,
             degenerate_touches,
+            expected,
             false_alarms,
             jog_and_touch,
             misfits,

@@ -88,7 +88,7 @@ def budget(
         systematic,
     )
     if png is not None:
-        _draw(shared_out, f"Error budget of {recording.session}, policy {policy}", png)
+        draw_shares(shared_out, f"Error budget of {recording.session}, policy {policy}", png)
     assumed = {
         "turn_deg": turn_deg,
         "print_percent": print_percent,
@@ -106,7 +106,8 @@ def budget(
     print_result({**told, **shared_out.to_json(), "assumed": assumed}, json_to, _show)
 
 
-def _draw(budget: "Budget", title: str, png: Path) -> None:
+def draw_shares(budget: "Budget", title: str, png: Path) -> None:
+    """Draw it into a file; InputError where that cannot be written."""
     from vgrd.solving.budget_chart import draw_budget
 
     try:

@@ -14,7 +14,7 @@ from vgrd.calibration.joint.camera_corrections import (
     adjoints,
 )
 from vgrd.calibration.joint.estimate import calibrate_joint, start_near_tag_plane
-from vgrd.calibration.joint.expected import expected_by_joint, predict, work_orientation
+from vgrd.calibration.joint.expected import expected_by_joint, predict, tag_b_of, work_orientation
 from vgrd.calibration.joint.fit import (
     JointFit,
     information_inverse,
@@ -80,6 +80,7 @@ __all__ = [
     "predict",
     "solution_of",
     "start_near_tag_plane",
+    "tag_b_of",
     "target_of",
     "taught_place",
     "touch_misses",

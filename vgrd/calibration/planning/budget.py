@@ -8,10 +8,12 @@ would be left if all the others were nought.
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from enum import StrEnum
+from functools import cached_property
 
 import numpy as np
 from scipy.linalg import solve_triangular
 
+from vgrd.calibration.acceptance import served_radius
 from vgrd.calibration.joint import (
     PRINTED,
     TAG_A,
@@ -24,6 +26,7 @@ from vgrd.calibration.joint import (
     Tags,
     predict,
     solution_of,
+    target_of,
     whiten_arm,
     work_orientation,
 )
@@ -31,8 +34,7 @@ from vgrd.calibration.planning.predicted_error import Job, PredictedError
 from vgrd.calibration.planning.reach import known_targets
 from vgrd.errors import InputError
 from vgrd.geometry import Array
-from vgrd.geometry.covariance import radius95
-from vgrd.model import CellFacts, Policy, TagObservation
+from vgrd.model import UNMOVED, CameraPlace, CellFacts, Policy, TagObservation
 
 _NOTHING = np.zeros((3, 3))
 
@@ -43,8 +45,8 @@ class Source(StrEnum):
     REPEATABILITY, FIELD, QUANTISATION: the arm, taught and at the answer. HAND_EYE: tag A in all
     pictures. TCP: touches of a fixed point; where none were taught, the TCP's error is among the
     TOUCHES. TAG_B: in the pictures while touching, in spins, and now. PRINT, INTRINSICS, TIME: what
-    all pictures share, or what moved since. EXCESS: residuals beyond all stated sigmas.
-    UNDETERMINED: what the samples leave open.
+    all pictures share, or what moved since. CAMERA: it may stand elsewhere since, as far as tag A does not
+    tell. EXCESS: residuals beyond all stated sigmas. UNDETERMINED: what the samples leave open.
     """
 
     REPEATABILITY = "robot repeatability"
@@ -59,6 +61,7 @@ class Source(StrEnum):
     CAD = "targets in CAD"
     PRINT = "print tolerance"
     INTRINSICS = "intrinsics"
+    CAMERA = "camera moved since (tag A)"
     TIME = "time"
     EXCESS = "beyond the stated noise"
     UNDETERMINED = "left undetermined"
@@ -148,10 +151,12 @@ def error_budget(
     base_from_work: Array | None = None,
     systematic: Systematic | None = None,
     targets: Sequence[str] | None = None,
+    place: CameraPlace = UNMOVED,
 ) -> Budget:
     """Where the variance of every target's expected coordinate comes from, for a picture.
 
-    Shares are of the trace of the position's covariance. Raises what `expected_by_joint` raises.
+    place: where the camera may stand in it, as answers are served. Shares are of the trace of the
+    position's covariance. Raises what `expected_by_joint` raises.
     """
     names = tuple(targets or known_targets(result))
     if not names:
@@ -159,18 +164,34 @@ def error_budget(
     chain = _Chain(result, now, systematic or Systematic())
     solution = solution_of(result)
     works = [work_orientation(result.recording, n, policy, base_from_work) for n in names]
-    per_target = [
-        chain.parts(predict(result, solution, name, now, policy, work))
+    predictions = [
+        predict(result, solution, name, now, policy, work)
         for name, work in zip(names, works, strict=True)
     ]
+    per_target = [chain.parts(prediction) for prediction in predictions]
+    if not place.is_exact:
+        facts = result.recording.facts
+        for parts, still, name, work in zip(per_target, predictions, names, works, strict=True):
+            moved = solution.predict(facts, target_of(facts, name), now, policy, work, place)
+            parts[Source.CAMERA] = _added(
+                moved.covariance(solution.covariance, now.covariance),
+                still.covariance(result.covariance, now.covariance),
+            )
     links = tuple(link for link in Source if link in per_target[0])
     traces = np.array([[np.trace(parts[link]) for link in links] for parts in per_target])
-    radii = np.array([radius95(np.sum(list(parts.values()), axis=0)) for parts in per_target])
+    covariances = [np.sum(list(parts.values()), axis=0) for parts in per_target]
+    radii = np.array([served_radius(covariance, place) for covariance in covariances])
     asked = () if base_from_work is None else (base_from_work,)
     job = Job(policy, asked, angles_rad=(0.0,), targets=names)
     undetermined = PredictedError(result, job).undetermined()
     irrelevant = tuple(direction.what for direction in undetermined if not direction.matters)
     return Budget(names, links, traces / traces.sum(axis=1, keepdims=True), radii, irrelevant)
+
+
+def _added(moved: Array, still: Array) -> Array:
+    """Covariance (3, 3) beyond that of a camera that stands; what tag A tells beside is left out."""
+    values, vectors = np.linalg.eigh(moved - still)
+    return np.asarray((vectors * np.maximum(values, 0.0)) @ vectors.T)
 
 
 class _Chain:
@@ -262,11 +283,10 @@ class _Chain:
 
     def _of_pictures(self, prediction: Prediction, gain: Array) -> dict[Source, Array]:
         """What all pictures share, as far as it was not refined, and time."""
-        data, systematic = self._result.data, self._systematic
-        corrections = CameraCorrections.of(self._result.recording.facts, systematic.corrections)
+        data, systematic, corrections = self._result.data, self._systematic, self._corrections
         parts: dict[Source, Array] = {}
         if corrections.count:
-            J = self._by_pictures(prediction, gain, corrections)
+            J = self._by_pictures(prediction, gain)
             for i, name in enumerate(corrections.sigmas):
                 if name not in data.corrections.sigmas:
                     source, K = _source(name), J[:, i : i + 1]
@@ -275,27 +295,37 @@ class _Chain:
             parts[Source.TIME] = systematic.drift_mm**2 * np.eye(3)
         return parts
 
-    def _by_pictures(
-        self, prediction: Prediction, gain: Array, corrections: CameraCorrections
-    ) -> Array:
+    def _by_pictures(self, prediction: Prediction, gain: Array) -> Array:
         """How the answer moves, (3, e), when all tags are seen with sizes or intrinsics off."""
-        data, values = self._result.data, np.zeros(corrections.count)
+        by_now, by_link = self._tangents
+        total = prediction.J_picture @ by_now
+        for link, rows in by_link:
+            total = total - gain[:, self._result.data.rows_of(link)] @ rows
+        return np.asarray(total)
+
+    @cached_property
+    def _corrections(self) -> CameraCorrections:
+        return CameraCorrections.of(self._result.recording.facts, self._systematic.corrections)
+
+    @cached_property
+    def _tangents(self) -> tuple[Array, list[tuple[EvidenceKind, Array]]]:
+        """By what all pictures share: tangents (6, e) of the picture now, rows (r, e) of every link."""
+        data, corrections = self._result.data, self._corrections
+        values = np.zeros(corrections.count)
         now = Tags(
             self._now.camera_from_tag.rotation[None],
             self._now.camera_from_tag.translation[None],
             np.eye(6)[None],
         )
-        total = prediction.J_picture @ _refined_tangents(now, corrections, TAG_B, values)[0]
+        by_link = []
         for link, tags, tag in (
             (EvidenceKind.HAND_EYE, data.looks.tags, TAG_A),
             (EvidenceKind.REFERENCE, data.reference, TAG_B),
             (EvidenceKind.SPINS, data.spins, TAG_B),
         ):
-            rows = (
-                tags.sqrt_informations @ _refined_tangents(tags, corrections, tag, values)
-            ).reshape(-1, corrections.count)
-            total = total - gain[:, data.rows_of(link)] @ rows
-        return np.asarray(total)
+            rows = tags.sqrt_informations @ _refined_tangents(tags, corrections, tag, values)
+            by_link.append((link, rows.reshape(-1, corrections.count)))
+        return _refined_tangents(now, corrections, TAG_B, values)[0], by_link
 
 
 def _refined_tangents(

@@ -1,0 +1,4 @@
+"""Studies of what is foretold before anything is taught.
+
+May import what all studies may.
+"""
