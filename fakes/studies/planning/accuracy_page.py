@@ -88,8 +88,8 @@ every corner.
 | --- | --- | --- | --- | --- |
 @MEASURED@
 
-Where the last column is above 1, the session had to find its noise from few samples, and says so; where it is below,
-its touches happened to lean more than the nominal ones.
+Where the last column is above 1, the session had to find its noise from few samples, and says so. Where it is below,
+the expected figure is on the careful side; probably since the touches of these cells turn about all three axes.
 
 The table in [does my cell fit](fit.md) was measured too (`vgrd study cell-fit`), by sessions of 10 touches of which
 none was with the object turned: the median of all targets and turns there, the worst of them here.

@@ -6,8 +6,8 @@ May import calibration, config and judging.
 from vgrd.solving.expectation.assumptions import Assumptions
 from vgrd.solving.expectation.changes import Change, changes_of
 from vgrd.solving.expectation.expectation import TURNS_DEG, Cell, Expectation, expect
-from vgrd.solving.expectation.report import report
 from vgrd.solving.expectation.scene import Scene
+from vgrd.solving.expectation.wording import report
 
 __all__ = [
     "TURNS_DEG",
