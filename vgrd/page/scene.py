@@ -20,6 +20,7 @@ _LEAST_MM = 300.0  # that the drawing is wide: a lone flange fills no page
 _FLANGE_MM, _CAMERA_MM, _AXIS_MM, _TOOL_MM = 32.0, 60.0, 120.0, 100.0  # sizes of what is drawn
 _SIDES = 24  # of a circle
 _NEAR_MM, _NEAR_DEG = 1.0, 0.5  # so near a pose is reached: hands do not jog finer
+_ALONG = np.array([[0.0, 0, -_AXIS_MM], [0, 0, _AXIS_MM]])  # the axis of turning, up and down
 _CORNERS = np.array([(-1, -1), (1, -1), (1, 1), (-1, 1)]) / 2
 _TURNED = np.linspace(0.2, 1.7, 13)  # rad: of the arrow that says "turn the object"
 
@@ -83,7 +84,7 @@ def _axes(azimuth_deg: float) -> str:
 def _cell(scene: Reply) -> Iterable[Shape]:
     """What stands there now."""
     if axis := scene.get("axis"):
-        yield Shape("axis", _through(Pose.from_matrix(axis)))
+        yield Shape("axis", _moved(axis, _ALONG))
     for name in ("tag_a", "tag_b"):
         if rows := scene.get(name):
             half = _CORNERS * scene["tag_mm"][name[-1]]
@@ -135,13 +136,10 @@ def _camera(rows: ArrayLike) -> Iterable[Shape]:
         yield Shape("camera", _moved(rows, np.array([[0.0, 0, 0], corner])), label=label)
 
 
-def _through(base_from_axis: Pose) -> Array:
-    """The axis of turning, up and down."""
-    return base_from_axis @ np.array([[0.0, 0, -_AXIS_MM], [0, 0, _AXIS_MM]])
-
-
 def _moved(rows: ArrayLike, points: Array) -> Array:
-    return Pose.from_matrix(rows) @ points
+    M = np.asarray(rows, dtype=np.float64)
+    moved: Array = points @ M[:3, :3].T + M[:3, 3]
+    return moved
 
 
 def _element(shape: Shape, placed: Array) -> str:

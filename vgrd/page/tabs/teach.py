@@ -34,6 +34,7 @@ class TeachTab:
         self._visitor = visitor
         self._drawn: object = None
         self._azimuth_deg = _VIEW_DEG
+        self._seen: object = None  # what is drawn
         with card(kind="step") as self._step:
             with ui.row().classes("items-center"):
                 self._turn = ui.label().classes("turn")
@@ -143,6 +144,10 @@ class TeachTab:
 
     def _show_scene(self, step: Reply) -> None:
         scene = self._visitor.link.reply("scene")
+        seen = (id(scene), step, self._azimuth_deg)
+        if seen == self._seen:
+            return
+        self._seen = seen
         content = drawing(scene, step, self._azimuth_deg)
         if content != self._scene.content:
             self._scene.set_content(content)
