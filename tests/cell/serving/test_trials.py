@@ -12,7 +12,7 @@ from fakes.testing import ManualClock
 from fakes.world.simulation import WORK_ROTATION, Simulation
 from tests.reporting.sessions import TURNED, recorded
 from vgrd.cell.serving.trials import Trials
-from vgrd.errors import ControlError, Corrupt
+from vgrd.errors import ControlError, Corrupt, InputError
 from vgrd.geometry import Pose
 from vgrd.solving.session import solve_session
 from vgrd.store.calibrations import CalibrationStore
@@ -86,3 +86,15 @@ def test_a_damaged_file_is_named_and_nothing_overwrites_it(cell):
     with pytest.raises(Corrupt, match="move it away"):
         add(cell, TURNED[1])
     assert file.read_text() == damaged
+
+
+def test_the_last_one_is_taken_back_and_stays_in_the_file(cell):
+    add(cell, TURNED[0])
+    assert add(cell, TURNED[1], off_mm=8.0)["verdict"] == "no go"
+    told = asyncio.run(trials(cell).undo())
+    assert told["verdict"] == "open"
+    assert len(told["verifications"]) == 1
+    assert (cell.folder / "trials" / "cal-000001.json").read_text().count('"target"') == 2
+    asyncio.run(trials(cell).undo())
+    with pytest.raises(InputError, match="nothing undone"):
+        asyncio.run(trials(cell).undo())

@@ -117,10 +117,7 @@ class Operations:
             ),
             "verify": guarded(self._verify, "target"),
             "point": guarded(lambda a: teaching.point(text_argument(a, "name")), "name"),
-            "undo": guarded(
-                lambda a: teaching.undo(optional_text(a, "kind"), optional_whole(a, "sample")),
-                *("kind", "sample"),
-            ),
+            "undo": guarded(self._undo, "kind", "sample"),
             "retag": guarded(
                 lambda a: teaching.retag(whole_argument(a, "sample"), text_argument(a, "target")),
                 *("sample", "target"),
@@ -332,6 +329,14 @@ class Operations:
         reply = await self.teaching.touch(target, SampleKind.VERIFY)
         touch = self.teaching.last_touch
         return reply | dict(await self.activation.bear_out(touch) if touch else {})
+
+    async def _undo(self, arguments: Arguments) -> Mapping[str, Any]:
+        """In the open session; without one, the last verification of the calibration in use."""
+        kind, sample = optional_text(arguments, "kind"), optional_whole(arguments, "sample")
+        is_trial = sample is None and kind in (None, SampleKind.VERIFY.value)
+        if is_trial and self.teaching.recorder.writer is None and self.serving.calibration:
+            return await self.trials.undo()
+        return await self.teaching.undo(kind, sample)
 
     async def _confirm(self, arguments: Arguments) -> Mapping[str, Any]:
         adopted: Mapping[str, Any] = {}

@@ -17,7 +17,7 @@ from vgrd.calibration.confirmation import Confirmation, Verified, verified_of
 from vgrd.calibration.verification import apart, turns_of
 from vgrd.cell.serving.service import Serving
 from vgrd.clock import Clock
-from vgrd.errors import ControlError, StoreError
+from vgrd.errors import ControlError, InputError, StoreError
 from vgrd.geometry import Array
 from vgrd.model import Touch
 from vgrd.permissions import make_folder
@@ -53,6 +53,13 @@ class Trials:
             **told,
         }
 
+    async def undo(self) -> dict[str, Any]:
+        """Take back the last one: it stays in the file, marked. InputError where there is none."""
+        calibration = self._calibration()
+        undone = await asyncio.to_thread(self._undo, calibration.id)
+        told = await self.tell()
+        return {"undone": f"verification of {undone['target']}, {undone['off_mm']} mm off", **told}
+
     async def tell(self) -> dict[str, Any]:
         """Of the calibration in use: verdict, words, `confirmed_mm`, every verification."""
         calibration = self._calibration()
@@ -62,6 +69,15 @@ class Trials:
         if self._serving.calibration is None:
             raise ControlError("no calibration is in use, so there is nothing to verify")
         return self._serving.calibration
+
+    def _undo(self, name: str) -> Mapping[str, Any]:
+        kept = self._kept(name)
+        for record in reversed(kept):
+            if not record.get("undone"):
+                record["undone"] = True
+                write_document(self._file(name), kept, _SCHEMA)
+                return dict(record)
+        raise InputError(f"nothing undone: {name} has no verification that counts")
 
     def _keep(self, name: str, record: Mapping[str, Any]) -> None:
         make_folder(self._file(name).parent)
@@ -74,7 +90,7 @@ class Trials:
         return list(read_document(self._file(name), _SCHEMA, remedy))
 
     def _told(self, calibration: Calibration) -> dict[str, Any]:
-        records = self._kept(calibration.id)
+        records = [one for one in self._kept(calibration.id) if not one.get("undone")]
         turns = [None if one["turn"] is None else np.array(one["turn"]) for one in records]
         counting = set(apart(self._turns_taught(calibration), turns))
         verified = tuple(

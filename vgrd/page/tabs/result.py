@@ -67,7 +67,8 @@ class ResultTab:
                     ui.select([], label=texts.TARGET).props("outlined").mark("trial-target")
                 )
                 plain_button(texts.WHERE, self._show_where).mark("where")
-                self._verifying = button("verify", self._verify)
+                button("verify", self._verify)
+                button("undo", self._undo)
             self._where = ui.label().mark("where-words")
             self._trial_grid = Grid(("target", "off_mm", "counts", "fails", "trouble"))
 
@@ -88,6 +89,9 @@ class ResultTab:
 
     async def _verify(self, seen: Seen) -> None:
         await self._visitor.command("verify", seen, target=str(self._target.value or ""))
+
+    async def _undo(self, seen: Seen) -> None:
+        await self._visitor.command("undo", seen, kind="verify")
 
     async def _activate(self, seen: Seen) -> None:
         name = str(self._choice.value or "")

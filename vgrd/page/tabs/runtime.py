@@ -6,6 +6,7 @@ from nicegui import ui
 
 from vgrd.page import texts
 from vgrd.page.charts import bars, over_time
+from vgrd.page.link import Reply
 from vgrd.page.parts import Grid, card, day_time, redraw, tell
 from vgrd.page.visitor import Visitor
 
@@ -15,6 +16,7 @@ class RuntimeTab:
 
     def __init__(self, visitor: Visitor) -> None:
         self._visitor = visitor
+        self._shown: object = None
         with ui.element("div").classes("columns even"):
             with card():
                 self._pareto = ui.echart(bars({}, texts.WHY)).classes("w-full h-64")
@@ -40,7 +42,13 @@ class RuntimeTab:
         self._answers.show({**one, "answer": one["name"]} for one in answers)
         requests = self._visitor.link.reply("registers").get("requests", 0)
         tell(self._figures, f"{texts.REQUESTS.format(count=requests)}; {_figures(answers)}")
-        diary = self._visitor.link.reply("diary")
+        self._show_diary(self._visitor.link.reply("diary"))
+
+    def _show_diary(self, diary: Reply) -> None:
+        """By the hour, so mostly nothing is new."""
+        if diary is self._shown:
+            return
+        self._shown = diary
         hours = diary.get("hours", [])
         for chart, key, title in (
             (self._camera, "camera_mm", texts.CAMERA_DRIFT),

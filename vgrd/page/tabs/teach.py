@@ -144,7 +144,7 @@ class TeachTab:
 
     def _show_scene(self, step: Reply) -> None:
         scene = self._visitor.link.reply("scene")
-        seen = (id(scene), step, self._azimuth_deg)
+        seen = (scene, step, self._azimuth_deg)
         if seen == self._seen:
             return
         self._seen = seen
