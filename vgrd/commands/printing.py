@@ -98,7 +98,7 @@ def _cell(value: object) -> str:
     return "-" if value is None else str(value)
 
 
-_DRAWN = frozenset({"scenery"})  # matrices, for drawings
+_DRAWN = frozenset({"scenery", "verifications"})  # for drawings and tables of a page
 
 
 def show_fields(title: str) -> Callable[[Result], None]:

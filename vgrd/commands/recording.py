@@ -14,7 +14,10 @@ _PLAIN = {
 _NAMED = {
     "touch": ("TARGET", "Record that the tool's tip rests on a target."),
     "point": ("NAME", "Record a touch of the fixed point, plane or ball that gives the TCP."),
-    "verify": ("TARGET", "Record a touch that is held out of every fit."),
+    "verify": (
+        "TARGET",
+        "Record a touch that is held out of every fit; without a session, judge the calibration in use.",
+    ),
 }
 
 
@@ -79,7 +82,10 @@ def undo(
     socket: SocketOption = None,
     json_to: JsonOption = None,
 ) -> None:
-    """Take back a sample: it stays in the session's file, marked, and counts no more."""
+    """Take back a sample: it stays in the file, marked, and counts no more.
+
+    Without a session it is the last verification of the calibration in use.
+    """
     is_number = sample is not None and sample.isdecimal()
     name = "sample" if is_number else "kind"
     print_result(ask(config, socket, "undo", **{name: sample}), json_to, show_fields("undo"))
