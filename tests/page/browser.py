@@ -146,8 +146,9 @@ def is_grey(page: Any) -> bool:
 
 
 def tab(page: Any, name: str) -> None:
-    """Go to a tab."""
+    """Go to a tab, and wait until it is there."""
     page.get_by_role("tab", name=name).click()
+    page.locator(f"[data-tab={name.lower()}]").wait_for(state="visible")
 
 
 def press(page: Any, name: str) -> None:

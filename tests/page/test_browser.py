@@ -99,11 +99,11 @@ def test_a_result_is_told_in_words_first_and_its_report_opens(page, daemon, tmp_
     tab(page, "Result")
     until(lambda: page.get_by_text("✔ ACCEPTED: cal-000001").is_visible())
     assert page.get_by_text("✔ GO", exact=True).is_visible()
-    assert page.get_by_text(result["verification"]["words"]).is_visible()
+    assert page.get_by_text(result["verification"]["words"], exact=True).is_visible()
     until(lambda: page.get_by_text("touches across the tool").is_visible())
     with page.expect_popup() as opening:
         page.get_by_role("link", name=texts.REPORT).first.click()
-    assert opening.value.get_by_role("heading", name="Calibration report").is_visible()
+    opening.value.get_by_role("heading", name="Calibration report").wait_for()
     daemon.replies["result"] = {
         "session": "two",
         "result": {

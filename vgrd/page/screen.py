@@ -3,7 +3,7 @@
 from collections.abc import Callable
 from typing import Any, Final
 
-from nicegui import ui
+from nicegui import events, ui
 
 from vgrd.page import texts
 from vgrd.page.log_in import LogIn
@@ -29,10 +29,11 @@ class Screen:
             self.word = ui.label("").classes("word").mark("state")
             self.cause = ui.label("").mark("cause")
         LogIn(visitor)
+        self._seen = "cell"
         self.tabs = self._tabs()
         ui.timer(REFRESH_S, self.refresh)
 
-    def _tabs(self) -> list[CellTab | TeachTab | ResultTab | RuntimeTab | SessionsTab]:
+    def _tabs(self) -> dict[str, CellTab | TeachTab | ResultTab | RuntimeTab | SessionsTab]:
         kinds: dict[str, Callable[[Any], Any]] = {
             "cell": CellTab,
             "teach": TeachTab,
@@ -47,12 +48,19 @@ class Screen:
         ):
             for name, label in texts.TABS.items():
                 ui.tab(name, label).mark(f"tab-{name}")
-        made = []
-        with ui.tab_panels(tabs, value="cell", animated=False, keep_alive=True).classes("w-full"):
+        made = {}
+        panels = ui.tab_panels(tabs, value="cell", animated=False, keep_alive=True)
+        with panels.classes("w-full"):
             for name, kind in kinds.items():
-                with ui.tab_panel(name):
-                    made.append(kind(self.visitor))
+                with ui.tab_panel(name).props(f"data-tab={name}"):
+                    made[name] = kind(self.visitor)
+        tabs.on_value_change(self._open)
         return made
+
+    def _open(self, event: events.ValueChangeEventArguments[Any]) -> None:
+        """Show another tab as it is now; those that nobody sees are not drawn."""
+        self._seen = str(event.value)
+        self.refresh()
 
     def refresh(self) -> None:
         """Show what the link has heard."""
@@ -65,6 +73,5 @@ class Screen:
             words = f"{registers['name']}: {registers['words']}. {registers['remedy']}"
         tell(self.cause, words)
         self.state.classes(add=state, remove=_STATES.replace(state, ""))
-        for tab in self.tabs:
-            tab.refresh()
+        self.tabs[self._seen].refresh()
         tell(self.version, str(teaching.get("version", "")))
