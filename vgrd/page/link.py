@@ -20,6 +20,7 @@ PERIOD_S: Final = (
     0.15  # from one look at the registers to the next: the page may be a second behind at most
 )
 REPLY_S: Final = 0.7  # a cell that is silent for longer is shown as none
+TEACHING_PERIOD_S: Final = 0.3  # of the wizard: people are slower than robots
 SLOW_PERIOD_S: Final = 1.0  # of what changes slowly
 STALE_S: Final = 0.8  # what is older is not valid any more; with the page's own delays it is grey within a second
 LATE_S: Final = (
@@ -87,6 +88,7 @@ class Link:
         """Ask again and again, until cancelled."""
         async with asyncio.TaskGroup() as tasks:
             tasks.create_task(self._follow_state())
+            tasks.create_task(self._follow_teaching())
             tasks.create_task(self._follow_slowly())
             tasks.create_task(self._follow_pictures())
             tasks.create_task(self._follow("scene", SCENE_PERIOD_S))
@@ -139,8 +141,13 @@ class Link:
             with suppress(ControlError):  # what was heard before ages, and that is shown
                 self.heard.replies["registers"] = await self._call("registers", REPLY_S)
                 self.heard.told_s = self.now_s
-                self.heard.replies["teaching"] = await self._call("teaching", REPLY_S)
             await asyncio.sleep(PERIOD_S)
+
+    async def _follow_teaching(self) -> None:
+        while True:
+            with suppress(ControlError):  # idem
+                self.heard.replies["teaching"] = await self._call("teaching", REPLY_S)
+            await asyncio.sleep(TEACHING_PERIOD_S)
 
     async def _follow_slowly(self) -> None:
         while True:
