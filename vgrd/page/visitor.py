@@ -54,6 +54,14 @@ class Visitor:
         """Solve a session: that changes nothing that a version names, and comes never too late."""
         return await self._told("solve", None, session=session)
 
+    async def ask(self, op: str, **arguments: object) -> Reply | None:
+        """What an operation tells that changes nothing; None where it was refused, which is told."""
+        try:
+            return await self.link.ask(op, **arguments)
+        except ControlError as refusal:
+            ui.notify(texts.REFUSED.format(reason=refusal), type="warning", multi_line=True)
+            return None
+
     async def _told(self, op: str, pressed_s: float | None, **arguments: object) -> Reply | None:
         """Give a command, if this browser may, and say what became of it."""
         try:

@@ -2,7 +2,6 @@
 
 from nicegui import ui
 
-from vgrd.errors import ControlError
 from vgrd.page import texts
 from vgrd.page.charts import bars, error_map
 from vgrd.page.link import Reply
@@ -74,10 +73,8 @@ class ResultTab:
 
     async def _show_where(self) -> None:
         """Where the flange has to go for the picture of now."""
-        try:
-            told = await self._visitor.link.ask("ec", target=str(self._target.value or ""))
-        except ControlError as refusal:
-            ui.notify(texts.REFUSED.format(reason=refusal), type="warning")
+        told = await self._visitor.ask("ec", target=str(self._target.value or ""))
+        if told is None:
             return
         pose = texts.POSE.format(
             position=numbers(told["position_mm"], 2), rotation=numbers(told["rotvec_deg"], 2)
@@ -104,12 +101,8 @@ class ResultTab:
         return f"{self._by.value or ''} ({self._visitor.who})".strip()
 
     async def _compare(self) -> None:
-        try:
-            told = await self._visitor.link.ask(
-                "difference", calibration=str(self._choice.value or "")
-            )
-        except ControlError as refusal:
-            ui.notify(texts.REFUSED.format(reason=refusal), type="warning")
+        told = await self._visitor.ask("difference", calibration=str(self._choice.value or ""))
+        if told is None:
             return
         rows = told["targets"].items()
         self._difference.show({"target": name, **apart} for name, apart in rows)

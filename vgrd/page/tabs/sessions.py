@@ -2,7 +2,6 @@
 
 from nicegui import ui
 
-from vgrd.errors import ControlError
 from vgrd.page import texts
 from vgrd.page.charts import over_time
 from vgrd.page.link import Reply
@@ -36,7 +35,7 @@ class SessionsTab:
                 self._difference = Grid(("target", "mm", "deg", "trouble"))
 
     async def _list(self) -> None:
-        told = await self._asked("sessions")
+        told = await self._visitor.ask("sessions")
         if told is None:
             return
         verdicts = {row.get("session"): row["verdict"] for row in self._made()}
@@ -53,20 +52,12 @@ class SessionsTab:
 
     async def _compare(self) -> None:
         first, second = (str(one.value or "") for one in self._pair)
-        told = await self._asked("difference", **{"with": first, "calibration": second})
+        told = await self._visitor.ask("difference", **{"with": first, "calibration": second})
         if told is None:
             return
         tell(self._apart, texts.BETWEEN.format(first=first, second=second))
         rows = told["targets"].items()
         self._difference.show({"target": name, **apart} for name, apart in rows)
-
-    async def _asked(self, op: str, **arguments: object) -> Reply | None:
-        """A reply; None where it was refused, which is told."""
-        try:
-            return await self._visitor.link.ask(op, **arguments)
-        except ControlError as refusal:
-            ui.notify(texts.REFUSED.format(reason=refusal), type="warning")
-            return None
 
     def _made(self) -> list[Reply]:
         return list(self._visitor.link.reply("calibrations").get("calibrations", ()))
