@@ -55,8 +55,9 @@ def test_a_whole_calibration_by_clicking_what_the_page_says(place, record_proper
             minutes = max(minutes, (told.get("clock") or {}).get("minutes", 0.0))
         until(lambda: page.locator(".state .word").inner_text() == "● READY")
         playground.press("turn the object by 90 degrees")
-        playground.press("tip on P1")
         tab(page, "Result")
+        person.insist("WHERE TO GO", lambda: page.get_by_text("Go there slowly").count())
+        playground.press("tip on P1")
         person.insist("VERIFY", lambda: daemon.control.call("trials")["verifications"])
         until(lambda: page.get_by_text("of 2 verifications that count").count() > 0)
         assert page.faults == []
