@@ -150,7 +150,7 @@ class Teaching:
         """That the tip rests on a target, recorded nowhere."""
         self._check_target(target)
         with self._asked():
-            return self._touch(target, await self._observe())
+            return self._touch(target, await self._stand())
 
     async def point(self, name: str) -> dict[str, object]:
         """Record a touch beside the object, of a fixed point, a plane or a ball; no picture is needed."""
@@ -280,9 +280,13 @@ class Teaching:
         return {**advice, "next": {"kind": kind, "words": words}} if words else advice
 
     async def _observe(self) -> Observation:
-        """Pose and picture of one rest; NotSteady when robot or object still move."""
+        """For a sample of the open session, with its TCP; as `_stand`."""
         self._session()
         self._check_tcp()
+        return await self._stand()
+
+    async def _stand(self) -> Observation:
+        """Pose and picture of one rest; NotSteady when robot or object still move."""
         pose = await self.measuring.rest()
         spread_mm, spread_rad = self.measuring.limits.of(self._reading())
         first, second = await self._paired(), await self._paired()
