@@ -88,10 +88,10 @@ class Link:
         """Ask again and again, until cancelled."""
         async with asyncio.TaskGroup() as tasks:
             tasks.create_task(self._follow_state())
-            tasks.create_task(self._follow_teaching())
+            tasks.create_task(self._follow("teaching", TEACHING_PERIOD_S, REPLY_S))
             tasks.create_task(self._follow_slowly())
             tasks.create_task(self._follow_pictures())
-            tasks.create_task(self._follow("scene", SCENE_PERIOD_S))
+            tasks.create_task(self._follow_scene())
             tasks.create_task(self._follow("diary", DIARY_PERIOD_S))
 
     async def command(
@@ -120,13 +120,14 @@ class Link:
         async with self._asking:
             return await self._call(op, COMMAND_S, **arguments)
 
-    def view(self) -> None:
-        """Somebody looks."""
-        self._viewed_s = self._clock.monotonic()
+    @property
+    def _is_viewed(self) -> bool:
+        """Whether a browser has asked for pictures just now."""
+        return self._clock.monotonic() - self._viewed_s <= VIEWED_S
 
     async def newest_picture(self, after: int) -> Picture | None:
         """A picture with another number, None where none comes within a second."""
-        self.view()
+        self._viewed_s = self._clock.monotonic()
         if self.picture is None or self.picture.facts["frame"] == after:
             self._new_picture.clear()
             try:
@@ -143,12 +144,6 @@ class Link:
                 self.heard.told_s = self.now_s
             await asyncio.sleep(PERIOD_S)
 
-    async def _follow_teaching(self) -> None:
-        while True:
-            with suppress(ControlError):  # idem
-                self.heard.replies["teaching"] = await self._call("teaching", REPLY_S)
-            await asyncio.sleep(TEACHING_PERIOD_S)
-
     async def _follow_slowly(self) -> None:
         while True:
             for op in ("status", "answers", "calibrations", "result", "trials"):
@@ -156,21 +151,25 @@ class Link:
                     self.heard.replies[op] = await self._call(op, COMMAND_S)
             await asyncio.sleep(SLOW_PERIOD_S)
 
-    async def _follow(self, op: str, period_s: float) -> None:
-        """Ask one operation again and again, while somebody looks."""
-        asked_s = -1e9
+    async def _follow(self, op: str, period_s: float, timeout_s: float = COMMAND_S) -> None:
+        """Ask one operation again and again."""
         while True:
-            now_s = self._clock.monotonic()
-            if now_s - asked_s >= period_s and now_s - self._viewed_s <= VIEWED_S:
-                asked_s = now_s
+            with suppress(ControlError):  # idem
+                self.heard.replies[op] = await self._call(op, timeout_s)
+            await asyncio.sleep(period_s)
+
+    async def _follow_scene(self) -> None:
+        """Where things stand, while somebody looks at pictures: the drawing stands beside one."""
+        while True:
+            if self._is_viewed:
                 with suppress(ControlError):  # idem
-                    self.heard.replies[op] = await self._call(op, COMMAND_S)
-            await asyncio.sleep(PERIOD_S)
+                    self.heard.replies["scene"] = await self._call("scene", COMMAND_S)
+            await asyncio.sleep(SCENE_PERIOD_S)
 
     async def _follow_pictures(self) -> None:
         """Fetch pictures once for all browsers, while one of them looks."""
         while True:
-            if self._clock.monotonic() - self._viewed_s > VIEWED_S:
+            if not self._is_viewed:
                 await asyncio.sleep(PERIOD_S)
                 continue
             try:
