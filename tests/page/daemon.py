@@ -260,6 +260,7 @@ class PaperDaemon:
                     "wanted": "36h11 id 0",
                     "corners": [[1, 1], [9, 1], [9, 9], [1, 9]],
                     "fit_px": 0.1,
+                    "side_px": 80,
                 }
             },
         }

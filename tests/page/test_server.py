@@ -97,10 +97,13 @@ def test_a_picture_is_told_in_words():
     words = picture_in_words({"tags": tags, "robot_at_rest": False})
     assert words == "tag A (36h11 id 0) not seen; arm moves"
     small = {"wanted": "36h11 id 0", "corners": [[0, 0], [9, 0], [9, 9], [0, 9]], "fit_px": 0.08}
-    facts = {"tags": {"b": small}, "robot_at_rest": True, "width_px": 1000}
-    near = picture_in_words({**facts, "full_px": [10_000, 8_000]})
+    told = [
+        picture_in_words({"tags": {"b": {**small, "side_px": side}}, "robot_at_rest": True})
+        for side in (90, 36)
+    ]
+    near, far = told
     assert near == "tag B (36h11 id 0) seen, 90 px, fits to 0.08 px; arm at rest"
-    assert "36 px (small" in picture_in_words({**facts, "full_px": [4_000, 3_000]})
+    assert "36 px (small" in far
 
 
 def test_nobody_waits_in_vain_for_a_picture_that_does_not_come(tmp_path):

@@ -1,13 +1,13 @@
 """What verifications confirm: how far each is off, go or no go, and the tolerance that so many stand for."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
 
 from vgrd.calibration.calibration import Calibration
-from vgrd.calibration.verification import judge, turned_apart
+from vgrd.calibration.verification import Miss, judge, turned_apart
 from vgrd.geometry import Array
 from vgrd.geometry.chi2 import chi2_quantile
 from vgrd.model import Finding, Recording, Touch
@@ -153,16 +153,16 @@ def confirm(
     """What the verifications of a session say of its calibration; stability: as in `verify`."""
     held_out = recording.verifications
     counting = set(turned_apart(recording.touches, held_out))
+    judgements = judge(calibration, held_out, stability)
     verified = [
-        replace(verified_of(calibration, touch, stability), counts=i in counting)
-        for i, touch in enumerate(held_out)
+        verified_of(touch, judged, counts=i in counting)
+        for i, (touch, judged) in enumerate(zip(held_out, judgements, strict=True))
     ]
     return Confirmation(tuple(verified), tolerance_mm)
 
 
-def verified_of(calibration: Calibration, touch: Touch, stability: Array | None) -> Verified:
-    """One touch alone, taken to count; stability: as in `verify`."""
-    (judged,) = judge(calibration, [touch], stability)
+def verified_of(touch: Touch, judged: Finding | Miss, *, counts: bool) -> Verified:
+    """What `judge` says of a touch."""
     if isinstance(judged, Finding):
-        return Verified(touch.target, None, 0, True, judged.fatal, judged.message)
-    return Verified(touch.target, judged.mm, len(judged.off), True, not judged.share <= 1)
+        return Verified(touch.target, None, 0, counts, judged.fatal, judged.message)
+    return Verified(touch.target, judged.mm, len(judged.off), counts, not judged.share <= 1)

@@ -25,7 +25,6 @@ def scenery(solution: JointSolution) -> dict[str, object] | None:
     is_known = tcp is not None and radius95(tcp.covariance) < _TIP_MM
     return {
         "base_from_camera": _rows(solution.base_from_camera),
-        "wrist_from_tag_a": _rows(solution.wrist_from_tag_a),
         "object_from_tag_b": _rows(solution.base_from_object.inverse() @ base_from_tag_b),
         "base_from_axis": _rows(solution.base_from_camera @ solution.camera_from_axis),
         "tip_in_wrist": np.asarray(solution.tip_in_wrist).tolist() if is_known else None,

@@ -94,19 +94,18 @@ def turned_apart(taught: Sequence[Touch], verifications: Sequence[Touch]) -> lis
     Hand-eye and axis errors cancel in a touch at the taught turn. Turns are compared by tag B as a camera
     that stands still sees it; a touch without it does not count.
     """
-    seen = [next(iter(turns_of([touch])), None) for touch in verifications]
-    return apart(turns_of(taught), seen)
+    return apart([object_turn(one) for one in taught], [object_turn(one) for one in verifications])
 
 
-def turns_of(touches: Sequence[Touch]) -> list[Array]:
-    """(3, 3) of tag B in the camera, of those that show it."""
-    seen = [touch.observation.tag_b for touch in touches if touch.observation is not None]
-    return [np.asarray(tag.camera_from_tag.rotation) for tag in seen if tag is not None]
+def object_turn(touch: Touch) -> Array | None:
+    """(3, 3) of tag B in the camera, None where it was not seen."""
+    tag_b = None if touch.observation is None else touch.observation.tag_b
+    return None if tag_b is None else np.asarray(tag_b.camera_from_tag.rotation)
 
 
-def apart(taught: Sequence[Array], turns: Sequence[Array | None]) -> list[int]:
+def apart(taught: Sequence[Array | None], turns: Sequence[Array | None]) -> list[int]:
     """Which turns (indices) differ from all that were taught and from each other; None: not seen."""
-    known, counted = list(taught), []
+    known, counted = [R for R in taught if R is not None], []
     for i, R in enumerate(turns):
         if R is None:
             continue

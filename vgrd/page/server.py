@@ -2,10 +2,8 @@
 
 import asyncio
 import json
-import math
 import socket
 from collections.abc import Awaitable, Callable, Collection
-from itertools import pairwise
 from pathlib import Path
 from typing import Any, Final
 
@@ -200,17 +198,14 @@ async def report(link: Link, session: str) -> Response:
 
 def picture_in_words(facts: Reply) -> str:
     """Which tags it shows, and how well."""
-    tags = [_tag_in_words(name.upper(), tag, facts) for name, tag in facts["tags"].items()]
+    tags = [_tag_in_words(name.upper(), tag) for name, tag in facts["tags"].items()]
     return "; ".join([*tags, texts.AT_REST if facts["robot_at_rest"] else texts.MOVES])
 
 
-def _tag_in_words(name: str, tag: Reply, facts: Reply) -> str:
-    corners = tag["corners"]
-    if not corners:
+def _tag_in_words(name: str, tag: Reply) -> str:
+    if not tag["corners"]:
         return texts.NOT_SEEN.format(name=name, wanted=tag["wanted"])
-    sides = [math.dist(one, other) for one, other in pairwise([*corners, corners[0]])]
-    side = sum(sides) / 4 * facts["full_px"][0] / facts["width_px"]
-    small = texts.SMALL if side < SMALL_PX else ""
+    small = texts.SMALL if tag["side_px"] < SMALL_PX else ""
     return texts.SEEN.format(
-        name=name, wanted=tag["wanted"], side=side, small=small, fit=tag["fit_px"]
+        name=name, wanted=tag["wanted"], side=tag["side_px"], small=small, fit=tag["fit_px"]
     )

@@ -1,6 +1,7 @@
 """The figures behind a result: who contributes how much error, where it grows, how each touch fits."""
 
 from collections.abc import Sequence
+from dataclasses import asdict
 
 import numpy as np
 
@@ -21,22 +22,15 @@ def budget_of(fit: JointFit, policy: Policy) -> Budget | None:
         return None  # what cannot be predicted is in the verdict
 
 
-def figures(fit: JointFit, policy: Policy, numbers: SampleNumbers) -> dict[str, object]:
+def figures(
+    fit: JointFit, policy: Policy, budget: Budget, numbers: SampleNumbers
+) -> dict[str, object]:
     """Error budget, map of the predicted error over the object's angles, residuals; JSON-able."""
-    budget = budget_of(fit, policy)
-    if budget is None:
-        return {}
     return {
         "budget": budget.to_json(),
         "map": error_map(fit, policy, budget.targets),
         "touches": [
-            {
-                "name": numbers.told(touch.name),
-                "off_mm": touch.off_mm,
-                "left_out_mm": touch.left_out_mm,
-                "reason": touch.reason,
-            }
-            for touch in touch_misses(fit)
+            {**asdict(touch), "name": numbers.told(touch.name)} for touch in touch_misses(fit)
         ],
     }
 

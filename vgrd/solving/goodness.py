@@ -8,11 +8,10 @@ import numpy as np
 from vgrd.calibration.calibration import Calibration
 from vgrd.calibration.joint import JointFit, JointSolution, StepLayout
 from vgrd.calibration.levels import Level
-from vgrd.calibration.planning import Source
+from vgrd.calibration.planning import Budget, Source
 from vgrd.calibration.stated_error import EVERY_PICTURE, u95_in_words
 from vgrd.geometry import Array, Pose
 from vgrd.model import Policy, Recording
-from vgrd.solving.figures import budget_of
 
 _MATTERS = 1.1  # times the error with an exact centre, from which on it is worth a sentence
 _TO_ADD: Mapping[Source, str] = MappingProxyType(
@@ -38,12 +37,12 @@ def goodness(
     recording: Recording,
     tolerance_mm: float | None,
     policy: Policy,
+    budget: Budget | None,
 ) -> dict[str, object]:
     """The first line of `vgrd solve`, and what limits the calibration; JSON-able.
 
-    fit: that it was taken from, None in the paper's plans.
+    fit: that it was taken from, None in the paper's plans. budget: as `budget_of`.
     """
-    budget = None if fit is None else budget_of(fit, policy)
     includes = {}
     if fit is not None:
         holes = len(fit.data.holes.cad)

@@ -27,7 +27,7 @@ from vgrd.geometry import Array
 from vgrd.judging.findings import finding
 from vgrd.model import Finding, Plan, Policy, Recording, Verdict
 from vgrd.orphans import die_with
-from vgrd.solving.figures import figures
+from vgrd.solving.figures import budget_of, figures
 from vgrd.solving.goodness import goodness, levels_of, transforms_of
 from vgrd.solving.hole_pictures import draw_searched
 from vgrd.solving.hole_sightings import HolesSeen, Report, holes_of, see_holes
@@ -94,8 +94,9 @@ def solve_session(
         name = None
         if state_dir is not None and calibration.verdict.ok:
             name = CalibrationStore(state_dir, clock).save(calibration)
+    budget = None if fit is None else budget_of(fit, policy)
     result = {
-        **goodness(calibration, fit, stored.recording, tolerance_mm, policy),
+        **goodness(calibration, fit, stored.recording, tolerance_mm, policy, budget),
         "calibration": name,
         "solved_unix_s": calibration.created_unix_s,
         "tolerance_mm": tolerance_mm,
@@ -110,7 +111,7 @@ def solve_session(
         **drawn,
         "warnings": [*stored.warnings, *warnings],
         "verification": confirm(calibration, stored.recording, tolerance_mm, stability).to_json(),
-        **({} if fit is None else figures(fit, policy, numbers)),
+        **({} if fit is None or budget is None else figures(fit, policy, budget, numbers)),
     }
     if state_dir is not None:
         write_result(folder, result)

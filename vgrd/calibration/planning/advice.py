@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, field, replace
+from dataclasses import asdict, dataclass, field, replace
 
 import numpy as np
 
@@ -105,15 +105,7 @@ class SessionAdvice:
             },
             "next": self._next(),
             "scenery": None if self.solution is None else scenery(self.solution),
-            "touches": [
-                {
-                    "name": touch.name,
-                    "off_mm": touch.off_mm,
-                    "left_out_mm": touch.left_out_mm,
-                    "reason": touch.reason,
-                }
-                for touch in self.touches
-            ],
+            "touches": [asdict(touch) for touch in self.touches],
         }
 
     def _includes(self) -> str:

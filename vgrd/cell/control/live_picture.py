@@ -5,6 +5,8 @@ import base64
 from collections.abc import Mapping
 from concurrent.futures import ThreadPoolExecutor
 
+import numpy as np
+
 from vgrd.cell.measuring import Measuring, Sight
 from vgrd.clock import Clock
 from vgrd.errors import DeviceUnavailable
@@ -78,4 +80,10 @@ def _tag(tag: TagSpec, seen: TagObservation | None, scale: float) -> dict[str, o
         "wanted": f"{tag.family} id {tag.id}",
         "corners": None if corners is None else corners.round(2).tolist(),
         "fit_px": None if seen is None else round(seen.rms_px, 3),
+        "side_px": None if seen is None else round(side_px(seen.corners_px)),
     }
+
+
+def side_px(corners_px: Array) -> float:
+    """Mean length of the four sides (4, 2) of a tag."""
+    return float(np.linalg.norm(corners_px - np.roll(corners_px, 1, axis=0), axis=1).mean())

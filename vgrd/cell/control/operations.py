@@ -24,6 +24,7 @@ from vgrd.cell.control.lines import (
     text_argument,
     whole_argument,
 )
+from vgrd.cell.control.live_picture import side_px
 from vgrd.cell.control.results import Results
 from vgrd.cell.control.scene import Scene
 from vgrd.cell.control.server import Operation
@@ -178,7 +179,7 @@ class Operations:
         return {
             name: {
                 "wanted": f"{tag.family} id {tag.id}",
-                "side_px": None if found is None else round(_side_px(found.corners_px)),
+                "side_px": None if found is None else round(side_px(found.corners_px)),
             }
             for (name, tag), found in zip(wanted, seen, strict=True)
             if tag is not None
@@ -356,11 +357,6 @@ def _reading_words(reading: FlangeReading | None) -> Mapping[str, Any]:
         name: None if pose is None else mm_and_degrees(pose)
         for name, pose in zip(("flange", "tcp"), poses, strict=True)
     }
-
-
-def _side_px(corners_px: Array) -> float:
-    """Mean length of the four sides."""
-    return float(np.linalg.norm(corners_px - np.roll(corners_px, 1, axis=0), axis=1).mean())
 
 
 def _orientation(arguments: Arguments) -> Array | None:

@@ -4,9 +4,9 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, Final
 
+from vgrd.calibration.confirmation import LEAST_ANGLES
 from vgrd.judging.findings import MISSING
 
-VERIFICATIONS: Final = 2  # of two turns of the object: one alone may hide an axis that leans
 SPINS: Final = 4  # as `first_samples.WANTED`: fewer tell the axis badly
 
 
@@ -81,15 +81,15 @@ def step_in_session(taken: Taken) -> Step:
     is_good = all(u95_mm <= taken.tolerance_mm for u95_mm in predicted.values())
     if not (predicted and is_good):  # what is no number is not good
         return _further(taken, best)
-    if taken.verified < VERIFICATIONS:
+    if taken.verified < LEAST_ANGLES:
         worst = max(predicted, key=lambda name: predicted[name])
         return Step(
             "verify",
             f"turn the object by 60 degrees or more from where it was touched and verified, touch {worst} "
-            f"as it works: verification {taken.verified + 1} of {VERIFICATIONS}",
+            f"as it works: verification {taken.verified + 1} of {LEAST_ANGLES}",
             worst,
             done=taken.verified,
-            of=VERIFICATIONS,
+            of=LEAST_ANGLES,
         )
     return Step("solve", "all is there: end the session and solve it")
 

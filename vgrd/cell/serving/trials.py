@@ -14,7 +14,7 @@ import numpy as np
 
 from vgrd.calibration.calibration import Calibration
 from vgrd.calibration.confirmation import Confirmation, Verified, verified_of
-from vgrd.calibration.verification import apart, turns_of
+from vgrd.calibration.verification import apart, judge, object_turn
 from vgrd.cell.serving.service import Serving
 from vgrd.clock import Clock
 from vgrd.errors import ControlError, InputError, StoreError
@@ -32,17 +32,23 @@ class Trials:
 
     def __init__(self, serving: Serving, state_dir: Path, clock: Clock) -> None:
         self._serving, self._state_dir, self._clock = serving, state_dir, clock
-        self._taught: tuple[str, list[Array]] = ("", [])  # turns of the object while it was taught
+        self._taught: tuple[str, list[Array | None]] = (
+            "",
+            [],
+        )  # turns of the object while it was taught
 
     async def add(self, touch: Touch) -> dict[str, Any]:
         """Judge a touch, keep it, and tell what all of them confirm. Raises StoreError."""
         calibration = self._calibration()
         stability = self._serving.cameras.stability
-        turn = next(iter(turns_of([touch])), None)
+        turn = object_turn(touch)
+        (judged,) = judge(calibration, [touch], stability)
         record = {
             "unix_s": round(self._clock.wall(), 3),
             "turn": None if turn is None else turn.tolist(),
-            **verified_of(calibration, touch, stability).to_json(),
+            **verified_of(
+                touch, judged, counts=True
+            ).to_json(),  # the others tell whether it counts
         }
         await asyncio.to_thread(self._keep, calibration.id, record)
         told = await self.tell()
@@ -98,7 +104,7 @@ class Trials:
         )
         return Confirmation(verified, self._serving.limits.max_u95_mm).to_json()
 
-    def _turns_taught(self, calibration: Calibration) -> list[Array]:
+    def _turns_taught(self, calibration: Calibration) -> list[Array | None]:
         """None where the session gave way: then verifications are compared among each other alone."""
         if self._taught[0] != calibration.id:
             try:
@@ -106,7 +112,7 @@ class Trials:
                 touches = load_recording(folder).touches
             except StoreError:
                 touches = ()
-            self._taught = calibration.id, turns_of(touches)
+            self._taught = calibration.id, [object_turn(touch) for touch in touches]
         return self._taught[1]
 
     def _file(self, name: str) -> Path:
