@@ -115,3 +115,11 @@ def test_pictures_are_fetched_only_while_somebody_looks_and_once_for_all(daemon,
         assert (await link.newest_picture(1)).facts["frame"] == 2
 
     followed(tmp_path, work)
+
+
+def test_the_diary_is_followed_where_nobody_looks_at_pictures(daemon, tmp_path):
+    async def work(link: Link) -> None:
+        await until(lambda: "diary" in link.heard.replies)
+        assert "scene" not in daemon.asked
+
+    followed(tmp_path, work)
