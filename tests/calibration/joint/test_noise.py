@@ -18,6 +18,7 @@ from vgrd.calibration.levels import Level
 from vgrd.calibration.solve import calibrate_system, calibrate_with_fit
 from vgrd.geometry import Pose
 from vgrd.model import Observation, Plan, Policy, Recording, TagObservation, Touch
+from vgrd.solving.figures import budget_of
 from vgrd.solving.goodness import goodness, levels_in_words, transforms_of
 from vgrd.store.calibrations import CalibrationStore
 
@@ -248,12 +249,13 @@ def test_what_was_found_is_stored_and_counts_in_pictures(tmp_path) -> None:
 def test_the_first_line_says_how_good_it_is_and_what_limits_it() -> None:
     _, recording = taught(310, center_sigma_mm=0.2)
     calibration, fit = calibrate_with_fit(recording, tolerance_mm=5.0)
-    told = goodness(calibration, fit, recording, 5.0, Policy.FIXED)
+    budget = budget_of(fit, Policy.FIXED)
+    told = goodness(calibration, fit, recording, 5.0, Policy.FIXED, budget)
     assert "at 95 % a target is met within" in str(told["good"])
     assert "10 touches, 10 spins, 8 looks" in str(told["good"])
     assert "no tolerance given" not in str(told["good"])
     assert "no tolerance given" in str(
-        goodness(calibration, fit, recording, None, Policy.FIXED)["good"]
+        goodness(calibration, fit, recording, None, Policy.FIXED, budget)["good"]
     )
     assert "an exact centre would leave" in str(told["limits"])
     assert "holes" in str(told["limits"])
