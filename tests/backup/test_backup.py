@@ -17,12 +17,15 @@ from hypothesis import strategies as st
 from fakes.testing import ManualClock
 from fakes.world.samples import Samples
 from vgrd.backup import restore, write_archive
-from vgrd.backup.archive import LATCH, MANIFEST, SCHEMA
+from vgrd.backup.archive import DIARY, LATCH, MANIFEST, SCHEMA, TRIALS
+from vgrd.cell.serving.diary import FILE as DIARY_FILE
 from vgrd.cell.serving.latches import LATCH_FILE
+from vgrd.cell.serving.trials import FOLDER as TRIALS_FOLDER
 from vgrd.errors import Corrupt, InputError, SchemaTooNew, StoreError, VgrdError
 from vgrd.model import Plan
+from vgrd.permissions import make_folder
 from vgrd.store.calibrations import CalibrationStore
-from vgrd.store.files import write_document
+from vgrd.store.files import read_document, write_document
 from vgrd.store.sessions import SampleKind, SessionWriter, list_sessions, load_session
 
 CLOCK = ManualClock()
@@ -113,6 +116,35 @@ def test_a_fault_that_waits_for_a_person_waits_on_the_spare_computer_too(
     assert "slipped" in (spare.state / LATCH).read_text()
     spare.restore(good, replace=True)  # no backup confirms a fault
     assert (spare.state / LATCH).exists()
+
+
+def test_verifications_and_diary_come_back(old, spare, tmp_path) -> None:
+    assert (DIARY, TRIALS) == (DIARY_FILE, TRIALS_FOLDER)
+    make_folder(old.state / TRIALS)
+    write_document(old.state / TRIALS / "cal-000002.json", [{"off_mm": 0.4}], 1)
+    write_document(old.state / DIARY, {"hours": [], "faults": []}, 1)
+    archive = old.back_up(tmp_path / "cell.tar")
+    spare.restore(archive)
+    for name in (f"{TRIALS}/cal-000002.json", DIARY):
+        assert (spare.state / name).read_bytes() == (old.state / name).read_bytes()
+
+
+def test_the_diary_of_a_spare_is_set_aside_unasked_and_its_verifications_are_not(
+    old, spare, tmp_path
+) -> None:
+    write_document(old.state / DIARY, {"hours": [1], "faults": []}, 1)
+    archive = old.back_up(tmp_path / "cell.tar")
+    write_document(spare.state / DIARY, {"hours": [2], "faults": []}, 1)
+    restored = spare.restore(archive)
+    assert read_document(spare.state / DIARY, 1) == {"hours": [1], "faults": []}
+    assert restored.set_aside is not None
+    assert read_document(restored.set_aside / DIARY, 1) == {"hours": [2], "faults": []}
+    make_folder(old.state / TRIALS)
+    write_document(old.state / TRIALS / "cal-000002.json", [{"off_mm": 0.4}], 1)
+    judged = old.back_up(tmp_path / "judged.tar")
+    write_document(old.state / TRIALS / "cal-000002.json", [{"off_mm": 0.4}, {"off_mm": 0.5}], 1)
+    with pytest.raises(InputError, match=r"trials: is not what .* --replace"):
+        old.restore(judged)
 
 
 def test_a_session_that_is_being_recorded_is_left_out_and_named(old, tmp_path) -> None:

@@ -4,6 +4,8 @@
 
     calibrations/cal-000001.json, CURRENT, activations.jsonl
     sessions/NAME/...       where they were asked for
+    trials/cal-000001.json  verifications of a calibration in use, if there are any
+    diary.json              what became of the cell over weeks
     latch.json              a fault that a person must confirm, if there is one
     cell.toml
     manifest.json           the list; an archive that was cut short has none
@@ -33,12 +35,15 @@ SCHEMA: Final = 1
 MANIFEST: Final = "manifest.json"
 CELL: Final = "cell.toml"
 LATCH: Final = "latch.json"  # as vgrd.cell.serving.latches: on a spare computer it is no less true
+DIARY: Final = "diary.json"  # as vgrd.cell.serving.diary
+TRIALS: Final = "trials"  # as vgrd.cell.serving.trials
 CALIBRATIONS: Final = "calibrations"
 JOURNAL: Final = "activations.jsonl"
 _CHANGING: Final = (JOURNAL, "CURRENT")  # of the calibrations; the others never change
 _TRIES: Final = 5  # an activation takes milliseconds, people do not activate five in a row
 _NAME: Final = re.compile(
-    r"manifest\.json|latch\.json|cell\.toml|calibrations/(cal-\d{6}\.json|CURRENT|activations\.jsonl)"
+    r"manifest\.json|latch\.json|diary\.json|cell\.toml"
+    r"|calibrations/(cal-\d{6}\.json|CURRENT|activations\.jsonl)|trials/cal-\d{6}\.json"
     r"|sessions/[A-Za-z0-9][A-Za-z0-9._-]{0,79}/[A-Za-z0-9][A-Za-z0-9._-]{0,79}"
 )
 
@@ -67,8 +72,12 @@ def write_archive(
         with replacing(path) as file, tarfile.open(fileobj=file, mode="w") as archive:
             _add_calibrations(archive, state_dir / CALIBRATIONS, content)
             _add_file(archive, CELL, cell_file, content)
-            with contextlib.suppress(FileNotFoundError):
-                _add_file(archive, LATCH, state_dir / LATCH, content)
+            trials = (
+                f"{TRIALS}/{file.name}" for file in sorted((state_dir / TRIALS).glob("cal-*"))
+            )
+            for name in (LATCH, DIARY, *trials):
+                with contextlib.suppress(FileNotFoundError):
+                    _add_file(archive, name, state_dir / name, content)
             for name in list_sessions(state_dir) if sessions else ():
                 _add_session(archive, session_directory(state_dir, name), content)
             _add_manifest(archive, path.parent, content)

@@ -7,7 +7,16 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
-from vgrd.backup.archive import CALIBRATIONS, CELL, JOURNAL, LATCH, Content, unpack
+from vgrd.backup.archive import (
+    CALIBRATIONS,
+    CELL,
+    DIARY,
+    JOURNAL,
+    LATCH,
+    TRIALS,
+    Content,
+    unpack,
+)
 from vgrd.clock import Clock
 from vgrd.errors import InputError, NoCurrentCalibration
 from vgrd.permissions import make_folder, take_after
@@ -76,7 +85,8 @@ def _usable(draft: Path) -> str:
 
 def _pieces(draft: Path, state_dir: Path, cell_file: Path) -> Iterator[tuple[Path, Path]]:
     """What is unpacked, and where each of it belongs; nothing of what is there already."""
-    places = [(draft / name, state_dir / name) for name in (CALIBRATIONS, LATCH)]
+    names = (CALIBRATIONS, TRIALS, DIARY, LATCH)
+    places = [(draft / name, state_dir / name) for name in names]
     places.append((draft / CELL, cell_file))
     sessions = draft / "sessions"
     for session in sorted(sessions.iterdir()) if sessions.exists() else ():
@@ -99,7 +109,9 @@ def _is_same(new: Path, old: Path) -> bool:
 
 def _goes_on(new: Path, old: Path) -> bool:
     """Whether nothing of `old` is lost with `new` in its place: calibrations may have become more."""
-    if not old.exists():
+    if (
+        not old.exists() or old.name == DIARY
+    ):  # a spare's daemon writes one by itself; it is set aside
         return True
     if old.name != CALIBRATIONS:
         return _is_same(new, old)

@@ -23,6 +23,7 @@ from vgrd.cell.recording.next_step import Step, Taken, step_in_session, step_wit
 from vgrd.cell.recording.recorder import Recorder
 from vgrd.cell.recording.teaching import Teaching
 from vgrd.cell.recording.wizard import Wizard
+from vgrd.cell.serving.trials import Trials
 from vgrd.config.cell_file import TouchSection
 from vgrd.devices import FlangeReading
 from vgrd.devices.stillness import RestLimits
@@ -61,7 +62,8 @@ class ObedientCell:
         self.serving: Any = SimpleNamespace(limits=limits, calibration=None)
         activation: Any = SimpleNamespace(store=self.store)
         self.wizard = Wizard(self.teaching, activation, self.serving, clock)
-        self.versions = Versions(self.teaching, self.serving)
+        self.trials = Trials(self.serving, folder, clock)
+        self.versions = Versions(self.teaching, self.serving, self.trials)
         self.angle = self.side = 0.0
 
     def newest(self, within_s: float) -> FlangeReading:
@@ -248,15 +250,20 @@ def test_a_version_is_of_what_people_did(cell):
         told.append(cell.versions.now)
         cell.serving.calibration = SimpleNamespace(id="cal-000007")
         told.append(cell.versions.now)
+        cell.trials.changes += 1
+        told.append(cell.versions.now)
+        cell.trials.changes -= 1
         cell.serving.calibration = None
         await cell.teaching.stop()
         return closed, told, cell.versions.now
 
-    closed, (opened, harvested, spun, undone, activated), closed_again = run(cell, versions)
+    closed, (opened, harvested, spun, undone, activated, verified), closed_again = run(
+        cell, versions
+    )
     assert closed == closed_again != opened
     assert opened == harvested == undone
-    assert len({opened, spun, activated}) == 3
-    other_life = Versions(cell.teaching, cell.serving)
+    assert len({opened, spun, activated, verified}) == 4
+    other_life = Versions(cell.teaching, cell.serving, cell.trials)
     assert other_life.now != closed
 
 

@@ -24,6 +24,7 @@ def cell(tmp_path) -> Any:
     calibration = CalibrationStore(tmp_path, ManualClock()).load("cal-000001")
     serving = SimpleNamespace(
         calibration=calibration,
+        calibration_id=7,
         cameras=SimpleNamespace(stability=None),
         limits=SimpleNamespace(max_u95_mm=2.0),
     )
@@ -64,6 +65,30 @@ def test_they_are_kept_by_calibration_over_a_restart(cell):
     assert asyncio.run(trials(cell).tell()) == before
     cell.serving.calibration = replace(cell.serving.calibration, id="cal-000002")
     assert asyncio.run(trials(cell).tell())["verifications"] == []
+
+
+def test_what_vouched_for_another_calibration_of_this_name_vouches_for_none_of_this(cell):
+    for angle in TURNED:
+        add(cell, angle)
+    cell.serving.calibration_id = 8  # a restore brought another cal-000001
+    assert asyncio.run(trials(cell).tell())["verifications"] == []
+    with pytest.raises(InputError, match="nothing undone"):
+        asyncio.run(trials(cell).undo())
+    assert add(cell, TURNED[0])["verdict"] == "open"
+    cell.serving.calibration_id = 7
+    assert asyncio.run(trials(cell).tell())["verdict"] == "go"
+
+
+def test_of_many_at_once_each_is_kept(cell):
+    kept = trials(cell)
+
+    async def verify() -> None:
+        touches = [cell.sim.touch("P2", WORK_ROTATION, angle) for angle in (1, 2, 3, 4, 5)]
+        await asyncio.gather(*(kept.add(touch) for touch in touches))
+
+    asyncio.run(verify())
+    assert len(asyncio.run(trials(cell).tell())["verifications"]) == 5
+    assert kept.changes == 5
 
 
 def test_without_the_session_they_are_compared_among_themselves(cell):

@@ -87,10 +87,10 @@ class Operations:
         self.clock = clock
         self.resolved = resolved
         self.gate = GateFeed(runtime_dir, clock)
-        self.versions = Versions(teaching, serving)
+        self.trials = Trials(serving, state_dir, clock)
+        self.versions = Versions(teaching, serving, self.trials)
         self.wizard = Wizard(teaching, activation, serving, clock)
         self.views = Views(measuring, serving, teaching, activation, self.gate, clock)
-        self.trials = Trials(serving, state_dir, clock)
         self.results = Results(state_dir)
         self.scene = Scene(measuring, serving, self.wizard)
         self.disk: Callable[[], Mapping[str, Any]] = dict

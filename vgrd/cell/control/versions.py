@@ -10,6 +10,7 @@ from vgrd.cell.control.lines import Arguments, optional_text
 from vgrd.cell.control.server import Operation
 from vgrd.cell.recording.teaching import Teaching
 from vgrd.cell.serving.service import Serving
+from vgrd.cell.serving.trials import Trials
 from vgrd.errors import StaleVersion
 from vgrd.model import Touch
 
@@ -17,13 +18,13 @@ _BOOT_BYTES = 3  # tells two lives of the cell apart
 
 
 class Versions:
-    """Names the state of session and calibration, and lets commands through one after the other.
+    """Names the state of session, calibration and its verifications, and lets commands through one after the other.
 
     What is harvested changes no version: a rest of the arm shall not make a press of a button stale.
     """
 
-    def __init__(self, teaching: Teaching, serving: Serving) -> None:
-        self._teaching, self._serving = teaching, serving
+    def __init__(self, teaching: Teaching, serving: Serving, trials: Trials) -> None:
+        self._teaching, self._serving, self._trials = teaching, serving, trials
         self._boot = secrets.token_hex(_BOOT_BYTES)
         self._turn = asyncio.Lock()
 
@@ -42,7 +43,8 @@ class Versions:
             for one in samples
             if not one.harvested
         ]
-        state = (session, asked, None if calibration is None else calibration.id)
+        name = None if calibration is None else calibration.id
+        state = (session, asked, name, self._trials.changes)
         return f"{self._boot}-{zlib.crc32(repr(state).encode()):08x}"
 
     def guarded(

@@ -32,7 +32,7 @@ def backup(
     config: ConfigOption = None,
     json_to: JsonOption = None,
 ) -> None:
-    """Write calibrations, activations and the cell file into one archive; the daemon may run."""
+    """Write calibrations, verifications, diary and cell file into one archive; the daemon may run."""
     from vgrd.backup import write_archive
     from vgrd.clock import SystemClock
     from vgrd.config.cell_file import load_config
