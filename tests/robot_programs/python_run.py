@@ -65,7 +65,7 @@ class PythonRun:
     def __init__(self, world: World, module: ModuleType):
         self.world, self._module = world, module
 
-        class Link(module.ModbusLink):
+        class Link(module.ModbusLink):  # type: ignore[name-defined]  # known when it runs
             """Frames go by memory, in no time."""
 
             def open(self) -> None:
