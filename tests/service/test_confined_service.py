@@ -5,6 +5,7 @@ import signal
 import subprocess
 import sys
 import time
+import urllib.request
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -147,7 +148,7 @@ print("alive")
 def cell(tmp_path: Path, world: World, compiled: Path) -> Iterator[FakeCell]:
     (tmp_path / "cell").mkdir()
     shutil.copytree(compiled, tmp_path / "cell" / "cache")
-    with FakeCell(world, tmp_path / "cell", free_port()) as fake:
+    with FakeCell(world, tmp_path / "cell", free_port(), page=free_port()) as fake:
         take_folders_from_unit(fake.cell_file)
         yield fake
 
@@ -162,6 +163,8 @@ def test_the_daemon_teaches_solves_serves_and_restarts_under_the_unit(
     with daemon:
         record_property("start_s", round(time.monotonic() - start, 1))
         work(world, daemon, "127.0.0.1", cell.port)
+        with urllib.request.urlopen(f"http://127.0.0.1:{cell.page}/", timeout=60.0) as answer:
+            page = answer.read().decode()
         told = daemon.heard()
         folders = [cell.folder / "state", cell.folder / "run"]
         lax = [p for top in folders for p in top.rglob("*") if p.lstat().st_mode & 0o007]
@@ -172,4 +175,5 @@ def test_the_daemon_teaches_solves_serves_and_restarts_under_the_unit(
     log = daemon.log.read_text(encoding="utf-8")
     assert "Traceback" not in log
     assert '"event": "niceness_refused"' in log
+    assert "<title>vgrd" in page
     record_property("took_s", round(time.monotonic() - start, 1))
