@@ -73,9 +73,8 @@ def _figures(result: Mapping[str, Any], limit: float | None) -> list[str]:
     """What only the joint estimate can tell."""
     parts = []
     if budget := result.get("budget"):
-        rows = budget["targets"]
-        mean = {link: sum(row[link] for row in rows) / len(rows) for link in budget["links"]}
-        parts.append(_section("Where the error comes from (share of the variance)", shares(mean)))
+        drawn = shares(budget["means"])
+        parts.append(_section("Where the error comes from (share of the variance)", drawn))
     if predicted := result.get("map"):
         parts.append(
             _section(

@@ -50,7 +50,7 @@ def goodness(
     said = _sentence(calibration, recording, tolerance_mm)
     if budget is None:
         return {"good": said, **includes, "limits": "", "add": ""}
-    shares = dict(zip(budget.links, budget.shares.mean(axis=0), strict=True))
+    shares = budget.means
     worst = max(shares, key=lambda source: shares[source])
     limits = f"{worst}, {100 * shares[worst]:.0f} % of the variance"
     return {

@@ -135,10 +135,19 @@ class Budget:
             for name, radius, row in zip(self.targets, self.u95_mm, shares, strict=True)
         ]
 
+    @property
+    def means(self) -> dict[str, float]:
+        """Share of every link, mean of the targets."""
+        return {
+            str(link): float(share)
+            for link, share in zip(self.links, self.shares.mean(axis=0), strict=True)
+        }
+
     def to_json(self) -> dict[str, object]:
         """As `vgrd budget --json` writes it."""
         return {
             "links": [str(link) for link in self.links],
+            "means": self.means,
             "targets": self.rows(),
             "irrelevant": list(self.irrelevant),
         }

@@ -169,7 +169,5 @@ def _better(result: Reply) -> str:
 
 def _shares(budget: Reply) -> dict[str, int]:
     """Percent of the variance by link, mean of the targets; links that nobody would see are left out."""
-    rows = budget.get("targets", ())
-    links = budget.get("links", ())
-    mean = {link: round(_PERCENT * sum(row[link] for row in rows) / len(rows)) for link in links}
-    return {link: share for link, share in mean.items() if share}
+    means = {link: round(_PERCENT * share) for link, share in budget.get("means", {}).items()}
+    return {link: share for link, share in means.items() if share}
