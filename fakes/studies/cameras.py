@@ -18,12 +18,12 @@ STABILITIES: Mapping[str, Array] = MappingProxyType(
 _CARRIED = frozen_array([60.0] * 3 + [0.2] * 3, 6)  # a guess: a hand's breadth and 11 degrees
 
 
-def move(cell: Simulation, stability: Array) -> None:
-    """Displace the camera from where it was taught as its stability says; a movable one anyhow."""
+def move(cell: Simulation, stability: Array, taught: Pose = Simulation.base_from_camera) -> None:
+    """Displace the camera from where it was taught (base_from_camera) as its stability says; a movable one anyhow."""
     if stability.any():
         sigmas = np.where(np.isfinite(stability), stability, _CARRIED)
-        displaced = Pose.exp(cell.rng.normal(size=6) * sigmas)
-        cell.base_from_camera = Simulation.base_from_camera @ displaced
+        taught_from_camera = Pose.exp(cell.rng.normal(size=6) * sigmas)
+        cell.base_from_camera = taught @ taught_from_camera
 
 
 def place_in(picture: Observation, stability: Array) -> CameraPlace:

@@ -57,7 +57,7 @@ def goodness(
         "good": said,
         **includes,
         "limits": f"{limits}{_center_in_words(calibration)}",
-        "add": _TO_ADD.get(worst, ""),
+        "add": _TO_ADD.get(Source(worst), ""),
     }
 
 

@@ -80,7 +80,7 @@ taken to point up.
 
 ## Is it true?
 
-Measured by `vgrd study expected`: 40 sessions for each of seven simulated cells are taught and solved, 24 answers each
+Measured by `vgrd study expected`: 40 sessions for each of eleven simulated cells are taught and solved, 24 answers each
 are compared with the truth. The simulated cells stand elsewhere than the nominal one; their pictures have noise on
 every corner.
 
@@ -89,7 +89,8 @@ every corner.
 @MEASURED@
 
 Where the last column is above 1, the session had to find its noise from few samples, and says so. Where it is below,
-the expected figure is on the careful side; probably since the touches of these cells turn about all three axes.
+the expected figure is on the careful side: tilted touches of these cells turn about all three axes, which tells more
+of the tool. Where they lean about two in turn, as `vgrd expect` has them, the same cell comes to its expected figure.
 
 The table in [does my cell fit](fit.md) was measured too (`vgrd study cell-fit`), by sessions of 10 touches of which
 none was with the object turned: the median of all targets and turns there, the worst of them here.

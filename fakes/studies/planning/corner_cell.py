@@ -9,7 +9,7 @@ from scipy.spatial.transform import Rotation
 from fakes.world.arm_errors import ArmErrors
 from fakes.world.simulation import TAG_A, TAG_B, Simulation
 from vgrd.geometry import Array, Pose, exp_rotation, hat
-from vgrd.model import CellFacts, Motion, TagObservation, TagSpec, frozen_array
+from vgrd.model import CellFacts, Motion, Stability, TagObservation, TagSpec, frozen_array
 
 _SQUARE = np.array([(-0.5, -0.5, 0.0), (0.5, -0.5, 0.0), (0.5, 0.5, 0.0), (-0.5, 0.5, 0.0)])
 _STEPS = 4  # of Gauss and Newton from the truth, which is within a pixel
@@ -19,7 +19,8 @@ _TILT_RAD = np.radians(30)  # of the camera from the vertical, and so of tags th
 class CornerCell(Simulation):
     """edge_mm: of both tags; distance_mm: from the camera to the middle of the table; corner_px: 1 sigma per axis.
 
-    print_mm: how far the edges are off, 1 sigma along and across each. The other arguments are as of `Simulation`.
+    print_mm: how far the edges are off, 1 sigma along and across each. four_axes: the wrist turns about the
+    vertical only. The other arguments are as of `Simulation` and of `CellFacts`.
     """
 
     def __init__(
@@ -34,10 +35,14 @@ class CornerCell(Simulation):
         center_mm: float,
         motion: Motion = Motion.TURNTABLE,
         print_mm: float = 0.0,
+        camera: Stability = Stability.FIXED,
+        four_axes: bool = False,
     ) -> None:
-        super().__init__(seed, touch_sigma_mm=touch_mm, arm=arm, center_sigma_mm=center_mm)
+        super().__init__(
+            seed, touch_sigma_mm=touch_mm, arm=arm, center_sigma_mm=center_mm, one_axis=four_axes
+        )
         self.edge_mm, self.corner_px = edge_mm, corner_px
-        self._motion, self._print_mm = motion, print_mm
+        self._motion, self._print_mm, self._camera = motion, print_mm, camera
         off = self.rng.normal(size=(2, 2)) * print_mm
         self._printed = {TAG_A.id: edge_mm + off[0], TAG_B.id: edge_mm + off[1]}  # along, across
         self._K = np.asarray(super().facts().camera_matrix)
@@ -58,6 +63,7 @@ class CornerCell(Simulation):
             tag_a_sigma_mm=self._print_mm,
             tag_b_sigma_mm=self._print_mm,
             object=spec,
+            camera_stability=self._camera,
         )
 
     def _see(self, spec: TagSpec, truth: Pose) -> TagObservation:
