@@ -3,6 +3,7 @@
 import asyncio
 import hashlib
 import re
+from html import escape
 from pathlib import Path
 
 import numpy as np
@@ -10,18 +11,18 @@ import pytest
 from typer.testing import CliRunner
 
 from fakes.testing import ManualClock
-from fakes.world.simulation import Simulation
+from fakes.world.simulation import WORK_ROTATION, Simulation
 from tests.reporting.sessions import recorded
 from vgrd.cell.control.results import Results
 from vgrd.cli import app
 from vgrd.devices import CameraImage
-from vgrd.errors import Corrupt, InputError
+from vgrd.errors import CalibrationError, Corrupt, InputError
 from vgrd.model import Plan
 from vgrd.reporting import report_of, report_page
 from vgrd.solving.session import solve_session
 from vgrd.store.calibrations import CalibrationStore
 from vgrd.store.results import RESULT, read_result
-from vgrd.store.sessions import SessionWriter
+from vgrd.store.sessions import SampleKind, SessionWriter
 
 
 @pytest.fixture(scope="module")
@@ -70,6 +71,22 @@ def test_a_rejected_session_has_a_result_too(tmp_path):
     solve_session(folder, tmp_path, tolerance_mm=0.01)
     assert "✖ REJECTED" in page_of(folder)
     assert CalibrationStore(tmp_path).list() == ()
+
+
+def test_a_session_that_cannot_be_solved_takes_the_verdict_of_no_other(tmp_path):
+    solve_session(recorded(tmp_path, "first"), tmp_path, tolerance_mm=2.0)
+    folder = tmp_path / "sessions" / "second"
+    few = Simulation(3).record(wrists=[WORK_ROTATION], plan=Plan.JOINT, looks=0, spins=0, points=0)
+    with SessionWriter(tmp_path, "second", Plan.JOINT, few.facts, ManualClock()) as writer:
+        writer.sample(SampleKind.TOUCH, few.touches[0])
+    with pytest.raises(CalibrationError) as refused:
+        solve_session(folder, tmp_path, tolerance_mm=2.0)
+    told = asyncio.run(Results(tmp_path).table()["result"].perform({}))
+    assert (told["session"], told["result"]["verdict"]["ok"]) == ("second", False)
+    assert told["result"]["verdict"]["findings"][0]["message"] == str(refused.value)
+    page = page_of(folder)
+    assert "✖ REJECTED" in page
+    assert escape(str(refused.value)) in page
 
 
 def test_verdict_verification_budget_and_hashes_are_on_the_page(solved):

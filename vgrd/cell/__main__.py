@@ -151,7 +151,7 @@ class Cell:
             tasks.create_task(self._obey(gate))
 
     def _recover(self) -> None:
-        """Make sessions whole that a kill left open; one that cannot be is told and left alone."""
+        """Make sessions whole that a kill left open, and go on with the newest; what cannot be read is told."""
         for name in list_sessions(self.state):
             try:
                 recovered = recover_session(session_directory(self.state, name))
@@ -160,6 +160,10 @@ class Cell:
             else:
                 if recovered:
                     log.info("session_recovered", session=name, segments=len(recovered))
+        try:
+            self.operations.wizard.take_up(self.state)
+        except StoreError as err:
+            log.warning("session_not_taken_up", reason=str(err))
 
     async def _tell_health(self) -> None:
         while True:

@@ -18,7 +18,7 @@ from vgrd import logs
 from vgrd.errors import CalibrationError, ControlError, InputError, InternalError, VgrdError
 from vgrd.model import Policy
 from vgrd.niceness import give_way
-from vgrd.solving.sample_numbers import SampleNumbers
+from vgrd.solving.sample_numbers import SampleNumbers, samples_named
 from vgrd.store.sessions import load_session
 
 BRIEF_S = 0.25  # an operator does not notice it after a touch
@@ -168,7 +168,11 @@ def advise_folder(
 
 def _numbered(advice: dict[str, Any], numbers: SampleNumbers) -> dict[str, Any]:
     """With the numbers by which samples are undone."""
-    findings = [{**one, "message": numbers.told(one["message"])} for one in advice["findings"]]
+    words = [numbers.told(one["message"]) for one in advice["findings"]]
+    findings = [
+        {**one, "message": told, "samples": samples_named(told)}
+        for one, told in zip(advice["findings"], words, strict=True)
+    ]
     touches = [{**one, "name": numbers.told(one["name"])} for one in advice["touches"]]
     trouble = numbers.told(advice["trouble"])
     return {**advice, "findings": findings, "trouble": trouble, "touches": touches}

@@ -13,6 +13,12 @@ _OF_TARGET = re.compile(
     r"\b(\d+) \(([^()]+)\)"
 )  # "touch 3 (P1)", and the second of a list of them
 _OF_KIND = re.compile(r"\b(look|spin) (\d+)\b(?! \()")
+_SAMPLE = re.compile(r"\bsample (\d+)\)")  # as `told` writes it
+
+
+def samples_named(told: str) -> list[int]:
+    """Numbers of the samples in words that were told, in their order, each once."""
+    return list(dict.fromkeys(int(number) for number in _SAMPLE.findall(told)))
 
 
 class SampleNumbers:

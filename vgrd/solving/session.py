@@ -18,7 +18,7 @@ import structlog
 from vgrd import logs
 from vgrd.calibration.blind_spots import sentences
 from vgrd.calibration.calibration import Calibration
-from vgrd.calibration.confirmation import confirm
+from vgrd.calibration.confirmation import Confirmation, confirm
 from vgrd.calibration.joint import JointSolution
 from vgrd.calibration.solve import calibrate_with_fit
 from vgrd.clock import Clock, SystemClock
@@ -77,6 +77,9 @@ def solve_session(
             )
         except CalibrationError as err:
             err.args = (numbers.told(str(err)),)
+            if state_dir is not None:
+                asked = {"tolerance_mm": tolerance_mm, "policy": policy.value}
+                write_result(folder, {**asked, **_unsolved(folder.name, str(err), clock)})
             raise
         offset = time_offset_of(folder, stored.recording, calibration)
         findings = (
@@ -137,6 +140,27 @@ def _blind_spots(
     if stability is None:
         return ["What one picture cannot tell depends on the camera: add --config CELL.toml"]
     return list(sentences(solution, recording, stability))
+
+
+def _unsolved(session: str, why: str, clock: Clock) -> dict[str, object]:
+    """Result of a session without a calibration: an earlier one would be taken for its own."""
+    return {
+        "good": why,
+        "limits": "",
+        "add": "",
+        "calibration": None,
+        "session": session,
+        "solved_unix_s": clock.wall(),
+        "verdict": {
+            "ok": False,
+            "findings": [{"code": "not_solved", "message": why, "fatal": True}],
+        },
+        "verification": {
+            **Confirmation((), None).to_json(),
+            "words": "there is no calibration to verify",
+        },
+        "warnings": [],
+    }
 
 
 def _drawn(folder: Path, holes: HolesSeen, pictures: Path) -> dict[str, object]:

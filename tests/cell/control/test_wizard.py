@@ -15,11 +15,18 @@ from fakes.cell.rehearsal import Rehearsal, facts_of
 from fakes.testing import ManualClock
 from fakes.world.layout import Layout
 from fakes.world.poses import WORK_ROTATION, retracted_pose
+from fakes.world.simulation import Simulation
 from fakes.world.world import CellNoise, World
 from vgrd.calibration.solve import calibrate_system
 from vgrd.calibration.verification import verify
 from vgrd.cell.control.versions import Versions
-from vgrd.cell.recording.next_step import Step, Taken, step_in_session, step_without_session
+from vgrd.cell.recording.next_step import (
+    BESIDE,
+    Step,
+    Taken,
+    step_in_session,
+    step_without_session,
+)
 from vgrd.cell.recording.recorder import Recorder
 from vgrd.cell.recording.teaching import Teaching
 from vgrd.cell.recording.wizard import Wizard
@@ -29,11 +36,13 @@ from vgrd.devices import FlangeReading
 from vgrd.devices.stillness import RestLimits
 from vgrd.errors import StaleVersion
 from vgrd.geometry import Array, Pose, exp_rotation
-from vgrd.model import Observation, Policy
-from vgrd.solving.advisor import Advisor, answer_line
+from vgrd.model import Observation, Plan, Policy
+from vgrd.registers.codes import Status
+from vgrd.solving.advisor import Advisor, advise_folder, answer_line
 from vgrd.solving.shelf import former_calibration
 from vgrd.store.calibrations import CalibrationStore
-from vgrd.store.sessions import SampleKind, load_session
+from vgrd.store.results import write_result
+from vgrd.store.sessions import SampleKind, SessionWriter, load_session
 
 MOST_STEPS = 40  # a teaching that takes more goes in a circle
 TOLERANCE_MM = 1.0
@@ -59,7 +68,8 @@ class ObedientCell:
         )
         self.store = CalibrationStore(folder, clock)
         limits = SimpleNamespace(max_u95_mm=TOLERANCE_MM)
-        self.serving: Any = SimpleNamespace(limits=limits, calibration=None)
+        faults = SimpleNamespace(absence=(Status.NOT_CALIBRATED, "nothing was put in use"))
+        self.serving: Any = SimpleNamespace(limits=limits, calibration=None, faults=faults)
         activation: Any = SimpleNamespace(store=self.store)
         self.wizard = Wizard(self.teaching, activation, self.serving, clock)
         self.trials = Trials(self.serving, folder, clock)
@@ -306,6 +316,73 @@ def test_the_next_step_is_what_is_most_urgent(changes, kind):
     step = step_in_session(taken(**changes))
     assert step.kind == kind
     assert step.words
+
+
+@pytest.mark.parametrize(("samples", "sample"), [((), None), ((5,), 5), ((5, 6), None)])
+def test_a_mistake_names_the_sample_to_mend_where_it_is_one(samples, sample):
+    step = step_in_session(taken(advice={"findings": [{**FATAL, "samples": list(samples)}]}))
+    assert (step.kind, step.sample) == ("mend", sample)
+
+
+@pytest.mark.parametrize(
+    ("kind", "target"), [("touch", "P2"), ("point", BESIDE), ("look", None), ("spin", None)]
+)
+def test_a_sample_that_the_plan_asks_for_has_a_target_where_it_needs_one(kind, target):
+    step = step_in_session(
+        taken(
+            harvests=False,
+            missing={kind: 2},
+            touched={"P1": 2, "P2": 1},
+            advice={"next": {"kind": kind, "words": "as the plan says"}},
+        )
+    )
+    assert (step.kind, step.target) == (kind, target)
+
+
+def test_a_calibration_that_does_not_serve_is_not_told_to_be_in_use():
+    step = step_without_session("", None, "cal-000001", "made for another cell")
+    assert step.kind == "start"
+    assert "does not serve: made for another cell" in step.words
+
+
+def test_a_touch_with_the_object_elsewhere_is_named_by_its_number(tmp_path):
+    sim = Simulation(4)
+    wrists = [sim.wrist()] * 6
+    taught = sim.record(wrists=wrists, plan=Plan.SPECIAL, looks=8, spins=4, points=0)
+    touches = list(taught.touches)
+    touches[4] = sim.touch("P5", wrists[4], angle_rad=0.05)
+    with SessionWriter(tmp_path, "one", Plan.SPECIAL, taught.facts, ManualClock()) as writer:
+        for kind, samples in (
+            (SampleKind.LOOK, taught.looks),
+            (SampleKind.SPIN, taught.spins),
+            (SampleKind.TOUCH, touches),
+        ):
+            numbers = [writer.sample(kind, sample) for sample in samples]
+    findings = advise_folder(writer.path, Policy.FIXED)["findings"]
+    assert isinstance(findings, list)
+    (moved,) = [one for one in findings if one["code"] == "object_moved"]
+    assert moved["samples"] == [numbers[4]]
+    assert f"sample {numbers[4]}" in moved["message"]
+
+
+def test_after_a_restart_the_session_that_nobody_solved_is_gone_on_with(cell, tmp_path):
+    async def taught():
+        cell.wizard.take_up(tmp_path)
+        before = await cell.wizard.state()
+        await cell.teaching.start("joint", "one")
+        await cell.obey({"kind": "touch", "target": "P1", "tilted": False})
+        await cell.teaching.stop()
+        cell.teaching.last_session = None  # as after a restart
+        cell.wizard.take_up(tmp_path)
+        lost = await cell.wizard.state()
+        write_result(tmp_path / "sessions" / "one", {"good": "solved"})
+        cell.teaching.last_session = None
+        cell.wizard.take_up(tmp_path)
+        return before, lost, await cell.wizard.state()
+
+    before, lost, solved = run(cell, taught)
+    assert (before["last"], lost["last"], solved["last"]) == (None, "one", None)
+    assert lost["step"]["kind"] == "solve"
 
 
 @pytest.mark.parametrize("predicted", [np.nan, np.inf])

@@ -52,6 +52,19 @@ def test_a_fault_is_kept_with_how_long_it_lasted(cell):
     assert older["lasted_s"] == pytest.approx(6.0)
 
 
+def test_a_camera_that_nobody_looks_for_is_not_told_to_stand_still(cell):
+    diary = cell.diary()
+    for _ in range(2):
+        cell.report = LinkReport(False, 9000.0, None, freedom=6)
+        diary.look()
+    (hour,) = diary.to_json(DAYS)["hours"]
+    assert (hour["camera_mm"], hour["camera_mrad"], hour["misfit"]) == (None, None, 1500.0)
+    diary.save()
+    again = cell.diary()
+    again.load()
+    assert again.to_json(DAYS)["hours"] == [hour]
+
+
 def test_an_hour_is_told_by_the_median_of_its_pictures(cell):
     diary = cell.diary()
     for mm in (0.1, 0.2, 5.0):

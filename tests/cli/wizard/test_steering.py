@@ -46,6 +46,7 @@ def test_a_key_asks_for_what_the_state_says(key, shown, calls):
     ("key", "shown"),
     [
         (" ", state("mend", sample=5)),
+        ("u", state("mend", sample=None)),  # the last one is rarely the wrong one
         (" ", state("wait")),
         (" ", state("done", None)),
         (" ", state("a step of tomorrow")),

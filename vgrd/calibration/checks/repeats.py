@@ -64,7 +64,7 @@ def moved_object(recording: Recording) -> Finding | None:
     indices = [i for i in moved_touches(recording.touches) if i not in turned]
     if not indices:
         return None
-    names = ", ".join(str(i + 1) for i in indices)
+    names = ", ".join(f"{i + 1} ({recording.touches[i].target})" for i in indices)
     return finding("object_moved", f"the object stood elsewhere in touch {names}", fatal=True)
 
 

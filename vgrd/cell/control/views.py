@@ -99,7 +99,11 @@ class Views:
         return self.diary(days)
 
     async def _calibrations(self, _: Arguments) -> Mapping[str, Any]:
-        return await asyncio.to_thread(calibration_list, self._activation.store, self._known)
+        """As they are stored; active is what serves, which may be none though one was put in use."""
+        told = await asyncio.to_thread(calibration_list, self._activation.store, self._known)
+        served = None if self._serving.calibration is None else self._serving.calibration.id
+        rows = [{**row, "active": row["id"] == served} for row in told["calibrations"]]
+        return {**told, "active": served, "calibrations": rows}
 
     async def _sessions(self, _: Arguments) -> Mapping[str, Any]:
         writer = self._teaching.recorder.writer

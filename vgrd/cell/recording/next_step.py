@@ -7,6 +7,9 @@ from typing import Any, Final
 from vgrd.calibration.confirmation import LEAST_ANGLES
 from vgrd.judging.findings import MISSING
 
+BESIDE: Final = (
+    "beside"  # name of what is touched beside the object: a session has one point, plane or ball
+)
 SPINS: Final = 4  # as `first_samples.WANTED`: fewer tell the axis badly
 
 
@@ -14,8 +17,9 @@ SPINS: Final = 4  # as `first_samples.WANTED`: fewer tell the axis badly
 class Step:
     """kind: start, spin, look, point, touch, mend, wait, verify, solve, activate or done.
 
-    words: a whole sentence. target: of a touch. tilted: the wrist shall stand otherwise than it works.
-    next: as `advice` tells it, with pose and errors, or empty. sample: number of the one to mend.
+    words: a whole sentence. target: of a touch; of a point its name. tilted: the wrist shall stand otherwise than it
+    works. next: as `advice` tells it, with pose and errors, or empty. sample: number of the one to mend, None where it
+    is none or one of several, which the words name.
     done, of: how many of this kind there are, and are wanted; 0 where nobody counts.
     """
 
@@ -70,7 +74,10 @@ def step_in_session(taken: Taken) -> Step:
     for number, question in taken.questions.items():
         return Step("mend", f"sample {number}: {question}", sample=number)
     if wrong := _mistake(taken.advice):
-        return Step("mend", wrong)
+        samples = wrong.get("samples", ())
+        return Step(
+            "mend", str(wrong["message"]), sample=samples[0] if len(samples) == 1 else None
+        )
     first = _first_of_plan(taken)
     if first is not None:
         return first
@@ -95,9 +102,12 @@ def step_in_session(taken: Taken) -> Step:
 
 
 def step_without_session(
-    last: str, candidate: Mapping[str, Any] | None, active: str | None
+    last: str, candidate: Mapping[str, Any] | None, active: str | None, refused: str = ""
 ) -> Step:
-    """What comes next while none is open. last: name of the last one, "" for none; candidate: made of it."""
+    """What comes next while none is open. last: name of the last one, "" for none; candidate: made of it.
+
+    active: id of what was put in use; refused: why it does not serve, "" where it does.
+    """
     if candidate is not None and not candidate["active"]:
         if candidate["verdict"] == "good":
             return Step("activate", f"{candidate['id']} is accepted: put it in use")
@@ -106,6 +116,11 @@ def step_without_session(
         )
     if last and candidate is None:
         return Step("solve", f"solve session {last}")
+    if active is not None and refused:
+        words = (
+            f"{active} was put in use and does not serve: {refused}. Mend that, or start a session"
+        )
+        return Step("start", words)
     if active is not None:
         words = (
             f"{active} is in use. To verify it: turn the object by 60 degrees, drive to where the flange must be, "
@@ -115,12 +130,12 @@ def step_without_session(
     return Step("start", "nothing is taught yet: start a session")
 
 
-def _mistake(advice: Mapping[str, Any]) -> str:
-    """What has to be mended before any other sample, or ""."""
+def _mistake(advice: Mapping[str, Any]) -> Mapping[str, Any]:
+    """The finding that has to be mended before any other sample, or empty."""
     for finding in advice.get("findings", ()):
         if finding["fatal"] and finding["code"] not in MISSING:
-            return str(finding["message"])
-    return ""
+            return dict(finding)
+    return {}
 
 
 def _first_of_plan(taken: Taken) -> Step | None:
@@ -159,4 +174,13 @@ def _further(taken: Taken, best: Mapping[str, Any]) -> Step:
     kind = str(best.get("kind", "touch"))
     have, missing = taken.have.get(kind, 0), taken.missing.get(kind, 0)
     of = have + missing if missing else 0
-    return Step(kind, str(best["words"]), best.get("target"), best, have, of)
+    return Step(
+        kind, str(best["words"]), best.get("target") or _named(kind, taken), best, have, of
+    )
+
+
+def _named(kind: str, taken: Taken) -> str | None:
+    """Target of a sample that the plan asks for by its kind alone; a touch beside the object is of none."""
+    if kind == "touch":
+        return min(taken.targets, key=lambda name: taken.touched.get(name, 0))
+    return BESIDE if kind == "point" else None

@@ -2,6 +2,7 @@
 
 import asyncio
 from collections.abc import Collection, Mapping, Sequence
+from pathlib import Path
 from typing import Any
 
 from vgrd.calibration.verification import turned_apart
@@ -16,7 +17,15 @@ from vgrd.judging.findings import MISSING
 from vgrd.judging.operator_time import operator_minutes
 from vgrd.model import Observation, Touch
 from vgrd.solving.shelf import active_calibration, calibration_row
-from vgrd.store.sessions import SampleKind, SessionWriter, Taught
+from vgrd.store.results import read_result
+from vgrd.store.sessions import (
+    SampleKind,
+    SessionWriter,
+    Taught,
+    list_sessions,
+    load_session,
+    session_directory,
+)
 
 
 class Wizard:
@@ -33,6 +42,15 @@ class Wizard:
         self._advice: Mapping[str, Any] = {}
         self._trend: list[dict[str, Any]] = []
         self._candidate: tuple[str, Mapping[str, Any] | None] = ("", None)
+
+    def take_up(self, state_dir: Path) -> None:
+        """After a start: the newest session, where it has touches and nobody solved it. Raises StoreError."""
+        names = list_sessions(state_dir)
+        if not names or self._teaching.last_session or self._teaching.recorder.writer:
+            return
+        folder = session_directory(state_dir, names[-1])
+        if read_result(folder) is None and load_session(folder).recording.touches:
+            self._teaching.last_session = folder
 
     @property
     def scenery(self) -> Mapping[str, Any]:
@@ -102,7 +120,10 @@ class Wizard:
         last = self._teaching.last_session
         name = "" if last is None else last.name
         active, candidate = await asyncio.to_thread(self._made_of, name)
-        step = step_without_session(name, candidate, active)
+        served = self._serving.calibration
+        is_served = served is not None and served.id == active
+        refused = "" if is_served else self._serving.faults.absence[1]
+        step = step_without_session(name, candidate, active, refused)
         if self.solving:
             step = Step("wait", f"solving session {self.solving}")
         elif step.kind == "solve" and name in self.rejected:

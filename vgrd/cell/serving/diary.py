@@ -96,10 +96,14 @@ class Diary:
             self._hours.append({"unix_s": hour_s, "calibration": name})
             del self._hours[:-MOST_HOURS]
         camera = report.taught_from_camera
-        mm, rad = (0.0, 0.0) if camera is None else Pose.identity().distance(camera)
+        # A camera that is stated to stand still is not looked for: that is no camera that stood still.
+        mm, rad = (np.nan, np.nan) if camera is None else Pose.identity().distance(camera)
         misfit = report.misfit / report.freedom if report.freedom else 0.0
         self._samples.append((mm, 1e3 * rad, misfit))
-        middle = np.median(self._samples, axis=0).round(4).tolist()
+        middle = [
+            None if np.isnan(value) else value
+            for value in np.median(self._samples, axis=0).round(4).tolist()
+        ]
         self._hours[-1] |= {
             **dict(zip(("camera_mm", "camera_mrad", "misfit"), middle, strict=True)),
             "moved_mm": round(report.size_mm, 3),

@@ -64,8 +64,15 @@ def _of_step(state: State, plan: str) -> tuple[Call, ...]:
 
 
 def _undo(state: State) -> Call:
-    """Of the sample that the step names, else of the last one that was asked for."""
+    """Of the sample that the step names, else of the last one that was asked for.
+
+    Where something is to be mended and no single sample is named, the last one is rarely the wrong one.
+    """
     number = state["step"].get("sample")
+    if number is None and state["step"]["kind"] == "mend":
+        raise InputError(
+            "which one? `vgrd undo SAMPLE` or `vgrd retag SAMPLE TARGET`, as the step says"
+        )
     return Call("undo", {} if number is None else {"sample": number})
 
 

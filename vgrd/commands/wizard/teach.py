@@ -106,13 +106,17 @@ def _by_keys(client: "ControlClient", plan: str) -> None:
 
     from vgrd.commands.wizard.keyboard import forget_typed, single_keys
 
-    told = ""
+    told, shown = "", None
     with single_keys() as next_key, Live(screen=True, auto_refresh=False) as live:
         while True:
             try:
                 state: State | None = client.call("teaching", timeout_s=_LINK_S)
             except DaemonUnreachable:
                 state = None
+            asked = None if state is None else (state["version"], state["step"])
+            if asked != shown:
+                forget_typed()  # a key answers what was shown when it was pressed
+                shown = asked
             live.update(_screen(state, told), refresh=True)
             typed = next_key(_LOOK_S)
             if typed is None:
