@@ -109,9 +109,9 @@ class TeachTab:
         await self._visitor.command("touch", seen, target=seen["target"])
 
     async def _verify(self, seen: Seen) -> None:
-        """In the session, never of the calibration in use: that has buttons of its own."""
-        where = {"target": seen["target"], "session": seen["session"]}
-        await self._visitor.command("verify", seen, **where)
+        if _is_open(seen):
+            where = {"target": seen["target"], "session": seen["session"]}
+            await self._visitor.command("verify", seen, **where)
 
     async def _spin(self, seen: Seen) -> None:
         await self._visitor.command("spin", seen)
@@ -120,8 +120,9 @@ class TeachTab:
         await self._visitor.command("look", seen)
 
     async def _undo(self, seen: Seen) -> None:
-        which = {} if seen["sample"] == _LAST else {"sample": seen["sample"]}
-        await self._visitor.command("undo", seen, session=seen["session"], **which)
+        if _is_open(seen):
+            which = {} if seen["sample"] == _LAST else {"sample": seen["sample"]}
+            await self._visitor.command("undo", seen, session=seen["session"], **which)
 
     async def _retag(self, seen: Seen) -> None:
         """Book the touch that the step names under the chosen target."""
@@ -209,26 +210,27 @@ class TeachTab:
             self._followed = target
 
     def _show_buttons(self, teaching: Reply, step: Reply) -> None:
-        """Which one the step means, and what each would take."""
+        """What each would take, and which one the step means."""
         opened = (teaching.get("session") or {}).get("name") or ""
         tell(self._session, opened)
         tell(self._taught, opened or teaching.get("last") or "")
         number, is_mend = step["sample"], step["kind"] == "mend"
         named = "" if number is None else str(number)
+        is_unnamed = is_mend and not named  # the last one need not be the one that is wrong
         tell(self._sample, named or ("" if is_mend else _LAST))
-        undo, retag = self._buttons["undo"], self._buttons["retag"]
-        undo.set_text(f"{texts.BUTTONS['undo']} {named}".strip())
-        undo.set_enabled(bool(named) or not is_mend)
-        retag.set_text(f"{texts.BUTTONS['retag']} {named}".strip())
-        show_if(retag, is_shown=is_mend and _is_touch(teaching, number))
-        show_if(self._unnamed, is_shown=is_mend and not named)
-        meant = step["kind"]
-        if is_mend:
-            meant = "undo" if named else ""
+        for key in ("undo", "retag"):
+            self._buttons[key].set_text(f"{texts.BUTTONS[key]} {named}".strip())
+        self._buttons["undo"].set_enabled(not is_unnamed)
+        show_if(self._unnamed, is_shown=is_unnamed)
+        show_if(self._buttons["retag"], is_shown=is_mend and _is_touch(teaching, number))
+        remedy = "" if is_unnamed else "undo"
+        self._light(remedy if is_mend else step["kind"])
+
+    def _light(self, meant: str) -> None:
+        """The button that the step means is blue, and no other."""
         for key, shown in self._buttons.items():
-            shown.classes(
-                add="next" if key == meant else "", remove="" if key == meant else "next"
-            )
+            is_meant = key == meant
+            shown.classes(add="next" if is_meant else "", remove="" if is_meant else "next")
 
     def _show_targets(self, teaching: Reply) -> None:
         targets, is_old = teaching.get("targets", ()), bool(teaching.get("computing"))
@@ -240,6 +242,13 @@ class TeachTab:
         )
         options = fall(teaching.get("trend", []), teaching.get("tolerance_mm", 1.0))
         redraw(self._chart, options)
+
+
+def _is_open(seen: Seen) -> bool:
+    """Whether a session was shown, and if not where the calibration in use is verified."""
+    if not seen["session"]:
+        ui.notify(texts.REFUSED.format(reason=texts.NOT_OPEN), type="warning", multi_line=True)
+    return bool(seen["session"])
 
 
 def _is_touch(teaching: Reply, number: int | None) -> bool:

@@ -11,7 +11,7 @@ pytest.importorskip("nicegui", reason="the extra `page` is not installed")
 
 from nicegui import ui
 
-from tests.page.paper_tab import PaperTab
+from tests.page.tabs.paper_tab import PaperTab
 from vgrd.page.parts import clock_time
 from vgrd.page.shown import offer
 from vgrd.page.tabs import ResultTab, SessionsTab, TeachTab
@@ -148,6 +148,12 @@ def test_solving_takes_the_session_that_was_shown(teach):
     assert (teach.shown()["session"], teach.shown()["taught"]) == ("", "one")
     teach.press("solve", taught="zero")
     assert teach.link.given == [("solve", {"session": "zero"})]
+
+
+@pytest.mark.parametrize("button", ["verify", "undo"])
+def test_where_no_session_was_shown_no_other_is_meant(teach, button):
+    teach.press(button, session="")  # the calibration in use has buttons of its own
+    assert teach.link.given == []
 
 
 def test_the_target_follows_the_step_until_a_person_chooses_another(teach):
