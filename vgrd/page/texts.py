@@ -99,6 +99,7 @@ AT_REST: Final = "arm at rest"
 MOVES: Final = "arm moves"
 JOB: Final = "{count} targets; tolerance {tolerance:g} mm for 95 % of the misses; plan {plan}"
 NOT_IN_USE: Final = "no calibration is in use"
+NOT_TOLD: Final = "nothing is known of verifications of a calibration in use"
 MINUTES: Final = (
     "Operator: {minutes:.1f} min by table 4 of the paper ({steps}); clock {elapsed:.0f} min"
 )

@@ -340,6 +340,14 @@ def test_the_calibration_in_use_is_not_verified_while_a_session_is_open(result):
     assert "session two is open" in result.find("trials-off").text
 
 
+@pytest.mark.parametrize("served", [None, "cal-000002"])
+def test_verifications_of_what_is_not_in_use_any_more_vouch_for_nothing(result, served):
+    result.told["status"] = {**result.told["status"], "calibration": served}
+    result.look()
+    assert "GO" not in result.find("trials").text
+    assert result.shown()["trial"] == ""
+
+
 @pytest.mark.parametrize("sent", ["", "[]", '["v1", 1]', '["v1", 1, []]', '["v1", 1, 2]', "nan"])
 def test_what_cannot_be_read_is_of_no_version(sent):
     seen = Seen.of(sent)

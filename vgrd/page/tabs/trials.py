@@ -74,10 +74,16 @@ class TrialsCard:
     async def _undo(self, seen: Seen) -> None:
         await self._visitor.command("undo", seen, kind="verify", calibration=seen["trial"])
 
+    def _trials(self) -> Reply:
+        """What was told of them, empty where that was of a calibration that is not in use any more."""
+        told = self._visitor.link.reply("trials")
+        of = told.get("calibration")
+        return told if of == self._visitor.link.reply("status").get("calibration", of) else {}
+
     def refresh(self) -> None:
         """Show what was heard."""
         link = self._visitor.link
-        told, session = link.reply("trials"), link.reply("teaching").get("session")
+        told, session = self._trials(), link.reply("teaching").get("session")
         tell(self._words, _in_words(told))
         tell(self._calibration, str(told.get("calibration") or ""))
         self._grid.show(reversed(told.get("verifications", ())))
@@ -98,5 +104,5 @@ def _apart_mm(answer: Reply, told: Reply) -> float:
 def _in_words(trials: Reply) -> str:
     """Of which calibration: go or no go, and why."""
     if not trials:
-        return texts.NOT_IN_USE
+        return texts.NOT_TOLD
     return f"{trials.get('calibration', '-')}: {texts.GOES[trials['verdict']]}: {trials['words']}"
