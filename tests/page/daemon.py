@@ -33,6 +33,19 @@ STEP = {
     "u95_before_mm": 0.5,
     "u95_after_mm": 0.4,
 }
+_COMMANDS = ("touch", "verify", "spin", "look", "undo", "retag", "record.start", "record.stop")
+_COMMANDS += ("activate", "rollback")
+_ARGUMENTS = (
+    "version",
+    "target",
+    "sample",
+    "plan",
+    "session",
+    "calibration",
+    "active",
+    "kind",
+    "by",
+)
 
 
 def registers() -> dict[str, Any]:
@@ -162,8 +175,8 @@ class PaperDaemon:
         names = {name: Operation(self._reply(name)) for name in self.replies}
         names["picture"] = Operation(self._picture, ("after", "wait_s", "width_px"))
         names["report"] = Operation(self._report, ("session",))
-        for op in ("touch", "verify", "spin", "look", "undo", "record.start", "record.stop"):
-            names[op] = Operation(self._command(op), ("version", "target", "sample", "plan"))
+        for op in _COMMANDS:
+            names[op] = Operation(self._command(op), _ARGUMENTS)
         self._server = ControlServer(runtime_dir / "control.sock", names)
         self._loop = asyncio.new_event_loop()
         self._thread = threading.Thread(target=self._run)

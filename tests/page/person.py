@@ -11,6 +11,7 @@ from tests.page.browser import press, tab, until
 
 MOST_STEPS = 40  # a teaching that takes more goes in a circle
 TARGET = re.compile(r"\bP\d\b")
+UNDO = re.compile("^UNDO")  # and the sample that it takes
 
 
 class Person:
@@ -45,7 +46,7 @@ class Person:
             self.playground.press(f"tip on {target}")
             self.done("VERIFY")
         elif what == "Something is odd":
-            self.done("UNDO")
+            self.done(self.page.get_by_role("button", name=UNDO).inner_text())
             self.playground.press("turn the object by 30 degrees")
         elif what == "Wait":
             until(lambda: self.step()[0] != "Wait")

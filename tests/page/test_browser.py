@@ -1,5 +1,7 @@
 """The page in a real browser: what it shows, and that it never shows what is not so any more."""
 
+import re
+
 import pytest
 
 from tests.page.browser import (
@@ -216,6 +218,62 @@ def test_a_command_says_which_version_was_shown(page, daemon):
     until(lambda: daemon.given)
     assert daemon.given == [("touch", {"target": "P2", "version": "v1"})]
     until(lambda: page.get_by_text("touch: recorded as sample 7").count())
+
+
+def silence(page) -> list[bool]:
+    """A switch: while something is in it, what the server draws does not reach the browser."""
+    switch: list[bool] = []
+
+    def pass_on(browser) -> None:
+        server = browser.connect_to_server()
+        server.on_message(lambda message: None if switch else browser.send(message))
+        browser.on_message(server.send)
+
+    page.route_web_socket(re.compile("socket.io"), pass_on)
+    page.reload()
+    page.wait_for_selector("header.state .word:not(:empty)")
+    until(lambda: not is_grey(page))
+    return switch
+
+
+def test_a_press_takes_what_the_browser_showed(page, daemon):
+    """Advice comes at any moment, and changes no version: nobody has seen it yet."""
+    switch = silence(page)
+    tab(page, "Teach")
+    until(lambda: page.locator("[data-fact=target] input").input_value() == "P2")
+    switch.append(True)
+    now = daemon.replies["teaching"]
+    step = {**now["step"], "kind": "mend", "target": "P1", "sample": 3}
+    daemon.replies["teaching"] = {**now, "step": step, "session": {**now["session"], "name": "x"}}
+    daemon.asked.clear()
+    until(lambda: daemon.asked.count("teaching") > 4)  # it is heard, and would be drawn
+    for button in ("TOUCH", "VERIFY", "UNDO"):
+        press(page, button)
+    until(lambda: page.evaluate("true") and len(daemon.given) == 3)  # it passes the presses on
+    assert daemon.given == [
+        ("touch", {"target": "P2", "version": "v1"}),
+        ("verify", {"target": "P2", "version": "v1", "session": "one"}),
+        ("undo", {"version": "v1", "session": "one"}),
+    ]
+
+
+def test_a_choice_of_a_person_stays_and_is_what_is_activated(page, daemon, tmp_path):
+    daemon.replies |= full(tmp_path)
+    tab(page, "Result")
+    shown = page.locator("[data-fact=calibration]")
+    until(lambda: shown.locator("input").input_value() == "cal-000002")
+    shown.click()
+    page.get_by_role("option", name="cal-000001").click()
+    rows = daemon.replies["calibrations"]["calibrations"]
+    more = [*rows, {**rows[0], "id": "cal-000003"}]
+    daemon.replies["calibrations"] = {**daemon.replies["calibrations"], "calibrations": more}
+    until(lambda: page.locator("[data-tab=result]").get_by_text("cal-000003").count())
+    press(page, "ACTIVATE")
+    press(page, "ROLL BACK")
+    until(lambda: len(daemon.given) == 2)
+    (_, activated), (_, left) = daemon.given
+    assert (activated["calibration"], left["active"]) == ("cal-000001", "cal-000002")
+    assert page.locator("[data-tab=result]").get_by_role("button", name="VERIFY").is_disabled()
 
 
 def test_a_command_from_a_page_that_is_behind_is_refused_in_words(page, daemon):

@@ -53,6 +53,7 @@ BUTTONS: Final[Mapping[str, str]] = MappingProxyType(
         "spin": "SPIN",
         "look": "LOOK",
         "undo": "UNDO",
+        "retag": "RETAG",
         "solve": "SOLVE",
         "activate": "ACTIVATE",
         "rollback": "ROLL BACK",
@@ -71,6 +72,14 @@ NEVER: Final = "never"
 NONE: Final = "none"
 NO_PICTURE: Final = "no picture"
 NO_SESSION: Final = "no session is open"
+NOT_OPEN: Final = "no session is open; the calibration in use is verified in Result"
+OLD: Final = "{value} (old)"
+COMPUTING: Final = "Being computed anew: what is old is of the samples as they were before"
+DISK: Final = "Disk: {free_gb:.1f} GB free; sessions take {sessions_gb:.1f} of {quota_gb:g} GB"
+UNNAMED: Final = (
+    "This step names no sample, so UNDO is off: look at what is odd; "
+    "`vgrd undo N` takes a sample back"
+)
 SOLVING: Final = "solving: this takes up to a minute"
 POSE: Final = "Flange in the robot's base: {position} mm, rotation vector {rotation} deg"
 EXPECT: Final = "95 % error {before} mm, {after} mm after it"
@@ -90,6 +99,7 @@ AT_REST: Final = "arm at rest"
 MOVES: Final = "arm moves"
 JOB: Final = "{count} targets; tolerance {tolerance:g} mm for 95 % of the misses; plan {plan}"
 NOT_IN_USE: Final = "no calibration is in use"
+NOT_TOLD: Final = "nothing is known of verifications of a calibration in use"
 MINUTES: Final = (
     "Operator: {minutes:.1f} min by table 4 of the paper ({steps}); clock {elapsed:.0f} min"
 )
@@ -112,7 +122,12 @@ GOES: Final[Mapping[str, str]] = MappingProxyType(
 TRIALS: Final = "Verify the calibration in use"
 WHERE: Final = "WHERE TO GO"
 WHERE_IS: Final = (
-    "{target}. {pose}; 95 % error {u95:.2f} mm. Go there slowly, jog the rest, VERIFY"
+    "{target}, by the picture of {time}. {pose}; 95 % error {u95:.2f} mm. "
+    "Go there slowly, jog the rest, VERIFY"
+)
+TRIALS_OFF: Final = (
+    "VERIFY and UNDO are off here: session {session} is open. Its own are in Teach; "
+    "end it to verify what is in use"
 )
 REPORT: Final = "Report to print"
 LIMITED: Final = "Limited by {what}. To make it better: {remedy}"
@@ -124,13 +139,13 @@ FOUND: Final = "What was found"
 CALIBRATIONS: Final = "Calibrations"
 TREND: Final = "95 % error of the worst target, mm"
 TOLERANCE: Final = "tolerance"
-DIFFERENCE: Final = "Difference of the chosen calibration to the one in use"
+DIFFERENCE: Final = "{chosen} against {active}, in use, for the picture of {time}"
 COMPARE: Final = "COMPARE"
 LIST: Final = "LIST"
 SESSION: Final = "session"
 TIMELINE: Final = "95 % error of each calibration, mm"
 COMPARISON: Final = "Two calibrations"
-BETWEEN: Final = "{second} against {first}, for the picture of now"
+BETWEEN: Final = "{second} against {first}, for the picture of {time}"
 WHY: Final = "Answers by status"
 LATENCY: Final = "Time to answer, ms"
 CAMERA_DRIFT: Final = "Camera from where it was taught, mm, by the hour"

@@ -1,6 +1,7 @@
 """Who looks at a page, and the commands that the buttons there give."""
 
 import json
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 import structlog
@@ -16,19 +17,28 @@ log = structlog.get_logger()
 
 @dataclass(frozen=True, slots=True)
 class Seen:
-    """What a button was pressed at: the version that its page showed, and when (the clock of `Link`)."""
+    """What a button was pressed at: the version that its page showed, and when (the clock of `Link`).
+
+    shown: what stood there of `vgrd.page.shown`, by key.
+    """
 
     version: str
     at_s: float
+    shown: Mapping[str, str] = field(default_factory=dict)
 
     @classmethod
     def of(cls, sent: object) -> "Seen":
         """As `assets/watchdog.js` writes it; what cannot be read is of no version and of long ago."""
         try:
-            version, at_ms = json.loads(str(sent))
-            return cls(str(version), float(at_ms) / 1e3)
-        except (ValueError, TypeError):
+            version, at_ms, shown = json.loads(str(sent))
+            texts_shown = {str(key): str(words) for key, words in shown.items()}
+            return cls(str(version), float(at_ms) / 1e3, texts_shown)
+        except (ValueError, TypeError, AttributeError):
             return cls("unknown", 0.0)
+
+    def __getitem__(self, key: str) -> str:
+        """What stood there; "" for what did not, which no command takes for a name."""
+        return self.shown.get(key, "")
 
 
 @dataclass(frozen=True, slots=True)

@@ -46,6 +46,7 @@ from vgrd.errors import (
     CalibrationError,
     ControlError,
     InputError,
+    StaleVersion,
     TagNotSeen,
 )
 from vgrd.geometry import Array, exp_rotation
@@ -55,11 +56,12 @@ from vgrd.registers.limits import LIMIT_STATUS
 from vgrd.solving.advisor import FULL_S, WAIT_S, policy_called
 from vgrd.solving.goodness import levels_in_words
 from vgrd.solving.servable import places_without_cad
-from vgrd.solving.shelf import former_calibration
+from vgrd.solving.shelf import active_calibration, former_calibration
 from vgrd.store.sessions import SampleKind, list_sessions, session_directory
 
 # What the numbers of `ec` are: people type them into a move of the TCP that is active on the pendant.
 EC_IS = "base_from_wrist: the flange, not the TCP of the pendant, in the robot's base"
+_MEANT = ("session", "calibration")  # whose verification it is
 SOLVE_TIMEOUT_S = 280.0  # below the 300 s of `vgrd solve`, which so gets this reason
 
 
@@ -116,9 +118,9 @@ class Operations:
             "touch": guarded(
                 lambda a: teaching.touch(text_argument(a, "target"), SampleKind.TOUCH), "target"
             ),
-            "verify": guarded(self._verify, "target"),
+            "verify": guarded(self._verify, "target", *_MEANT),
             "point": guarded(lambda a: teaching.point(text_argument(a, "name")), "name"),
-            "undo": guarded(self._undo, "kind", "sample"),
+            "undo": guarded(self._undo, "kind", "sample", *_MEANT),
             "retag": guarded(
                 lambda a: teaching.retag(whole_argument(a, "sample"), text_argument(a, "target")),
                 *("sample", "target"),
@@ -127,7 +129,7 @@ class Operations:
             "advise": Operation(self._advise, ("policy", "tilt_deg", "yaw_deg", "wait_s")),
             "solve": Operation(self._solve, ("session",)),
             "activate": guarded(self._activate, "calibration", "by"),
-            "rollback": guarded(self._roll_back, "by"),
+            "rollback": guarded(self._roll_back, "active", "by"),
             "ec": Operation(self._ec, ("target", "policy", "work_rotvec_deg")),
             "confirm": guarded(self._confirm, "accept", "by"),
             "teaching": Operation(self._teaching),
@@ -262,7 +264,15 @@ class Operations:
         return await self.activation.activate(name, text_argument(arguments, "by", ""))
 
     async def _roll_back(self, arguments: Arguments) -> Mapping[str, Any]:
-        former = await asyncio.to_thread(former_calibration, self.activation.store)
+        """Back to the former calibration; `active`: the one that is left, StaleVersion where another is in use."""
+        store = self.activation.store
+        active = await asyncio.to_thread(active_calibration, store) or ""
+        if (left := optional_text(arguments, "active")) not in (None, active):
+            raise StaleVersion(
+                f"not rolled back: {left or 'no calibration'} was to be left, and {active or 'none'} "
+                "is in use by now: look again"
+            )
+        former = await asyncio.to_thread(former_calibration, store)
         replaced = self.serving.calibration
         told = await self.activation.activate(former, text_argument(arguments, "by", ""))
         return {**told, "former": None if replaced is None else replaced.id}
@@ -324,7 +334,7 @@ class Operations:
     async def _verify(self, arguments: Arguments) -> Mapping[str, Any]:
         """In the open session; without one, of the calibration in use."""
         target = text_argument(arguments, "target")
-        if self.teaching.recorder.writer is None and self.serving.calibration is not None:
+        if self._means_calibration(arguments):
             tip = await self.teaching.tip_at(target)
             return await self.trials.add(tip) | dict(await self.activation.bear_out(tip))
         reply = await self.teaching.touch(target, SampleKind.VERIFY)
@@ -334,10 +344,28 @@ class Operations:
     async def _undo(self, arguments: Arguments) -> Mapping[str, Any]:
         """In the open session; without one, the last verification of the calibration in use."""
         kind, sample = optional_text(arguments, "kind"), optional_whole(arguments, "sample")
-        is_trial = sample is None and kind in (None, SampleKind.VERIFY.value)
-        if is_trial and self.teaching.recorder.writer is None and self.serving.calibration:
+        means_calibration = self._means_calibration(arguments)
+        if means_calibration and sample is None and kind in (None, SampleKind.VERIFY.value):
             return await self.trials.undo()
         return await self.teaching.undo(kind, sample)
+
+    def _means_calibration(self, arguments: Arguments) -> bool:
+        """Whether a command is of the calibration in use, not of a session: it may name either.
+
+        Raises StaleVersion where what it names is not what it would be done to.
+        """
+        writer, calibration = self.teaching.recorder.writer, self.serving.calibration
+        opened = "" if writer is None else writer.header.name
+        active = "" if calibration is None else calibration.id
+        session, named = (optional_text(arguments, name) for name in _MEANT)
+        is_other = named is not None and (opened != "" or named != active)
+        if is_other or session not in (None, opened):
+            meant = f"calibration {named}" if session is None else f"session {session}"
+            raise StaleVersion(
+                f"not done: it was of {meant}; session {opened or 'none'} is open, calibration "
+                f"{active or 'none'} is in use: look again"
+            )
+        return session is None and not opened and (active != "" or named is not None)
 
     async def _confirm(self, arguments: Arguments) -> Mapping[str, Any]:
         adopted: Mapping[str, Any] = {}

@@ -59,12 +59,7 @@ class Trials:
             await asyncio.to_thread(self._keep, calibration.id, record)
             self.changes += 1
         told = await self.tell()
-        return {
-            "calibration": calibration.id,
-            "target": touch.target,
-            "off_mm": record["off_mm"],
-            **told,
-        }
+        return {"target": touch.target, "off_mm": record["off_mm"], **told}
 
     async def undo(self) -> dict[str, Any]:
         """Take back the last one: it stays in the file, marked. InputError where there is none."""
@@ -76,7 +71,7 @@ class Trials:
         return {"undone": f"verification of {undone['target']}, {undone['off_mm']} mm off", **told}
 
     async def tell(self) -> dict[str, Any]:
-        """Of the calibration in use: verdict, words, `confirmed_mm`, every verification."""
+        """Of the calibration in use: its id, verdict, words, `confirmed_mm`, every verification."""
         calibration = self._calibration()
         return await asyncio.to_thread(self._told, calibration)
 
@@ -111,7 +106,8 @@ class Trials:
         verified = tuple(
             Verified.from_json(one, counts=i in counting) for i, one in enumerate(records)
         )
-        return Confirmation(verified, self._serving.limits.max_u95_mm).to_json()
+        confirmed = Confirmation(verified, self._serving.limits.max_u95_mm)
+        return {"calibration": calibration.id, **confirmed.to_json()}
 
     def _is_of_this(self, record: Mapping[str, Any]) -> bool:
         """Whether it counts for the calibration in use."""

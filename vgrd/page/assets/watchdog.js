@@ -21,9 +21,11 @@
     setTimeout(ask, ASK_MS);
   }
 
-  // What a button was pressed at, for the server to judge.
+  // What a button was pressed at, and what it takes from the page, for the server to judge.
+  const shown = part => [part.dataset.fact, part.querySelector("input")?.value ?? part.textContent];
   window.vgrdSeen = () => JSON.stringify([
     document.getElementById("version").textContent, performance.now() + serverAhead,
+    Object.fromEntries([...document.querySelectorAll("[data-fact]")].map(shown)),
   ]);
 
   function show() {

@@ -1,14 +1,20 @@
 """Whether a calibration is good enough and why, what verifications say, what differs; activate, roll back."""
 
+import time
+
 from nicegui import ui
 
 from vgrd.page import texts
 from vgrd.page.charts import bars, error_map
 from vgrd.page.link import Reply
-from vgrd.page.parts import Grid, button, card, numbers, plain_button, redraw, show_if, tell
+from vgrd.page.moment import FADE_S, Moment
+from vgrd.page.parts import Grid, button, card, clock_time, plain_button, redraw, show_if, tell
+from vgrd.page.shown import choice, fact, offer
+from vgrd.page.tabs.trials import TrialsCard
 from vgrd.page.visitor import Seen, Visitor
 
 _PERCENT = 100
+_DIFFERENCE_S = 60.0  # of a table: it names both calibrations, and takes time to read
 
 
 class ResultTab:
@@ -29,7 +35,8 @@ class ResultTab:
                 self._confirms = ui.label().mark("confirms")
                 self._checks = Grid(("target", "off_mm", "counts", "fails", "trouble"))
         self._activation()
-        self._trials()
+        self._trials = TrialsCard(visitor)
+        ui.timer(FADE_S, self.fade)
         with ui.element("div").classes("columns") as self._figures:
             with card():
                 self._budget = ui.echart(bars({}, texts.BUDGET)).classes("w-full h-64")
@@ -45,68 +52,48 @@ class ResultTab:
     def _activation(self) -> None:
         with card(texts.CALIBRATIONS):
             self._calibrations = Grid(("id", "active", "made", "session", "verdict", "u95_mm"))
+            self._candidate = ui.label().mark("candidate")
+            self._active = fact("active")
             with ui.element("div").classes("buttons"):
-                self._choice = ui.select([], label=texts.CALIBRATION).props("outlined")
-                self._choice.mark("choice")
+                self._choice = choice("calibration", texts.CALIBRATION)
                 self._by = ui.input(texts.NAME).props("outlined maxlength=60").mark("by")
                 self.activate = button("activate", self._activate)
                 button("rollback", self._roll_back)
                 plain_button(texts.COMPARE, self._compare).mark("compare")
             with ui.element("div") as self._apart:
-                ui.label(texts.DIFFERENCE).classes("quiet")
+                self._between = ui.label().classes("quiet").mark("between")
                 self._difference = Grid(("target", "mm", "deg", "trouble"))
+            self._moment = Moment(self._visitor.link, _DIFFERENCE_S)
             show_if(self._apart, is_shown=False)
 
-    def _trials(self) -> None:
-        """The calibration in use, where robots go by it."""
-        with card(texts.TRIALS):
-            self._trial_words = ui.label().mark("trials")
-            with ui.element("div").classes("buttons"):
-                self._target = (
-                    ui.select([], label=texts.TARGET).props("outlined").mark("trial-target")
-                )
-                plain_button(texts.WHERE, self._show_where).mark("where")
-                button("verify", self._verify)
-                button("undo", self._undo)
-            self._where = ui.label().mark("where-words")
-            self._trial_grid = Grid(("target", "off_mm", "counts", "fails", "trouble"))
-
-    async def _show_where(self) -> None:
-        """Where the flange has to go for the picture of now."""
-        told = await self._visitor.ask("ec", target=str(self._target.value or ""))
-        if told is None:
-            return
-        pose = texts.POSE.format(
-            position=numbers(told["position_mm"], 2), rotation=numbers(told["rotvec_deg"], 2)
-        )
-        tell(
-            self._where,
-            texts.WHERE_IS.format(target=told["target"], pose=pose, u95=told["u95_mm"]),
-        )
-
-    async def _verify(self, seen: Seen) -> None:
-        await self._visitor.command("verify", seen, target=str(self._target.value or ""))
-
-    async def _undo(self, seen: Seen) -> None:
-        await self._visitor.command("undo", seen, kind="verify")
-
     async def _activate(self, seen: Seen) -> None:
-        name = str(self._choice.value or "")
-        await self._visitor.command("activate", seen, calibration=name, by=self._author())
+        by = self._author()
+        await self._visitor.command("activate", seen, calibration=seen["calibration"], by=by)
 
     async def _roll_back(self, seen: Seen) -> None:
-        await self._visitor.command("rollback", seen, by=self._author())
+        await self._visitor.command("rollback", seen, active=seen["active"], by=self._author())
 
     def _author(self) -> str:
         return f"{self._by.value or ''} ({self._visitor.who})".strip()
 
     async def _compare(self) -> None:
+        show_if(self._apart, is_shown=False)
+        self._moment.begin()
         told = await self._visitor.ask("difference", calibration=str(self._choice.value or ""))
-        if told is None:
+        if told is None or self._moment.is_over:
             return
+        words = texts.DIFFERENCE.format(
+            chosen=told["calibration"], active=told["with"], time=clock_time(time.time())
+        )
+        tell(self._between, words)
         rows = told["targets"].items()
         self._difference.show({"target": name, **apart} for name, apart in rows)
         show_if(self._apart, is_shown=True)
+
+    def fade(self) -> None:
+        """Take away what is not so any more."""
+        if self._moment.is_over:
+            show_if(self._apart, is_shown=False)
 
     def refresh(self) -> None:
         """Show what was heard."""
@@ -117,20 +104,22 @@ class ResultTab:
             self._show_result(str(told["session"]), told["result"])
         show_if(self._figures, is_shown=bool((told.get("result") or {}).get("budget")))
         show_if(self._report, is_shown=bool(told.get("result")))
-        rows = link.reply("calibrations").get("calibrations", [])
-        self._calibrations.show(reversed(rows))
-        names = [row["id"] for row in reversed(rows)]
-        if names != self._choice.options:
-            self._choice.set_options(names, value=names[0] if names else None)
-        self._show_trials(link.reply("trials"), link.reply("status").get("targets", []))
-        is_next = link.reply("teaching").get("step", {}).get("kind") == "activate"
-        self.activate.classes(add="next" if is_next else "", remove="" if is_next else "next")
+        self._show_calibrations(link.reply("calibrations"), link.reply("teaching"))
+        self._trials.refresh()
 
-    def _show_trials(self, told: Reply, targets: list[str]) -> None:
-        tell(self._trial_words, _in_words(told))
-        self._trial_grid.show(reversed(told.get("verifications", ())))
-        if targets and targets != self._target.options:
-            self._target.set_options(targets, value=targets[0])
+    def _show_calibrations(self, told: Reply, teaching: Reply) -> None:
+        """All of them, newest first, and whether the chosen one is the one that the step means."""
+        rows = list(reversed(told.get("calibrations", ())))
+        self._calibrations.show(rows)
+        tell(self._active, told.get("active") or "")
+        names = [row["id"] for row in rows]
+        offer(self._choice, names, *names[:1])
+        step = teaching.get("step", {})
+        is_next = step.get("kind") == "activate"
+        tell(self._candidate, str(step["words"]) if is_next else "")
+        meant = (teaching.get("candidate") or {}).get("id") if is_next else None
+        is_mine = meant is not None and meant == self._choice.value
+        self.activate.classes(add="next" if is_mine else "", remove="" if is_mine else "next")
 
     def _show_result(self, session: str, result: Reply) -> None:
         is_good = bool(result["verdict"]["ok"])
@@ -153,11 +142,6 @@ class ResultTab:
         self._touches.show(result.get("touches", ()))
         redraw(self._budget, bars(_shares(result.get("budget", {})), texts.BUDGET))
         redraw(self._map, error_map(result.get("map", {}), result.get("tolerance_mm")))
-
-
-def _in_words(trials: Reply) -> str:
-    """Go or no go, and why."""
-    return f"{texts.GOES[trials['verdict']]}: {trials['words']}" if trials else texts.NOT_IN_USE
 
 
 def _better(result: Reply) -> str:

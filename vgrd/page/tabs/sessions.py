@@ -1,11 +1,14 @@
 """What was taught when: a list, the error from session to session, two of them compared, reports to print."""
 
+import time
+
 from nicegui import ui
 
 from vgrd.page import texts
 from vgrd.page.charts import over_time
 from vgrd.page.link import Reply
-from vgrd.page.parts import Grid, card, plain_button, redraw, tell
+from vgrd.page.parts import Grid, card, clock_time, plain_button, redraw, tell
+from vgrd.page.shown import offer
 from vgrd.page.visitor import Visitor
 
 
@@ -42,8 +45,7 @@ class SessionsTab:
         rows = [{**row, "verdict": verdicts.get(row["name"])} for row in told["sessions"]]
         self._sessions.show(rows)
         names = [row["name"] for row in rows]
-        if names != self._session.options:
-            self._session.set_options(names, value=names[0] if names else None)
+        offer(self._session, names, *names[:1])
 
     def _point(self) -> None:
         """Lead to the report of the chosen session."""
@@ -55,7 +57,10 @@ class SessionsTab:
         told = await self._visitor.ask("difference", **{"with": first, "calibration": second})
         if told is None:
             return
-        tell(self._apart, texts.BETWEEN.format(first=first, second=second))
+        tell(
+            self._apart,
+            texts.BETWEEN.format(first=first, second=second, time=clock_time(time.time())),
+        )
         rows = told["targets"].items()
         self._difference.show({"target": name, **apart} for name, apart in rows)
 
@@ -69,5 +74,4 @@ class SessionsTab:
         redraw(self._line, over_time(made, texts.TIMELINE))
         names = [row["id"] for row in rows]
         for choice, value in zip(self._pair, (names[-2:-1], names[-1:]), strict=True):
-            if names != choice.options:
-                choice.set_options(names, value=value[0] if value else None)
+            offer(choice, names, *value)
