@@ -33,7 +33,17 @@ STEP = {
     "u95_before_mm": 0.5,
     "u95_after_mm": 0.4,
 }
-_COMMANDS = ("touch", "verify", "spin", "look", "undo", "retag", "record.start", "record.stop")
+_COMMANDS = (
+    "touch",
+    "verify",
+    "spin",
+    "look",
+    "undo",
+    "retag",
+    "point",
+    "record.start",
+    "record.stop",
+)
 _COMMANDS += ("activate", "rollback")
 _ARGUMENTS = (
     "version",

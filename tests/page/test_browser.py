@@ -99,7 +99,7 @@ def test_a_result_is_told_in_words_first_and_its_report_opens(page, daemon, tmp_
     daemon.replies |= full(tmp_path)
     result = daemon.replies["result"]["result"]
     tab(page, "Result")
-    until(lambda: page.get_by_text("✔ ACCEPTED: cal-000001").is_visible())
+    until(lambda: page.get_by_text("✔ ACCEPTED: one, cal-000001").is_visible())
     assert page.get_by_text("✔ GO", exact=True).is_visible()
     assert page.get_by_text(result["verification"]["words"], exact=True).is_visible()
     until(lambda: page.get_by_text("touches across the tool").is_visible())

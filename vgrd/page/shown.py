@@ -21,9 +21,14 @@ def fact(key: str) -> Label:
     return ui.label("").props(f"data-fact={key}").classes("hidden").mark(key)
 
 
-def offer(chosen: Select, names: Sequence[str], first: str | None = None) -> None:
-    """Offer these names. What is chosen stays so while it is among them; first: where nothing was chosen yet."""
+def offer(
+    chosen: Select, names: Sequence[str], meant: str | None = None, before: str | None = None
+) -> None:
+    """Offer these names. What a person chose stays so while it is among them.
+
+    meant: one of them, for who chose none; before: the one that was meant up to now.
+    """
     if list(names) == chosen.options:
         return
     kept = chosen.value if chosen.value in names else None
-    chosen.set_options(list(names), value=first if chosen.value is None else kept)
+    chosen.set_options(list(names), value=meant if chosen.value in (None, before) else kept)

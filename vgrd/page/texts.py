@@ -52,6 +52,7 @@ BUTTONS: Final[Mapping[str, str]] = MappingProxyType(
         "verify": "VERIFY",
         "spin": "SPIN",
         "look": "LOOK",
+        "point": "POINT",
         "undo": "UNDO",
         "retag": "RETAG",
         "solve": "SOLVE",

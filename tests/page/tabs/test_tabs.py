@@ -96,11 +96,11 @@ def test_activate_is_lit_for_the_one_that_the_step_means_alone(result):
     candidate = {"id": "cal-000003"}
     result.told["teaching"] = closed(result.told["teaching"], candidate=candidate)
     result.step(kind="activate", words="cal-000003 is accepted: put it in use")
-    assert not result.is_lit("activate")
+    assert result.is_lit("activate")  # the newest, as nobody chose another one
     assert "cal-000003" in result.find("candidate").text
-    result.find("calibration").value = "cal-000003"
+    result.find("calibration").value = "cal-000002"
     result.look()
-    assert result.is_lit("activate")
+    assert not result.is_lit("activate")
 
 
 SEEN = {"calibration": "cal-000007", "active": "cal-000008", "trial": "cal-000009"}
@@ -191,6 +191,16 @@ def test_undo_and_retag_take_the_touch_that_is_to_be_mended(teach):
     teach.step(kind="touch", sample=None, target="P2")
     assert teach.find("undo").text == "UNDO"
     assert not teach.find("retag").visible
+
+
+def test_point_is_there_where_the_plan_wants_a_touch_beside_the_object(teach):
+    assert not teach.find("point").visible
+    teach.step(kind="point", target="beside")
+    assert teach.is_lit("point")
+    teach.press("point")
+    assert teach.link.given == [("point", {"version": "v1", "name": "beside"})]
+    teach.step(kind="touch", target="P2")
+    assert not teach.find("point").visible
 
 
 def test_what_has_no_target_is_given_none(teach):

@@ -56,6 +56,7 @@ class ResultTab:
             self._active = fact("active")
             with ui.element("div").classes("buttons"):
                 self._choice = choice("calibration", texts.CALIBRATION)
+                self._newest: str | None = None
                 self._by = ui.input(texts.NAME).props("outlined maxlength=60").mark("by")
                 self.activate = button("activate", self._activate)
                 button("rollback", self._roll_back)
@@ -113,7 +114,9 @@ class ResultTab:
         self._calibrations.show(rows)
         tell(self._active, told.get("active") or "")
         names = [row["id"] for row in rows]
-        offer(self._choice, names, *names[:1])
+        newest = names[0] if names else None
+        offer(self._choice, names, newest, self._newest)
+        self._newest = newest
         step = teaching.get("step", {})
         is_next = step.get("kind") == "activate"
         tell(self._candidate, str(step["words"]) if is_next else "")
@@ -127,7 +130,8 @@ class ResultTab:
         self._verdict.classes(
             add="" if is_good else "refused", remove="refused" if is_good else ""
         )
-        tell(self._verdict, f"{word}: {result['calibration'] or session}")
+        name = result["calibration"]
+        tell(self._verdict, f"{word}: {session}" + (f", {name}" if name else ""))
         tell(self._sentence, str(result["good"]))
         tell(self._better, _better(result))
         self._report.props["href"] = f"/report?session={session}"

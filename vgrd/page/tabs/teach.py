@@ -49,7 +49,8 @@ class TeachTab:
             self._job = ui.label().classes("quiet").mark("job")
             self._pose = ui.label().classes("quiet").mark("step-pose")
             self._disk = ui.label().mark("disk")
-        self._session, self._taught, self._sample = map(fact, ("session", "taught", "sample"))
+        facts = ("session", "taught", "sample", "name")
+        self._session, self._taught, self._sample, self._name = map(fact, facts)
         with ui.element("div").classes("buttons"):
             self._target = choice("target", texts.TARGET)
             acts = {
@@ -57,6 +58,7 @@ class TeachTab:
                 "verify": self._verify,
                 "spin": self._spin,
                 "look": self._look,
+                "point": self._point,
                 "undo": self._undo,
                 "retag": self._retag,
                 "solve": self._solve,
@@ -118,6 +120,10 @@ class TeachTab:
 
     async def _look(self, seen: Seen) -> None:
         await self._visitor.command("look", seen)
+
+    async def _point(self, seen: Seen) -> None:
+        """Touch what stands beside the object, in the plans that want it."""
+        await self._visitor.command("point", seen, name=seen["name"])
 
     async def _undo(self, seen: Seen) -> None:
         if _is_open(seen):
@@ -223,6 +229,9 @@ class TeachTab:
         self._buttons["undo"].set_enabled(not is_unnamed)
         show_if(self._unnamed, is_shown=is_unnamed)
         show_if(self._buttons["retag"], is_shown=is_mend and _is_touch(teaching, number))
+        is_point = step["kind"] == "point"
+        tell(self._name, step["target"] if is_point else "")
+        show_if(self._buttons["point"], is_shown=is_point)
         remedy = "" if is_unnamed else "undo"
         self._light(remedy if is_mend else step["kind"])
 
