@@ -211,18 +211,37 @@ def test_a_cell_file_that_is_a_link_stays_one(archive, newer, wanted) -> None:
     assert (restored.set_aside / "cell.toml").read_text() == "# of now\n"
 
 
+@pytest.mark.skipif(os.geteuid() != 0, reason="only root gives files away")
+def test_root_restores_for_the_user_of_the_service_and_the_cell_file_stays_its_own(
+    archive, spare, several
+) -> None:
+    os.chown(spare.state, 12345, 12346)
+    spare.cell_file.write_text("# mine\n")
+    spare.cell_file.chmod(0o640)
+    os.chown(spare.cell_file, 0, 12346)
+    assert Disks(spare, several).restore(archive) is None
+    (aside,) = spare.state.glob("before-restore-*")
+    own = [path for path in spare.state.rglob("*") if not path.is_relative_to(aside)]
+    assert len(own) > 10
+    assert {path.stat().st_uid for path in (*own, aside)} == {12345}
+    for file in (spare.cell_file, aside / "cell.toml"):
+        status = file.stat()
+        assert (status.st_uid, status.st_gid, status.st_mode & 0o777) == (0, 12346, 0o640)
+
+
 def test_sessions_are_set_aside_under_their_own_names(old, tmp_path) -> None:
-    for name in ("calibrations", "trials"):  # a session may be called so
+    for name in ("calibrations", "cell.toml"):  # a session may be called so
         shutil.copytree(old.state / "sessions" / "s1", old.state / "sessions" / name)
     archive = old.back_up(tmp_path / "all.tar", sessions=True)
     old.teach(3)
     before = old.content()
-    for name in ("calibrations", "trials"):
+    for name in ("calibrations", "cell.toml"):
         (old.state / "sessions" / name / "note").write_text(name)
     restored = old.restore(archive, replace=True)
     is_whole(old, {}, before)
-    for name in ("calibrations", "trials"):
+    for name in ("calibrations", "cell.toml"):
         assert (restored.set_aside / "sessions" / name / "note").read_text() == name
+        assert (old.state / "sessions" / name).stat().st_mode & 0o777 == 0o700
 
 
 def test_two_restores_of_the_same_second_keep_apart_what_was_there(archive, newer, wanted) -> None:

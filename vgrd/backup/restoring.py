@@ -164,7 +164,7 @@ def _swap(new: Path, place: Path, kept: Path, moved: list[tuple[Path, Path]]) ->
     a fault would be forgotten.
     """
     make_folder(place.parent)
-    if new.name == CELL:
+    if new.is_file() and new.name == CELL:
         _dress(new, place)
     is_file = new.is_file() and place.is_file()
     if os.path.lexists(place):
