@@ -14,9 +14,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from fakes.testing import ManualClock
 from fakes.world.samples import Samples
-from vgrd.backup import restore, write_archive
+from tests.backup.computer import CELL, CLOCK, Computer
+from vgrd.backup import write_archive
 from vgrd.backup.archive import DIARY, LATCH, MANIFEST, SCHEMA, TRIALS
 from vgrd.cell.serving.diary import FILE as DIARY_FILE
 from vgrd.cell.serving.latches import LATCH_FILE
@@ -24,65 +24,8 @@ from vgrd.cell.serving.trials import FOLDER as TRIALS_FOLDER
 from vgrd.errors import Corrupt, InputError, SchemaTooNew, StoreError, VgrdError
 from vgrd.model import Plan
 from vgrd.permissions import make_folder
-from vgrd.store.calibrations import CalibrationStore
 from vgrd.store.files import read_document, write_document
-from vgrd.store.sessions import SampleKind, SessionWriter, list_sessions, load_session
-
-CLOCK = ManualClock()
-CELL = "# a cell\n"
-
-
-class Computer:
-    """State folder and cell file of one computer."""
-
-    def __init__(self, folder: Path) -> None:
-        self.state = folder / "state"
-        self.cell_file = folder / "etc" / "cell.toml"
-        self.store = CalibrationStore(self.state, CLOCK)
-        self.cell_file.parent.mkdir(parents=True)
-        self.state.mkdir(mode=0o700)
-
-    def teach(self, seed: int) -> str:
-        """Store one more calibration, put it in use, record its session."""
-        samples = Samples(seed)
-        name = self.store.save(samples.calibration())
-        self.store.activate(name, "anna")
-        with SessionWriter(self.state, f"s{seed}", Plan.JOINT, samples.facts(), CLOCK) as writer:
-            writer.sample(SampleKind.TOUCH, samples.touch())
-        return name
-
-    def back_up(self, path: Path, *, sessions: bool = False) -> Path:
-        """Write a backup."""
-        write_archive(path, self.state, self.cell_file, "cell", CLOCK, sessions=sessions)
-        return path
-
-    def restore(self, path: Path, *, replace: bool = False):
-        """Put one in place."""
-        return restore(path, self.state, self.cell_file, CLOCK, replace=replace)
-
-    def content(self) -> dict[str, bytes]:
-        """All files but locks, by name."""
-        tops = (self.state, self.cell_file.parent)
-        files = (path for top in tops for path in top.rglob("*") if path.is_file())
-        return {
-            f"{p.relative_to(self.state.parent)}": p.read_bytes()
-            for p in files
-            if p.name != ".lock"
-        }
-
-
-@pytest.fixture
-def old(tmp_path: Path) -> Computer:
-    computer = Computer(tmp_path / "old")
-    computer.cell_file.write_text(CELL)
-    computer.teach(1)
-    computer.teach(2)
-    return computer
-
-
-@pytest.fixture
-def spare(tmp_path: Path) -> Computer:
-    return Computer(tmp_path / "spare")
+from vgrd.store.sessions import SessionWriter, list_sessions, load_session
 
 
 def test_a_spare_computer_serves_with_the_very_calibration(old, spare, tmp_path) -> None:
@@ -197,6 +140,34 @@ def test_a_state_that_the_backup_goes_on_from_gives_way(old, tmp_path) -> None:
     spare.restore(early)
     old.teach(3)
     assert spare.restore(old.back_up(tmp_path / "late.tar")).current == "cal-000003"
+
+
+@pytest.mark.parametrize("name", ["cal-000003.json", "thesis.txt", "folder"])
+def test_what_is_in_no_archive_is_set_aside_if_it_is_said(old, tmp_path, name) -> None:
+    archive = old.back_up(tmp_path / "cell.tar")
+    more = old.state / "calibrations" / name
+    if name == "cal-000003.json":  # solved, not activated
+        old.store.save(Samples(3).calibration())
+    elif name == "folder":
+        more.mkdir()
+    else:
+        more.write_text("mine")
+    with pytest.raises(InputError, match=r"calibrations: is not what .* --replace"):
+        old.restore(archive)
+    restored = old.restore(archive, replace=True)
+    assert restored.current == old.store.current_id() == "cal-000002"
+    assert not more.exists()
+    assert (restored.set_aside / "calibrations" / name).exists()
+
+
+def test_a_folder_where_a_file_belongs_is_set_aside_too(old, tmp_path) -> None:
+    archive = old.back_up(tmp_path / "cell.tar")
+    file = old.state / "calibrations" / "cal-000001.json"
+    file.unlink()
+    file.mkdir()
+    restored = old.restore(archive, replace=True)
+    assert file.is_file()
+    assert (restored.set_aside / "calibrations" / file.name).is_dir()
 
 
 def test_another_activation_is_newer_state_too(old, tmp_path) -> None:

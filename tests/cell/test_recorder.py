@@ -12,11 +12,13 @@ import pytest
 from fakes.testing import ManualClock
 from fakes.world.samples import Samples
 from vgrd.cell.measuring import Sight
-from vgrd.cell.recording.housekeeping import Housekeeping
+from vgrd.cell.recording.housekeeping import TOLD, Housekeeping
 from vgrd.cell.recording.recorder import Recorder
 from vgrd.devices import CameraImage, FlangeReading
+from vgrd.errors import StoreError
 from vgrd.geometry import Pose
 from vgrd.model import Plan
+from vgrd.store.retention import Room
 from vgrd.store.sessions import (
     SampleKind,
     iterate_flanges,
@@ -251,3 +253,57 @@ def test_what_was_removed_is_told(tmp_path, disk):
 
     asyncio.run(run())
     assert house.status()["removed"] == ["a"]
+    assert house.status()["removed_total"] == 1
+
+
+@pytest.fixture
+def house(tmp_path, disk):
+    recorder = Recorder(tmp_path, ManualClock())
+    return Housekeeping(tmp_path, recorder, quota_gb=50.0, keep_free_gb=0.0)
+
+
+def sweep(house, times=1):
+    async def run():
+        with ThreadPoolExecutor(1) as thread:
+            for _ in range(times):
+                await house.sweep(thread)
+
+    asyncio.run(run())
+
+
+def fail(*_):
+    raise StoreError("Input/output error")
+
+
+@pytest.mark.parametrize("failing", ["_make_room", "_look"])
+def test_what_is_not_known_of_the_disk_now_is_not_told(house, monkeypatch, failing):
+    for _ in range(2):
+        assert house.status()["free_gb"] is house.status()["sessions_gb"] is None
+        sweep(house)
+        assert (house.status()["free_gb"], house.status()["sessions_gb"]) == (50.0, 0.0)
+        with monkeypatch.context() as patched:
+            patched.setattr(house, failing, fail)
+            sweep(house)
+        assert "Input/output error" in house.status()["trouble"]
+
+
+def test_a_session_that_gave_way_is_counted_once_whatever_fails_later(house, monkeypatch):
+    looks = [house._look, fail, fail]
+    monkeypatch.setattr(house, "_make_room", lambda: Room(1, ("a", "b")))
+    for look in looks:
+        monkeypatch.setattr(house, "_look", look)
+        sweep(house)
+    assert house.status()["removed_total"] == 6
+    monkeypatch.setattr(house, "_make_room", fail)
+    sweep(house, 3)
+    assert house.status()["removed_total"] == 6
+    assert house.status()["removed"] == ["a", "b"] * 3
+
+
+def test_a_status_names_the_last_that_gave_way_and_counts_all(house, monkeypatch):
+    names = (f"s{number}" for number in range(1000))
+    monkeypatch.setattr(house, "_make_room", lambda: Room(1, (next(names),)))
+    sweep(house, 1000)
+    told = house.status()
+    assert told["removed_total"] == 1000
+    assert told["removed"] == [f"s{number}" for number in range(1000 - TOLD, 1000)]

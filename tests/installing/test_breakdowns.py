@@ -22,12 +22,17 @@ from vgrd.installing.plans import PARTS
 from vgrd.installing.steps import Step
 
 PROJECT = Path(__file__).parents[2]
-# An interpreter that says which it is, and makes an environment whose programs fail by order.
+# An interpreter that says which it is, and makes an environment whose programs fail by order; a
+# backup overwrites nothing, as that of vgrd.
 INTERPRETER = """#!/bin/sh
 [ "$2" = venv ] || {{ echo 3 11; echo /usr; exit; }}
 mkdir -p "$3/bin"
 for name in python vgrd; do
-  printf '#!/bin/sh\\n! echo "$*" | grep -q -f {order}\\n' > "$3/bin/$name"
+  cat > "$3/bin/$name" <<'END'
+#!/bin/sh
+if echo "$*" | grep -q -f {order}; then exit 1; fi
+[ "$1" != backup ] || {{ mkdir -p "${{2%/*}}" && set -C && echo saved > "$2"; }}
+END
   chmod 755 "$3/bin/$name"
 done
 """
@@ -60,10 +65,25 @@ class Machine:
         """From now on a program that is called with these words fails."""
         self._order.write_text(f"{words}\n")
 
+    def repeat(self) -> None:
+        """An update that goes well."""
+        before = self.archives
+        self.install()
+        assert self.archives > before
+
+    @property
+    def archives(self) -> set[str]:
+        """What was backed up before updates."""
+        return {path.name for path in self.places.backups.glob("*.tar")}
+
+    def vgrd(self, *words: str) -> None:
+        """`vgrd ... --root DIR`."""
+        command.main([*words, "--root", str(self.places.root)])
+
     def install(self) -> None:
         """`vgrd install --cell my.toml --root DIR`."""
         words = ["--cell", str(self.cell), "--python", str(self._interpreter)]
-        command.main(["install", str(self._source), "--root", str(self.places.root), *words])
+        self.vgrd("install", str(self._source), *words)
 
     @property
     def current(self) -> str:
@@ -166,6 +186,17 @@ def test_whatever_step_breaks_a_whole_version_is_in_use_and_the_next_try_succeed
         assert machine.current >= "3", breaking.broke_at
         assert len(machine.versions) == 2, breaking.broke_at  # nothing half is left
     assert number > 20  # or there was nothing to break
+
+
+def test_after_a_way_back_and_after_a_removal_there_are_updates_again(machine) -> None:
+    for _ in range(2):
+        machine.install()
+    machine.vgrd("install", "--rollback")
+    machine.repeat()
+    machine.vgrd("uninstall")
+    machine.install()
+    assert machine.versions == {machine.current}
+    machine.repeat()
 
 
 @pytest.mark.parametrize(

@@ -52,6 +52,14 @@ def test_versions_and_the_one_in_use(places) -> None:
     assert found.versions["0.1-9"].service == "service of 0.1-9"
 
 
+def test_archives_of_versions_that_are_gone_are_found(places) -> None:
+    assert found_at(places).archived == []
+    places.backups.mkdir(parents=True)
+    for name in ("before-0.1-10.tar", "before-0.1-9.tar", ".before-0.1-11.tar.tmp", "mine.tar"):
+        (places.backups / name).touch()
+    assert found_at(places).archived == ["0.1-9", "0.1-10"]
+
+
 def test_a_link_that_leads_nowhere_is_none(places) -> None:
     put_version(places, "0.1-1")
     places.current.symlink_to("0.1-7")

@@ -62,6 +62,18 @@ def test_a_new_version_comes_after_all_others(versions: list[str]) -> None:
     assert number_of(new) > max(map(number_of, versions), default=0)
 
 
+@given(VERSIONS, VERSIONS)
+def test_no_update_has_the_archive_of_another_one(
+    versions: list[str], archived: list[str]
+) -> None:
+    found = replace(RUNNING, versions={**RUNNING.versions, **dict.fromkeys(versions, UNITS)})
+    plan = installation(MACHINE, WISH, replace(found, archived=archived))
+    new = next(step.to.name for step in plan.switch if isinstance(step, Link))
+    assert number_of(new) > max(map(number_of, archived), default=0)
+    (backup,) = [word for word in words(plan.prepare) if "vgrd backup" in word]
+    assert str(MACHINE.archive(new)) in backup
+
+
 @pytest.mark.parametrize(
     "name", ["current", "-1", "0.1-", "0.1-01", "0.1-0", ".0.1-1.new", "0.1/x-1"]
 )

@@ -34,7 +34,8 @@ STATUS = {
         "sessions_gb": 1.5,
         "quota_gb": 50.0,
         "free_gb": 9.0,
-        "removed": ["a", "b"],
+        "removed": ["f", "g"],
+        "removed_total": 7,
         "trouble": "",
     },
 }
@@ -82,7 +83,7 @@ def value(samples: Samples, name: str, **labels: str) -> float:
         ("vgrd_recording_paused", {}, 0),
         ("vgrd_sessions_bytes", {}, 1.5e9),
         ("vgrd_disk_free_bytes", {}, 9e9),
-        ("vgrd_sessions_removed_total", {}, 2),
+        ("vgrd_sessions_removed_total", {}, 7),
         ("vgrd_process_up", {"process": "camera"}, 0),
         ("vgrd_process_starts_total", {"process": "camera"}, 3),
         ("vgrd_process_hangs_total", {"process": "camera"}, 1),
@@ -113,6 +114,19 @@ def test_nothing_is_told_of_a_cell_that_does_not_answer() -> None:
         "vgrd_scrapes_total",
     }
     assert value(samples, "vgrd_cell_up") == 0
+
+
+def test_what_the_status_does_not_know_has_no_sample() -> None:
+    disk = {**STATUS["disk"], "free_gb": None, "sessions_gb": None}  # type: ignore[dict-item]
+    unknown = dict.fromkeys(("robot_at_rest", "tag_a_seen", "tag_b_seen"))
+    names = {name for name, _ in told(Facts({**STATUS, **unknown, "disk": disk}))}
+    assert not names & {
+        "vgrd_tag_seen",
+        "vgrd_robot_at_rest",
+        "vgrd_disk_free_bytes",
+        "vgrd_sessions_bytes",
+    }
+    assert {"vgrd_sessions_quota_bytes", "vgrd_picture_age_seconds"} <= names
 
 
 def test_a_cell_without_a_fault_has_code_0() -> None:

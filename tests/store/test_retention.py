@@ -1,6 +1,8 @@
 """Old sessions give way to new ones, and none that is needed ever does."""
 
 import os
+import re
+import shutil
 from dataclasses import replace
 
 import pytest
@@ -89,8 +91,9 @@ def test_nothing_is_removed_while_a_calibration_cannot_be_read(state):
     cite(state, "a")
     path = state / "calibrations" / "cal-000001.json"
     path.write_bytes(path.read_bytes().replace(b'"session": "a"', b'"session": "b"'))
-    with pytest.raises(StoreError, match=r"no session is removed.*cal-000001\.json: the checksum"):
-        make_room(state, 1)
+    room = make_room(state, 1)
+    assert re.search(r"no session is removed.*cal-000001\.json: the checksum", room.trouble)
+    assert room.removed == ()
     assert list_sessions(state) == tuple("abcdef")
 
 
@@ -106,6 +109,26 @@ def test_a_folder_that_cannot_be_removed_is_named(state, monkeypatch):
         raise OSError(30, "Read-only file system", str(path))
 
     monkeypatch.setattr("shutil.rmtree", refuse)
-    with pytest.raises(StoreError, match=r"cannot remove .*\.removed-a.*make it writable"):
-        make_room(state, 5 * SIZE)
+    cannot = r"cannot remove .*\.removed-a.*make it writable"
+    room = make_room(state, 5 * SIZE)
+    assert re.search(cannot, room.trouble)
+    assert room.removed == ("a",)
     assert list_sessions(state) == tuple("bcdef")
+    with pytest.raises(StoreError, match=cannot):
+        make_room(state, 5 * SIZE)
+
+
+def test_what_was_removed_before_a_fault_is_told(state, monkeypatch):
+    real, removed = shutil.rmtree, []
+
+    def refuse_the_third(path):
+        removed.append(path)
+        if len(removed) == 3:
+            raise OSError(5, "Input/output error", str(path))
+        real(path)
+
+    monkeypatch.setattr("shutil.rmtree", refuse_the_third)
+    room = make_room(state, 1)
+    assert room.removed == ("a", "b", "c")
+    assert "Input/output error" in room.trouble
+    assert make_room(state, 1).removed == ("d",)

@@ -36,6 +36,7 @@ MANIFEST: Final = "manifest.json"
 CELL: Final = "cell.toml"
 LATCH: Final = "latch.json"  # as vgrd.cell.serving.latches: on a spare computer it is no less true
 DIARY: Final = "diary.json"  # as vgrd.cell.serving.diary
+SESSIONS: Final = "sessions"
 TRIALS: Final = "trials"  # as vgrd.cell.serving.trials
 CALIBRATIONS: Final = "calibrations"
 JOURNAL: Final = "activations.jsonl"
@@ -170,7 +171,7 @@ def _add_session(archive: tarfile.TarFile, folder: Path, content: Content) -> No
             content.left_out.append(folder.name)
             return
         for file in sorted(folder.iterdir()):
-            name = f"sessions/{folder.name}/{file.name}"
+            name = f"{SESSIONS}/{folder.name}/{file.name}"
             if _NAME.fullmatch(name):
                 _add_file(archive, name, file, content)
 

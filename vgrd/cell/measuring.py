@@ -26,6 +26,9 @@ LOOP_S = 0.005  # chosen: a reading of a 125 Hz robot waits less than its period
 BEAT_S = 0.1  # HB of the registers counts each 100 ms
 RETRIGGER_S = 2.5  # longer than a device process waits for the picture (2 s)
 EVALUATION_HANG_S = 2.0  # chosen: as long as a device may take for its picture; then HB stands
+LATE_S = (
+    RETRIGGER_S + EVALUATION_HANG_S
+)  # asked for once more, and evaluated: no picture comes later
 ROBOT_LOST_S = 1.0  # for the TCP that is noted in a session; chosen: five periods of 5 Hz
 HEALTH_STALE_S = 1.5  # a device whose process has been silent so long is refused without a try
 BLIND_S = 0.2  # four missed beats of a device's process: with the registers' 40 ms below 260 ms
@@ -62,6 +65,13 @@ class Sight:
     def is_whole(self) -> bool:
         """Whether it is the whole picture, not a region around tag B."""
         return self.image.region is None
+
+    @property
+    def is_at_rest(self) -> bool | None:
+        """Whether the arm stood while it was taken; None where the readings do not tell."""
+        if self.base_from_wrist is None and not isinstance(self.unpaired, NotSteady):
+            return None
+        return self.base_from_wrist is not None
 
     def observation(self) -> Observation:
         """Pose and picture of one instant; raises NotSteady or TooOld when the robot was not at rest."""
@@ -166,6 +176,14 @@ class Measuring:
             raise DeviceUnavailable(
                 f"no picture within {timeout_s:.1f} s: {self.camera_trouble() or 'the camera is slow'}"
             ) from err
+
+    def sight_of_now(self) -> Sight | None:
+        """The newest whole picture while the camera works and the next one is not overdue."""
+        sight = self.sight
+        if sight is None or self.camera_trouble():
+            return None
+        age_s = self.clock.monotonic() - sight.stamp_s
+        return sight if age_s <= self.period_s + LATE_S else None
 
     def robot_trouble(self) -> str:
         """Why the robot cannot be relied on now; empty when it can."""

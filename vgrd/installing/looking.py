@@ -55,6 +55,7 @@ def found_at(places: Places, cell_text: str = "") -> Found:
     return Found(
         versions=units,
         current=current if current in units else "",
+        archived=in_order(places.archived),
         host=host,
         port=port,
         state=state,

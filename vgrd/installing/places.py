@@ -5,6 +5,7 @@ from pathlib import Path
 from typing import Final
 
 USER: Final = "vgrd"  # of the service, and the group of its operators
+_BEFORE: Final = "before-"
 
 
 @dataclass(frozen=True, slots=True)
@@ -72,6 +73,15 @@ class Places:
     def backups(self) -> Path:
         """One archive from before each update."""
         return self.root / "var/backups/vgrd"
+
+    def archive(self, name: str) -> Path:
+        """What was backed up before a version came into use."""
+        return self.backups / f"{_BEFORE}{name}.tar"
+
+    @property
+    def archived(self) -> list[str]:
+        """Versions before which a backup was written."""
+        return [path.stem.removeprefix(_BEFORE) for path in self.backups.glob(f"{_BEFORE}*.tar")]
 
     def version(self, name: str) -> Path:
         """The virtual environment of a version."""

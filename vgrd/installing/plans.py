@@ -57,12 +57,14 @@ class Wish:
 class Found:
     """What is there. versions: their names and units, half ones too. current: that of the link, "" without one.
 
+    archived: versions before which a backup was written, also of some that are gone.
     host, port: of the cell file. state, runtime: the folders that it means. is_running: the service is.
     socket: text of the installed socket unit, "" without one. has_service: that of the service is there.
     """
 
     versions: Mapping[str, Units] = field(default_factory=dict)
     current: str = ""
+    archived: Sequence[str] = ()
     host: str = "127.0.0.1"
     port: int = DEFAULT_PORT
     state: Path = Path("/var/lib/vgrd")
@@ -105,7 +107,8 @@ def next_version(version: str, versions: Sequence[str]) -> str:
 
 def installation(places: Places, wish: Wish, found: Found) -> Plan:
     """One more version beside those that are there, and over to it."""
-    name = next_version(wish.version, [*found.versions])
+    # An archive is never overwritten, and outlives its version: a number that has one is taken.
+    name = next_version(wish.version, [*found.versions, *found.archived])
     is_first = not found.has_cell_file
     runs = found.is_running or (not found.current and not (is_first and wish.is_example))
     go_back = _back(places, found) if found.current else ()
@@ -234,8 +237,8 @@ def _reading(places: Places, found: Found, name: str) -> Step:
 
 def _backup(places: Places, name: str) -> Step:
     """Of everything but the recordings, before what is new writes any of it."""
-    file = places.backups / f"before-{name}.tar"
-    command = (str(places.version(name) / "bin/vgrd"), "backup", str(file))
+    file = str(places.archive(name))
+    command = (str(places.version(name) / "bin/vgrd"), "backup", file)
     return Command((*command, "--config", str(places.cell_file)))
 
 

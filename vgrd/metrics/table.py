@@ -111,12 +111,6 @@ def _calibration(facts: Facts) -> Iterable[Sample]:
         yield (str(name),), 1.0
 
 
-def _removed(facts: Facts) -> Iterable[Sample]:
-    removed = _entry(facts, "disk", "removed")
-    if isinstance(removed, list):
-        yield (), float(len(removed))
-
-
 def _processes(number: Callable[[ProcessReport], float]) -> Read:
     def read(facts: Facts) -> Iterable[Sample]:
         for row in facts.report.processes if facts.report else ():
@@ -274,7 +268,7 @@ METRICS: Final = (
         "vgrd_sessions_removed_total",
         "counter",
         "Sessions that gave way since the cell process started.",
-        _removed,
+        _number("disk", "removed_total"),
     ),
     Metric(
         "vgrd_cell_file_loaded_timestamp_seconds",

@@ -43,19 +43,24 @@ def used_bytes(state_dir: Path) -> dict[str, int]:
 def make_room(state_dir: Path, quota_bytes: int) -> Room:
     """Remove the oldest sessions that are not needed until all take `quota_bytes` at most.
 
-    Raises StoreError where the disk or a calibration cannot be read.
+    What a disk or a calibration that cannot be read stops is told as trouble, beside what was removed
+    before. Raises StoreError where the sessions cannot be read, or the rest of one not be deleted.
     """
     _finish_removals(state_dir)
     sizes = used_bytes(state_dir)
-    total, removed = sum(sizes.values()), []
-    for name in list(sizes)[:-KEPT_NEWEST]:
-        if total <= quota_bytes:
-            break
-        if _remove(state_dir, name):
-            total -= sizes[name]
-            removed.append(name)
-    trouble = ""
-    if total > quota_bytes:
+    total, trouble = sum(sizes.values()), ""
+    removed: list[str] = []
+    try:
+        for name in list(sizes)[:-KEPT_NEWEST]:
+            if total <= quota_bytes:
+                break
+            if removed_path := _remove(state_dir, name):
+                removed.append(name)
+                _delete(removed_path)
+                total -= sizes[name]
+    except StoreError as error:
+        trouble = str(error)
+    if total > quota_bytes and not trouble:
         trouble = (
             f"the sessions take {total / _GB:.1f} GB of {quota_bytes / _GB:g} GB and all are needed: "
             "raise [recording] quota_gb, or move sessions and the calibrations that cite them away"
@@ -76,23 +81,19 @@ def in_use(directory: Path) -> Iterator[None]:
         os.close(descriptor)
 
 
-def _remove(state_dir: Path, name: str) -> bool:
-    """Remove a session that nobody needs; False for one that is needed."""
+def _remove(state_dir: Path, name: str) -> Path | None:
+    """Set a session aside that nobody needs, to be deleted; None for one that is needed."""
     directory = session_directory(state_dir, name)
     lock = session_lock(directory)
     with guarded("remove", directory):
         try:
             lock.acquire(timeout=0)
         except Timeout:
-            return False
+            return None
         try:
-            removed_path = None if name in _cited(state_dir) else _set_aside(directory)
+            return None if name in _cited(state_dir) else _set_aside(directory)
         finally:
             lock.release()
-    if removed_path is None:
-        return False
-    _delete(removed_path)
-    return True
 
 
 def _set_aside(directory: Path) -> Path | None:

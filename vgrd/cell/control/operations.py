@@ -31,7 +31,7 @@ from vgrd.cell.control.server import Operation
 from vgrd.cell.control.versions import Versions
 from vgrd.cell.control.views import Views
 from vgrd.cell.feeds import GateFeed
-from vgrd.cell.measuring import Measuring
+from vgrd.cell.measuring import Measuring, Sight
 from vgrd.cell.recording.teaching import PICTURE_TIMEOUT_S, Teaching
 from vgrd.cell.recording.wizard import Wizard
 from vgrd.cell.serving.activation import Activation
@@ -140,7 +140,11 @@ class Operations:
         }
 
     async def _status(self, _: Arguments) -> Mapping[str, Any]:
-        sight, fault = self.measuring.sight, self.serving.fault()
+        sight, now, fault = (
+            self.measuring.sight,
+            self.measuring.sight_of_now(),
+            self.serving.fault(),
+        )
         calibration = self.serving.calibration
         return {
             "serving": fault is None,
@@ -157,11 +161,11 @@ class Operations:
             "picture_age_s": None
             if sight is None
             else round(self.clock.monotonic() - sight.stamp_s, 3),
-            "robot_at_rest": sight is not None and sight.base_from_wrist is not None,
+            "robot_at_rest": None if now is None else now.is_at_rest,
             **_reading_words(self.measuring.reading()),
-            "tag_a_seen": sight is not None and sight.tag_a is not None,
-            "tag_b_seen": sight is not None and sight.tag_b is not None,
-            "tags": self._tags(),
+            "tag_a_seen": None if now is None else now.tag_a is not None,
+            "tag_b_seen": None if now is None else now.tag_b is not None,
+            "tags": self._tags(now),
             "targets": list(self.measuring.facts.object.targets),
             "answer": self.serving.answer.status.name,
             "moved_told_within_s": round(self.serving.vouch.span_s, 3),
@@ -173,9 +177,9 @@ class Operations:
             "processes": self._processes(),
         }
 
-    def _tags(self) -> Mapping[str, Any]:
-        """The tags that are wanted, and how large each is in the newest picture."""
-        facts, sight = self.measuring.facts, self.measuring.sight
+    def _tags(self, sight: Sight | None) -> Mapping[str, Any]:
+        """The tags that are wanted, and how large each is in a picture."""
+        facts = self.measuring.facts
         seen = (None, None) if sight is None else (sight.tag_a, sight.tag_b)
         wanted = ("a", facts.tag_a), ("b", facts.tag_b)
         return {

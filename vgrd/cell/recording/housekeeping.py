@@ -2,6 +2,8 @@
 
 import asyncio
 import shutil
+from collections import deque
+from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
@@ -16,6 +18,7 @@ from vgrd.store.retention import Room, make_room
 
 SWEEP_S = 10.0  # pictures fill 100 MB in this time at most, a tenth of what is kept free
 GB = 1e9  # bytes, as disks are sold
+TOLD = 20  # names of sessions that gave way, the last ones: a reply of the status has its bounds
 RESUME = 1.1  # of what must be free, so that the recording does not pause and go on by turns
 
 log = structlog.get_logger()
@@ -31,9 +34,10 @@ class Housekeeping:
         self.recorder = recorder
         self.quota_gb = quota_gb
         self.keep_free_gb = keep_free_gb
-        self.room = Room(0)
-        self.free_gb = 0.0
-        self.removed: list[str] = []
+        self.room: Room | None = None  # until it was looked, and while that fails
+        self.free_gb: float | None = None
+        self.removed = deque[str](maxlen=TOLD)
+        self.removed_total = 0
 
     async def run(self) -> None:
         """Sweep until cancelled."""
@@ -44,43 +48,56 @@ class Housekeeping:
 
     async def sweep(self, thread: ThreadPoolExecutor) -> None:
         """Make room, and let the recording go on or pause."""
+        loop = asyncio.get_running_loop()
         try:
-            loop = asyncio.get_running_loop()
-            self.room, self.free_gb = await loop.run_in_executor(thread, self._look)
-            trouble = self.room.trouble or self._short_of_space()
+            room = await loop.run_in_executor(thread, self._make_room)
+            self._count_removed(room.removed)
+            free_gb = await loop.run_in_executor(thread, self._look)
         except StoreError as err:
+            self.room = self.free_gb = None
             trouble = str(err)
-        for name in self.room.removed:
-            log.warning("session_removed", session=name, quota_gb=self.quota_gb)
-        self.removed += self.room.removed
+        else:
+            self.room, self.free_gb = room, free_gb
+            trouble = room.trouble or self._short_of_space(free_gb)
         if trouble and not self.recorder.paused:
             log.error("recording_pauses", reason=trouble)
         elif self.recorder.paused and not trouble:
-            log.warning("recording_resumes", free_gb=round(self.free_gb, 1))
+            log.warning("recording_resumes", free_gb=self.status()["free_gb"])
         self.recorder.paused = trouble
 
     def status(self) -> dict[str, object]:
-        """Describe the disk for `vgrd status`."""
+        """Describe the disk for `vgrd status`; None is what is not known now."""
         return {
-            "sessions_gb": round(self.room.used_bytes / GB, 2),
+            "sessions_gb": None if self.room is None else round(self.room.used_bytes / GB, 2),
             "quota_gb": self.quota_gb,
-            "free_gb": round(self.free_gb, 1),
+            "free_gb": None if self.free_gb is None else round(self.free_gb, 1),
             "removed": list(self.removed),
+            "removed_total": self.removed_total,
             "trouble": self.recorder.paused,
         }
 
-    def _look(self) -> tuple[Room, float]:
+    def _count_removed(self, names: Sequence[str]) -> None:
+        for name in names:
+            log.warning("session_removed", session=name, quota_gb=self.quota_gb)
+        self.removed += names
+        self.removed_total += len(names)
+
+    def _make_room(self) -> Room:
         # Whoever tidies up by hand at this moment is no reason to end the cell's process.
         with guarded("look after", self.state_dir):
             make_folder(self.state_dir)
-            room = make_room(self.state_dir, round(self.quota_gb * GB))
-            return room, shutil.disk_usage(self.state_dir).free / GB
+            return make_room(self.state_dir, round(self.quota_gb * GB))
 
-    def _short_of_space(self) -> str:
+    def _look(self) -> float:
+        """GB that are free."""
+        with guarded("look after", self.state_dir):
+            return shutil.disk_usage(self.state_dir).free / GB
+
+    def _short_of_space(self, free_gb: float) -> str:
         needed_gb = self.keep_free_gb * (RESUME if self.recorder.paused else 1.0)
-        if self.free_gb >= needed_gb:
+        if free_gb >= needed_gb:
             return ""
         return (
-            f"{self.free_gb:.1f} GB are free on the disk of {self.state_dir}, "
+            f"{free_gb:.1f} GB are free on the disk of {self.state_dir}, "
             f"{self.keep_free_gb:g} GB must be ([recording] keep_free_gb): free space on it"
         )
