@@ -70,12 +70,17 @@ CALIBRATION: Final = "calibration"
 NEVER: Final = "never"
 NONE: Final = "none"
 NO_PICTURE: Final = "no picture"
+OLD_PICTURE: Final = (
+    "no other picture for {seconds} s: it is not so any more"  # of `assets/watchdog.js`
+)
 NO_SESSION: Final = "no session is open"
 SOLVING: Final = "solving: this takes up to a minute"
 POSE: Final = "Flange in the robot's base: {position} mm, rotation vector {rotation} deg"
 EXPECT: Final = "95 % error {before} mm, {after} mm after it"
 DONE_OF: Final = "{done} of {of}"
 ASKED: Final = "robot program last asked {ago}, last read {read}"
+LASTED: Final = "{seconds:.1f} s"
+DAYS: Final = "{days} d {time}"
 AGO: Final = "{seconds:.0f} s ago"
 IN_USE: Final = "{id} in use, made {made}, {days:.0f} days old, 95 % error {u95}"
 BEAT: Final = "heartbeat of the daemon: {beat}"
@@ -96,6 +101,10 @@ MINUTES: Final = (
 LATE: Final = (
     "the press came {seconds:.0f} s late, and the arm may stand elsewhere by now: press again"
 )
+STILL_BUSY: Final = "still busy with {what}: wait until it is done, and press again"
+NOT_HEARD: Final = "not heard yet"
+SILENT: Final = "the daemon has not told this for {seconds:.0f} s"
+UNTOLD: Final = "Not shown: {what}"
 REFUSED: Final = "Not done: {reason}"
 RECORDED: Final = "{what}: recorded as sample {sample}"
 DID: Final = "{what}: done"
@@ -197,7 +206,7 @@ COLUMNS: Final[Mapping[str, str]] = MappingProxyType(
         "counts": "counts",
         "when": "when",
         "status": "status",
-        "lasted_s": "lasted, s",
+        "lasted_s": "lasted",
         "fails": "beyond chance",
     }
 )
