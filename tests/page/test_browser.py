@@ -1,5 +1,8 @@
 """The page in a real browser: what it shows, and that it never shows what is not so any more."""
 
+import re
+from typing import Any
+
 import pytest
 
 from tests.page.browser import (
@@ -14,6 +17,7 @@ from tests.page.browser import (
 )
 from tests.page.daemon import PaperDaemon, full
 from vgrd.page import texts
+from vgrd.page.link import STALE_S
 
 pytestmark = [pytest.mark.system, pytest.mark.timeout(400)]
 
@@ -34,6 +38,7 @@ def _able() -> None:
 @pytest.fixture
 def daemon(tmp_path):
     with PaperDaemon(tmp_path) as daemon:
+        daemon.films = True
         yield daemon
 
 
@@ -171,6 +176,7 @@ def stays_grey(page) -> bool:
     return bool(page.evaluate(GREY_FOR_A_SECOND))
 
 
+PULSE_AGE_MS = "fetch('pulse').then(reply => reply.json()).then(pulse => pulse.age_ms)"
 GREY_FOR_A_SECOND = """async () => { for (let i = 0; i < 10; i++) {
     if (!document.body.classList.contains("stale")) return false;
     await new Promise(done => setTimeout(done, 100)); }
@@ -208,6 +214,77 @@ def test_whatever_freezes_it_turns_grey_and_its_buttons_are_dead(page, server, d
     thaw()
     until(lambda: not is_grey(page))
     assert daemon.given == []
+
+
+def test_a_silent_websocket_turns_it_grey_though_the_pulse_goes_on(page, daemon):
+    """All that is shown comes by the websocket, the pulse by requests."""
+    lost: list[bool] = []
+
+    def pass_on(browser_end: Any) -> None:
+        server_end = browser_end.connect_to_server()
+        browser_end.on_message(lambda message: lost or server_end.send(message))
+        server_end.on_message(lambda message: lost or browser_end.send(message))
+
+    page.route_web_socket(re.compile("socket.io"), pass_on)
+    page.reload()
+    until(lambda: page.locator(".state .word").inner_text() == "● READY" and not is_grey(page))
+    lost.append(True)
+    daemon.replies["registers"] |= {"state": "INVALID", "name": "CAMERA_OFFLINE"}
+    until(lambda: stays_grey(page))
+    until(lambda: page.evaluate(PULSE_AGE_MS) < 1e3 * STALE_S)
+    assert is_grey(page)
+    assert page.locator(".state .word").inner_text() == "● READY"  # as it was
+    lost.clear()
+    page.reload()
+    until(lambda: page.locator(".state .word").inner_text() == "■ INVALID" and not is_grey(page))
+
+
+def test_what_cannot_be_shown_turns_it_grey(page, daemon):
+    """As if a fault of ours were in one tab: what that tab shows is of before."""
+    good, bad = daemon.replies["answers"], {"answers": [{"fault": "of ours"}], "counts": {}}
+    daemon.replies["answers"] = bad
+    until(lambda: stays_grey(page))
+    daemon.replies["answers"] = good
+    until(lambda: not is_grey(page))
+
+
+def test_a_picture_that_no_other_follows_tells_its_age_and_is_grey(page, daemon):
+    words = page.locator(".picture-words").first
+    until(lambda: "arm at rest" in words.inner_text())
+    assert page.locator(".view.old").count() == 0
+    daemon.films = False
+    until(lambda: page.locator("[data-tab=cell] .view.old").count() == 1)
+    until(lambda: "no other picture for 3 s" in words.inner_text())
+    assert "at rest" not in words.inner_text()
+    assert not is_grey(page)  # the cell lives
+    daemon.films = True
+    until(lambda: "arm at rest" in words.inner_text())
+    assert page.locator("[data-tab=cell] .view.old").count() == 0
+
+
+def test_what_the_daemon_refuses_is_gone_from_the_page_and_its_words_are_there(
+    page, daemon, tmp_path
+):
+    daemon.replies |= full(tmp_path)
+    tab(page, "Result")
+    go = page.get_by_text(f"{texts.GOES['go']}: ")
+    until(lambda: go.is_visible() and page.get_by_text("✔ ACCEPTED").is_visible())
+    daemon.refused["trials"] = "nothing to verify"
+    daemon.refused["result"] = "the result cannot be read"
+    until(lambda: page.get_by_text("nothing to verify").is_visible())
+    until(lambda: page.get_by_text("the result cannot be read").is_visible())
+    assert not go.is_visible()
+    assert not page.get_by_text("✔ ACCEPTED").is_visible()
+    tab(page, "Teach")
+    daemon.refused["teaching"] = "the wizard is lost"
+    until(lambda: page.get_by_text("teaching: the wizard is lost").is_visible())
+    until(lambda: not page.get_by_role("button", name="TOUCH").is_visible())
+    tab(page, "Cell")
+    daemon.refused["calibrations"] = "the shelf is lost"
+    until(lambda: page.get_by_text("the shelf is lost", exact=True).is_visible())
+    daemon.refused.clear()
+    tab(page, "Teach")
+    until(lambda: page.get_by_role("button", name="TOUCH").is_visible())
 
 
 def test_a_command_says_which_version_was_shown(page, daemon):

@@ -17,7 +17,8 @@ class ResultTab:
     def __init__(self, visitor: Visitor) -> None:
         self._visitor = visitor
         self._shown: object = None
-        with ui.element("div").classes("columns"):
+        self._unsolved = ui.label(texts.NOT_SOLVED).classes("what").mark("unsolved")
+        with ui.element("div").classes("columns") as self._judged:
             with card(texts.LAST_RESULT):
                 self._verdict = ui.label(texts.NOT_SOLVED).classes("what").mark("verdict")
                 self._sentence = ui.label().mark("goodness")
@@ -39,7 +40,7 @@ class ResultTab:
                 self._levels = Grid(("noise", "stated", "found", "unit"))
             with card(texts.TOUCHES):
                 self._touches = Grid(("name", "off_mm", "left_out_mm", "reason"))
-        with card(texts.FOUND):
+        with card(texts.FOUND) as self._found:
             self._findings = Grid(("code", "message"))
 
     def _activation(self) -> None:
@@ -112,7 +113,12 @@ class ResultTab:
         """Show what was heard."""
         link = self._visitor.link
         told = link.reply("result")
-        if told.get("result") and told != self._shown:
+        is_solved = bool(told.get("result"))
+        tell(self._unsolved, link.trouble("result") or texts.NOT_SOLVED)
+        show_if(self._unsolved, not is_solved)
+        for area in (self._judged, self._found):
+            show_if(area, is_solved)
+        if is_solved and told != self._shown:
             self._shown = told
             self._show_result(str(told["session"]), told["result"])
         show_if(self._figures, is_shown=bool((told.get("result") or {}).get("budget")))
@@ -120,14 +126,14 @@ class ResultTab:
         rows = link.reply("calibrations").get("calibrations", [])
         self._calibrations.show(reversed(rows))
         names = [row["id"] for row in reversed(rows)]
-        if names != self._choice.options:
+        if not link.trouble("calibrations") and names != self._choice.options:
             self._choice.set_options(names, value=names[0] if names else None)
         self._show_trials(link.reply("trials"), link.reply("status").get("targets", []))
         is_next = link.reply("teaching").get("step", {}).get("kind") == "activate"
         self.activate.classes(add="next" if is_next else "", remove="" if is_next else "next")
 
     def _show_trials(self, told: Reply, targets: list[str]) -> None:
-        tell(self._trial_words, _in_words(told))
+        tell(self._trial_words, self._visitor.link.trouble("trials") or _in_words(told))
         self._trial_grid.show(reversed(told.get("verifications", ())))
         if targets and targets != self._target.options:
             self._target.set_options(targets, value=targets[0])

@@ -68,6 +68,8 @@ class SessionsTab:
         made = [(row["made_unix_s"], row["u95_mm"]) for row in rows if "made_unix_s" in row]
         redraw(self._line, over_time(made, texts.TIMELINE))
         names = [row["id"] for row in rows]
+        if self._visitor.link.trouble("calibrations"):
+            return  # the choices stay for what comes back
         for choice, value in zip(self._pair, (names[-2:-1], names[-1:]), strict=True):
             if names != choice.options:
                 choice.set_options(names, value=value[0] if value else None)
