@@ -8,7 +8,7 @@ import pytest
 pytest.importorskip("nicegui", reason="the extra `page` is not installed")
 
 from vgrd.page.charts import bars, error_map, fall
-from vgrd.page.parts import moment, redraw, span
+from vgrd.page.parts import ago, moment, redraw, span
 
 DAY_S = 86400.0
 
@@ -56,6 +56,14 @@ def test_a_chart_of_the_same_values_keeps_no_names_of_another(before, after):
 )
 def test_a_span_tells_its_days(seconds, words):
     assert span(seconds) == words
+
+
+def test_what_was_days_ago_is_told_in_days():
+    assert [ago(seconds) for seconds in (None, 14.2, 2 * DAY_S)] == [
+        "never",
+        "14 s ago",
+        "2 d 00:00:00 ago",
+    ]
 
 
 def test_a_moment_of_another_day_tells_its_day():

@@ -123,10 +123,10 @@ def day_time(unix_s: float) -> str:
     return time.strftime("%Y-%m-%d %H:%M:%S", time.localtime(unix_s))
 
 
-def span(seconds: float) -> str:
-    """How long something took, with its days."""
+def span(seconds: float, digits: int = 1) -> str:
+    """How long something took, with its days; digits: behind the point, below a minute."""
     if seconds < _MINUTE_S:
-        return texts.LASTED.format(seconds=seconds)
+        return texts.LASTED.format(seconds=f"{seconds:.{digits}f}")
     days, rest = divmod(round(seconds), _DAY_S)
     words = f"{rest // 3600:02d}:{rest // 60 % 60:02d}:{rest % 60:02d}"
     return texts.DAYS.format(days=days, time=words) if days else words
@@ -148,4 +148,4 @@ def numbers(values: Sequence[float] | None, digits: int = 1) -> str:
 
 def ago(seconds: float | None) -> str:
     """Since when, in words."""
-    return texts.NEVER if seconds is None else texts.AGO.format(seconds=seconds)
+    return texts.NEVER if seconds is None else texts.AGO.format(time=span(seconds, digits=0))
