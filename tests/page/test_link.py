@@ -40,6 +40,7 @@ def followed(tmp_path, work: Callable[[Link], Coroutine[Any, Any, Any]]) -> Any:
             return await work(link)
         finally:
             following.cancel()
+            await asyncio.wait([following])
 
     return asyncio.run(run())
 
@@ -166,6 +167,7 @@ def test_an_operation_that_hangs_keeps_no_other_from_being_heard(daemon, tmp_pat
         told_s = {op: link.heard[op].told_s for op in others}
         await until(lambda: all(link.heard[op].told_s > told_s[op] for op in others))
         assert not daemon.held & link.heard.keys()
+        daemon.held.clear()
 
     followed(tmp_path, work)
 

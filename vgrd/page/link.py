@@ -148,11 +148,14 @@ class Link:
         return self.now_s - heard.told_s > POLLS[op].kept_s
 
     async def follow(self) -> None:
-        """Ask again and again, until cancelled."""
-        async with asyncio.TaskGroup() as tasks:
-            tasks.create_task(self._follow_pictures())
-            for op, poll in POLLS.items():
-                tasks.create_task(self._follow(op, poll))
+        """Ask again and again, once, until cancelled; no question is open when it ends."""
+        try:
+            async with asyncio.TaskGroup() as tasks:
+                tasks.create_task(self._follow_pictures())
+                for op, poll in POLLS.items():
+                    tasks.create_task(self._follow(op, poll))
+        finally:
+            await asyncio.to_thread(self._threads.shutdown, cancel_futures=True)
 
     async def command(
         self, op: str, who: str, pressed_s: float | None = None, **arguments: object
