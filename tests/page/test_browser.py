@@ -295,6 +295,17 @@ def test_a_command_says_which_version_was_shown(page, daemon):
     until(lambda: page.get_by_text("touch: recorded as sample 7").count())
 
 
+def test_many_presses_are_one_command(page, daemon):
+    tab(page, "Teach")
+    daemon.held.add("spin")
+    for _ in range(7):
+        press(page, "SPIN")
+    until(lambda: page.get_by_text("still busy with spin").count())
+    daemon.held.clear()
+    until(lambda: page.get_by_text("spin: recorded as sample 7").count())
+    assert daemon.given == [("spin", {"version": "v1"})]
+
+
 def test_a_command_from_a_page_that_is_behind_is_refused_in_words(page, daemon):
     tab(page, "Teach")
     page.evaluate("document.getElementById('version').textContent = 'v0'")  # as if it came late
