@@ -19,6 +19,7 @@ from vgrd.geometry import Pose
 from vgrd.solving.session import solve_session
 
 JPEG = cv2.imencode(".jpg", np.full((30, 40), 128, np.uint8))[1].tobytes()
+FILM_S = 0.2  # from one picture to the next
 STEP = {
     "kind": "touch",
     "words": "put the tip on P2, the wrist as it works",
@@ -157,7 +158,10 @@ def full(folder: Path) -> dict[str, Any]:
 
 
 class PaperDaemon:
-    """Answers at RUNTIME_DIR/control.sock while it is open; `given` holds the commands that it took."""
+    """Answers at RUNTIME_DIR/control.sock while it is open; `given` holds the commands that it took.
+
+    refused: words by operation; held: operations that are not answered now; films: pictures follow each other.
+    """
 
     def __init__(self, runtime_dir: Path) -> None:
         self.replies: dict[str, Any] = {
@@ -177,7 +181,10 @@ class PaperDaemon:
             "trials": {},
             "scene": {"known": "", "flange": None, "tip_in_wrist": None, "tag_mm": {}},
         }
-        self.frame, self._jpeg, self.taken_unix_s = 1, JPEG, 1.0
+        self.frame, self._jpeg, self.taken_unix_s = 1, JPEG, time.time()
+        self.films = False
+        self.refused: dict[str, str] = {}
+        self.held: set[str] = set()
         self._gate_since_s: float | None = None
         self.given: list[tuple[str, Mapping[str, Any]]] = []
         self.asked: list[str] = []
@@ -229,17 +236,20 @@ class PaperDaemon:
 
     def _stop(self) -> None:
         self._frozen.clear()
+        self.held.clear()
         assert self._task is not None
         self._task.cancel()
 
-    async def _thawed(self) -> None:
-        while self._frozen.is_set():  # noqa: ASYNC110  another thread sets it
+    async def _thawed(self, op: str) -> None:
+        while self._frozen.is_set() or op in self.held:  # noqa: ASYNC110  another thread sets it
             await asyncio.sleep(0.01)
+        if op in self.refused:
+            raise ControlError(self.refused[op])
 
     def _reply(self, name: str) -> Any:
         async def told(_: Mapping[str, Any]) -> Mapping[str, Any]:
             self.asked.append(name)
-            await self._thawed()
+            await self._thawed(name)
             reply = self.replies[name]
             if name == "registers" and self._gate_since_s is not None:
                 return {**reply, "age_s": time.monotonic() - self._gate_since_s}
@@ -254,7 +264,7 @@ class PaperDaemon:
 
     def _command(self, op: str) -> Any:
         async def done(arguments: Mapping[str, Any]) -> Mapping[str, Any]:
-            await self._thawed()
+            await self._thawed(op)
             if arguments.get("version") != self.replies["teaching"]["version"]:
                 raise StaleVersion("not done: somebody did something else since this was shown")
             if op == "look":
@@ -266,7 +276,9 @@ class PaperDaemon:
 
     async def _picture(self, arguments: Mapping[str, Any]) -> Mapping[str, Any]:
         self.asked.append("picture")
-        await self._thawed()
+        await self._thawed("picture")
+        if self.films and time.time() - self.taken_unix_s > FILM_S:
+            self.show(self._jpeg)
         end_s = time.monotonic() + 0.05
         while arguments.get("after") == self.frame and time.monotonic() < end_s:  # noqa: ASYNC110
             await asyncio.sleep(0.005)
@@ -278,6 +290,7 @@ class PaperDaemon:
             "full_px": [400, 300],
             "jpeg": base64.b64encode(self._jpeg).decode(),
             "robot_at_rest": True,
+            "age_s": time.time() - self.taken_unix_s,
             "tags": {
                 "a": {
                     "wanted": "36h11 id 0",

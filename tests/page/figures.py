@@ -34,7 +34,7 @@ def main() -> int:
         place = Path(folder)
         with PaperDaemon(place) as daemon, PageProcess(place) as server, browser() as opened:
             page = open_page(opened, server.url)
-            for name, (freeze, thaw) in _freezers(daemon, server).items():
+            for name, (freeze, thaw) in _freezers(daemon, server, page).items():
                 times = [_to_grey(page, freeze, thaw) for _ in range(5)]
                 print(
                     f"grey after the {name} froze: {min(times):.2f} to {max(times):.2f} s (bar 1)"
@@ -69,12 +69,13 @@ def _soak(daemon: PaperDaemon, server: PageProcess, minutes: float) -> None:
 
 
 def _freezers(
-    daemon: PaperDaemon, server: PageProcess
+    daemon: PaperDaemon, server: PageProcess, page: Any
 ) -> dict[str, tuple[Callable[[], Any], Callable[[], Any]]]:
     return {
         "cell": (daemon.freeze, daemon.thaw),
         "page's server": (server.freeze, server.thaw),
         "gate": (lambda: daemon.age_gate(on=True), lambda: daemon.age_gate(on=False)),
+        "websocket": (lambda: page.evaluate(_DEAFEN), lambda: page.evaluate(_HEAR)),
     }
 
 
@@ -118,6 +119,8 @@ def _film(daemon: PaperDaemon, server: PageProcess, page: Any, seconds: float) -
     print(f"processor of the page's process: {100 * share:.0f} % of a core (bar 10)")
 
 
+_DEAFEN = "() => { window.socket.onevent = () => {}; }"
+_HEAR = "() => { delete window.socket.onevent; }"
 _LATENESS = """span_ms => new Promise(done => {
     const image = document.querySelector(".live"), late = [];
     const seen = new MutationObserver(() => late.push(image.dataset.shown - image.dataset.taken));

@@ -1,6 +1,7 @@
 """The page in a real browser: what it shows, and that it never shows what is not so any more."""
 
 import re
+from typing import Any
 
 import pytest
 
@@ -16,6 +17,7 @@ from tests.page.browser import (
 )
 from tests.page.daemon import PaperDaemon, full
 from vgrd.page import texts
+from vgrd.page.link import STALE_S
 
 pytestmark = [pytest.mark.system, pytest.mark.timeout(400)]
 
@@ -36,6 +38,7 @@ def _able() -> None:
 @pytest.fixture
 def daemon(tmp_path):
     with PaperDaemon(tmp_path) as daemon:
+        daemon.films = True
         yield daemon
 
 
@@ -173,6 +176,7 @@ def stays_grey(page) -> bool:
     return bool(page.evaluate(GREY_FOR_A_SECOND))
 
 
+PULSE_AGE_MS = "fetch('pulse').then(reply => reply.json()).then(pulse => pulse.age_ms)"
 GREY_FOR_A_SECOND = """async () => { for (let i = 0; i < 10; i++) {
     if (!document.body.classList.contains("stale")) return false;
     await new Promise(done => setTimeout(done, 100)); }
@@ -212,6 +216,77 @@ def test_whatever_freezes_it_turns_grey_and_its_buttons_are_dead(page, server, d
     assert daemon.given == []
 
 
+def test_a_silent_websocket_turns_it_grey_though_the_pulse_goes_on(page, daemon):
+    """All that is shown comes by the websocket, the pulse by requests."""
+    lost: list[bool] = []
+
+    def pass_on(browser_end: Any) -> None:
+        server_end = browser_end.connect_to_server()
+        browser_end.on_message(lambda message: lost or server_end.send(message))
+        server_end.on_message(lambda message: lost or browser_end.send(message))
+
+    page.route_web_socket(re.compile("socket.io"), pass_on)
+    page.reload()
+    until(lambda: page.locator(".state .word").inner_text() == "● READY" and not is_grey(page))
+    lost.append(True)
+    daemon.replies["registers"] |= {"state": "INVALID", "name": "CAMERA_OFFLINE"}
+    until(lambda: stays_grey(page))
+    until(lambda: page.evaluate(PULSE_AGE_MS) < 1e3 * STALE_S)
+    assert is_grey(page)
+    assert page.locator(".state .word").inner_text() == "● READY"  # as it was
+    lost.clear()
+    page.reload()
+    until(lambda: page.locator(".state .word").inner_text() == "■ INVALID" and not is_grey(page))
+
+
+def test_what_cannot_be_shown_turns_it_grey(page, daemon):
+    """As if a fault of ours were in one tab: what that tab shows is of before."""
+    good, bad = daemon.replies["answers"], {"answers": [{"fault": "of ours"}], "counts": {}}
+    daemon.replies["answers"] = bad
+    until(lambda: stays_grey(page))
+    daemon.replies["answers"] = good
+    until(lambda: not is_grey(page))
+
+
+def test_a_picture_that_no_other_follows_tells_its_age_and_is_grey(page, daemon):
+    words = page.locator(".picture-words").first
+    until(lambda: "arm at rest" in words.inner_text())
+    assert page.locator(".view.old").count() == 0
+    daemon.films = False
+    until(lambda: page.locator("[data-tab=cell] .view.old").count() == 1)
+    until(lambda: "no other picture for 3 s" in words.inner_text())
+    assert "at rest" not in words.inner_text()
+    assert not is_grey(page)  # the cell lives
+    daemon.films = True
+    until(lambda: "arm at rest" in words.inner_text())
+    assert page.locator("[data-tab=cell] .view.old").count() == 0
+
+
+def test_what_the_daemon_refuses_is_gone_from_the_page_and_its_words_are_there(
+    page, daemon, tmp_path
+):
+    daemon.replies |= full(tmp_path)
+    tab(page, "Result")
+    go = page.get_by_text(f"{texts.GOES['go']}: ")
+    until(lambda: go.is_visible() and page.get_by_text("✔ ACCEPTED").is_visible())
+    daemon.refused["trials"] = "nothing to verify"
+    daemon.refused["result"] = "the result cannot be read"
+    until(lambda: page.get_by_text("nothing to verify").is_visible())
+    until(lambda: page.get_by_text("the result cannot be read").is_visible())
+    assert not go.is_visible()
+    assert not page.get_by_text("✔ ACCEPTED").is_visible()
+    tab(page, "Teach")
+    daemon.refused["teaching"] = "the wizard is lost"
+    until(lambda: page.get_by_text("teaching: the wizard is lost").is_visible())
+    until(lambda: not page.get_by_role("button", name="TOUCH").is_visible())
+    tab(page, "Cell")
+    daemon.refused["calibrations"] = "the shelf is lost"
+    until(lambda: page.get_by_text("the shelf is lost", exact=True).is_visible())
+    daemon.refused.clear()
+    tab(page, "Teach")
+    until(lambda: page.get_by_role("button", name="TOUCH").is_visible())
+
+
 def test_a_command_says_which_version_was_shown(page, daemon):
     tab(page, "Teach")
     press(page, "TOUCH")
@@ -220,40 +295,18 @@ def test_a_command_says_which_version_was_shown(page, daemon):
     until(lambda: page.get_by_text("touch: recorded as sample 7").count())
 
 
-def silence(page) -> list[bool]:
-    """A switch: while something is in it, what the server draws does not reach the browser."""
-    switch: list[bool] = []
-
-    def pass_on(browser) -> None:
-        server = browser.connect_to_server()
-        server.on_message(lambda message: None if switch else browser.send(message))
-        browser.on_message(server.send)
-
-    page.route_web_socket(re.compile("socket.io"), pass_on)
-    page.reload()
-    page.wait_for_selector("header.state .word:not(:empty)")
-    until(lambda: not is_grey(page))
-    return switch
-
-
 def test_a_press_takes_what_the_browser_showed(page, daemon):
-    """Advice comes at any moment, and changes no version: nobody has seen it yet."""
-    switch = silence(page)
+    """What the server has drawn since may not have come yet: then the browser shows what it showed."""
     tab(page, "Teach")
     until(lambda: page.locator("[data-fact=target] input").input_value() == "P2")
-    switch.append(True)
-    now = daemon.replies["teaching"]
-    step = {**now["step"], "kind": "mend", "target": "P1", "sample": 3}
-    daemon.replies["teaching"] = {**now, "step": step, "session": {**now["session"], "name": "x"}}
-    daemon.asked.clear()
-    until(lambda: daemon.asked.count("teaching") > 4)  # it is heard, and would be drawn
+    page.evaluate("document.querySelector('[data-fact=sample]').textContent = '9'")
     for button in ("TOUCH", "VERIFY", "UNDO"):
         press(page, button)
-    until(lambda: page.evaluate("true") and len(daemon.given) == 3)  # it passes the presses on
+        until(lambda button=button: daemon.given[-1:] and daemon.given[-1][0] == button.lower())
     assert daemon.given == [
         ("touch", {"target": "P2", "version": "v1"}),
         ("verify", {"target": "P2", "version": "v1", "session": "one"}),
-        ("undo", {"version": "v1", "session": "one"}),
+        ("undo", {"version": "v1", "session": "one", "sample": "9"}),
     ]
 
 
@@ -274,6 +327,17 @@ def test_a_choice_of_a_person_stays_and_is_what_is_activated(page, daemon, tmp_p
     (_, activated), (_, left) = daemon.given
     assert (activated["calibration"], left["active"]) == ("cal-000001", "cal-000002")
     assert page.locator("[data-tab=result]").get_by_role("button", name="VERIFY").is_disabled()
+
+
+def test_many_presses_are_one_command(page, daemon):
+    tab(page, "Teach")
+    daemon.held.add("spin")
+    for _ in range(7):
+        press(page, "SPIN")
+    until(lambda: page.get_by_text("still busy with spin").count())
+    daemon.held.clear()
+    until(lambda: page.get_by_text("spin: recorded as sample 7").count())
+    assert daemon.given == [("spin", {"version": "v1"})]
 
 
 def test_a_command_from_a_page_that_is_behind_is_refused_in_words(page, daemon):

@@ -1,6 +1,7 @@
 """The page's link says how old everything is, and sends no command without a link."""
 
 import asyncio
+import json
 from collections.abc import Callable, Coroutine
 from typing import Any
 
@@ -8,10 +9,12 @@ import pytest
 
 pytest.importorskip("nicegui", reason="the extra `page` is not installed")
 
+from fakes.testing import ManualClock
 from tests.page.daemon import JPEG, PaperDaemon
 from vgrd.clock import SystemClock
 from vgrd.errors import ControlError
-from vgrd.page.link import STALE_S, Link
+from vgrd.page.link import POLLS, STALE_S, Heard, Link
+from vgrd.page.server import frame
 from vgrd.page.visitor import Seen
 
 PATIENCE_S = 20.0
@@ -37,6 +40,7 @@ def followed(tmp_path, work: Callable[[Link], Coroutine[Any, Any, Any]]) -> Any:
             return await work(link)
         finally:
             following.cancel()
+            await asyncio.wait([following])
 
     return asyncio.run(run())
 
@@ -119,7 +123,109 @@ def test_pictures_are_fetched_only_while_somebody_looks_and_once_for_all(daemon,
 
 def test_the_diary_is_followed_where_nobody_looks_at_pictures(daemon, tmp_path):
     async def work(link: Link) -> None:
-        await until(lambda: "diary" in link.heard.replies)
+        await until(lambda: "diary" in link.heard)
         assert "scene" not in daemon.asked
 
     followed(tmp_path, work)
+
+
+@pytest.mark.parametrize("op", ["trials", "teaching", "result", "registers"])
+def test_what_is_refused_is_not_shown_any_more_and_the_words_are(daemon, tmp_path, op):
+    daemon.replies["trials"] = {"verdict": "go", "words": "2 verifications"}
+
+    async def work(link: Link) -> None:
+        await until(lambda: bool(link.reply(op)) and not link.trouble(op))
+        daemon.refused[op] = "no calibration is in use"
+        await until(lambda: not link.reply(op))
+        assert link.trouble(op) == "no calibration is in use"
+        del daemon.refused[op]
+        await until(lambda: bool(link.reply(op)) and not link.trouble(op))
+
+    followed(tmp_path, work)
+
+
+@pytest.mark.parametrize("op", sorted(POLLS.keys() - {"registers", "scene"}))
+def test_what_was_not_told_for_long_is_not_shown_any_more(tmp_path, op):
+    """The registers are shown grey then; of the drawing see where nobody looks."""
+    clock = ManualClock()
+    link = Link(tmp_path, clock)
+    assert link.trouble(op)
+    link.heard[op] = Heard(link.now_s, {"what": "it was"})
+    clock.now_s += POLLS[op].limit_s + POLLS[op].period_s
+    assert (link.reply(op), link.trouble(op)) == ({"what": "it was"}, "")
+    clock.now_s += 3 * POLLS[op].period_s
+    assert not link.reply(op)
+    assert "has not told this for" in link.trouble(op)
+
+
+def test_an_operation_that_hangs_keeps_no_other_from_being_heard(daemon, tmp_path):
+    daemon.held |= {"answers", "diary"}
+
+    async def work(link: Link) -> None:
+        others = POLLS.keys() - daemon.held - {"scene"}
+        await until(lambda: others <= link.heard.keys())
+        told_s = {op: link.heard[op].told_s for op in others}
+        await until(lambda: all(link.heard[op].told_s > told_s[op] for op in others))
+        assert not daemon.held & link.heard.keys()
+        daemon.held.clear()
+
+    followed(tmp_path, work)
+
+
+def test_the_page_stays_fresh_however_many_commands_wait(daemon, tmp_path):
+    """More than there are threads in a pool of a small computer."""
+    daemon.held.add("touch")
+
+    async def work(link: Link) -> None:
+        await until(lambda: link.is_alive)
+        pressed = [
+            asyncio.create_task(link.command("touch", f"visitor {i}", version="v1"))
+            for i in range(40)
+        ]
+        heard = link.heard["registers"]
+        for _ in range(3):
+            await until(lambda seen=heard: link.heard["registers"] is not seen)  # type: ignore[misc]
+            heard = link.heard["registers"]
+        daemon.held.clear()
+        await asyncio.gather(*pressed)
+
+    followed(tmp_path, work)
+
+
+def test_a_second_press_while_one_is_under_way_is_told_and_not_sent(daemon, tmp_path):
+    daemon.held.add("touch")
+
+    async def work(link: Link) -> None:
+        await until(lambda: link.is_alive)
+        first = asyncio.create_task(link.command("touch", "anna", version="v1"))
+        await asyncio.sleep(0)
+        with pytest.raises(ControlError, match="still busy with touch"):
+            await link.command("spin", "anna", version="v1")
+        await link.command("spin", "ben", version="v1")
+        daemon.held.clear()
+        await first
+        await link.command("undo", "anna", version="v1")
+
+    followed(tmp_path, work)
+    assert [op for op, _ in daemon.given] == ["spin", "touch", "undo"]
+
+
+def test_a_refused_command_is_under_way_no_more(daemon, tmp_path):
+    async def work(link: Link) -> None:
+        await until(lambda: link.is_alive)
+        for _ in range(2):
+            with pytest.raises(ControlError, match="tag A is not in the picture"):
+                await link.command("look", "anna", version="v1")
+
+    followed(tmp_path, work)
+
+
+def test_a_picture_says_how_old_it_is(daemon, tmp_path):
+    daemon.taken_unix_s -= 60.0
+
+    async def work(link: Link) -> dict[str, Any]:
+        await until(lambda: link.is_alive)
+        reply = await frame(link, -1)
+        return dict(json.loads(reply.headers["X-Facts"]))
+
+    assert 60e3 <= followed(tmp_path, work)["age_ms"] < 60e3 + 1e3 * PATIENCE_S

@@ -2,10 +2,13 @@
 
 import asyncio
 import base64
+import math
 from collections.abc import Mapping
-from contextlib import suppress
-from dataclasses import dataclass, field
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any, Final
 
 import structlog
@@ -20,16 +23,17 @@ PERIOD_S: Final = (
     0.15  # from one look at the registers to the next: the page may be a second behind at most
 )
 REPLY_S: Final = 0.7  # a cell that is silent for longer is shown as none
-TEACHING_PERIOD_S: Final = 0.3  # of the wizard: people are slower than robots
 SLOW_PERIOD_S: Final = 1.0  # of what changes slowly
+SLOW_REPLY_S: Final = 5.0  # of what is read from files, on a busy computer
 STALE_S: Final = 0.8  # what is older is not valid any more; with the page's own delays it is grey within a second
 LATE_S: Final = (
     2.0  # after it a press is not obeyed: this server hung, the arm may stand elsewhere
 )
 COMMAND_S: Final = 30.0  # a sample takes two pictures, of 5 s each at most
 SOLVE_S: Final = 300.0  # as `vgrd solve`
-SCENE_PERIOD_S: Final = 0.4  # of the drawing of the cell: an arm is jogged slowly
-DIARY_PERIOD_S: Final = 20.0  # of what goes by the hour
+REST_S: Final = (
+    30.0  # the daemon may hold each question that it does not answer: its clients are counted
+)
 VIEWED_S: Final = 3.0  # nobody looks at pictures who has not asked for so long
 PICTURE_WAIT_S: Final = 1.0  # of one request for another picture
 
@@ -39,18 +43,56 @@ Reply = Mapping[str, Any]
 
 @dataclass(frozen=True, slots=True)
 class Picture:
-    """A picture as the control socket gives it; facts: all of the reply but the pixels."""
+    """A picture as the control socket gives it; facts: all of the reply but the pixels.
+
+    taken_s: when it was taken (`Link.now_s`).
+    """
 
     jpeg: bytes
     facts: Reply
+    taken_s: float
 
 
-@dataclass(slots=True)
+@dataclass(frozen=True, slots=True)
+class Poll:
+    """How one operation is followed.
+
+    period_s: from a reply to the next question; limit_s: for a reply; kept_s: an older reply is not shown;
+    rest_s: the longest pause after it hung; viewed: asked only while somebody looks at pictures.
+    """
+
+    period_s: float
+    limit_s: float
+    kept_s: float
+    rest_s: float = REST_S
+    viewed: bool = False
+
+
+_SLOW: Final = Poll(SLOW_PERIOD_S, SLOW_REPLY_S, kept_s=8.0)
+POLLS: Final[Mapping[str, Poll]] = MappingProxyType(
+    {
+        # Old registers turn the page grey, and go on at once when they are heard again.
+        "registers": Poll(PERIOD_S, REPLY_S, kept_s=math.inf, rest_s=PERIOD_S),
+        "teaching": Poll(0.3, 2.0, kept_s=3.0),  # people are slower than robots
+        "status": _SLOW,
+        "answers": _SLOW,
+        "calibrations": _SLOW,
+        "result": _SLOW,
+        "trials": _SLOW,
+        "scene": Poll(0.4, 2.0, kept_s=3.0, viewed=True),  # an arm is jogged slowly
+        "diary": Poll(20.0, 10.0, kept_s=60.0),  # goes by the hour
+    }
+)
+_NOTHING: Final[Reply] = MappingProxyType({})
+
+
+@dataclass(frozen=True, slots=True)
 class Heard:
-    """Newest replies by operation; told_s: when the registers were told (`Link.now_s`)."""
+    """What came of a question: a reply, or the words of its refusal. told_s: when (`Link.now_s`)."""
 
-    replies: dict[str, Reply] = field(default_factory=dict)
-    told_s: float = -1e9
+    told_s: float
+    reply: Reply
+    refusal: str = ""
 
 
 class Link:
@@ -59,7 +101,11 @@ class Link:
     def __init__(self, runtime_dir: Path, clock: Clock) -> None:
         self._client = ControlClient(runtime_dir / CONTROL_SOCKET)
         self._clock = clock
-        self.heard = Heard()
+        self.heard: dict[str, Heard] = {}
+        # A thread for each question that may be open, and none of a command: however many of
+        # those wait, what is shown stays fresh.
+        self._threads = ThreadPoolExecutor(len(POLLS) + 1, "poll")
+        self._under_way: dict[str, str] = {}  # commands, by who gave them
         self.picture: Picture | None = None
         self._new_picture, self._asking = asyncio.Event(), asyncio.Lock()
         self._viewed_s = -1e9
@@ -72,8 +118,10 @@ class Link:
     @property
     def age_s(self) -> float:
         """How old the newest registers are, as the gate told them to the cell and the cell to us."""
-        since_s = self._clock.monotonic() - self.heard.told_s
-        return since_s + float(self.reply("registers").get("age_s", 0.0))
+        heard = self.heard.get("registers")
+        if heard is None or heard.refusal:
+            return math.inf
+        return self.now_s - heard.told_s + float(heard.reply.get("age_s", 0.0))
 
     @property
     def is_alive(self) -> bool:
@@ -81,39 +129,59 @@ class Link:
         return self.age_s < STALE_S
 
     def reply(self, op: str) -> Reply:
-        """The newest reply to an operation, empty before the first."""
-        return self.heard.replies.get(op, {})
+        """The newest reply to an operation; empty where there is none that may be shown: `trouble` says why."""
+        heard = self.heard.get(op)
+        return _NOTHING if heard is None or self._is_old(op, heard) else heard.reply
+
+    def trouble(self, op: str) -> str:
+        """Why there is no reply to show, "" where there is one, or nobody wants one."""
+        if POLLS[op].viewed and not self._is_viewed:
+            return ""
+        heard = self.heard.get(op)
+        if heard is None:
+            return texts.NOT_HEARD
+        if self._is_old(op, heard):
+            return texts.SILENT.format(seconds=self.now_s - heard.told_s)
+        return heard.refusal
+
+    def _is_old(self, op: str, heard: Heard) -> bool:
+        return self.now_s - heard.told_s > POLLS[op].kept_s
 
     async def follow(self) -> None:
-        """Ask again and again, until cancelled."""
-        async with asyncio.TaskGroup() as tasks:
-            tasks.create_task(self._follow_state())
-            tasks.create_task(self._follow("teaching", TEACHING_PERIOD_S, REPLY_S))
-            tasks.create_task(self._follow_slowly())
-            tasks.create_task(self._follow_pictures())
-            tasks.create_task(self._follow_scene())
-            tasks.create_task(self._follow("diary", DIARY_PERIOD_S))
+        """Ask again and again, once, until cancelled; no question is open when it ends."""
+        try:
+            async with asyncio.TaskGroup() as tasks:
+                tasks.create_task(self._follow_pictures())
+                for op, poll in POLLS.items():
+                    tasks.create_task(self._follow(op, poll))
+        finally:
+            await asyncio.to_thread(self._threads.shutdown, cancel_futures=True)
 
     async def command(
         self, op: str, who: str, pressed_s: float | None = None, **arguments: object
     ) -> Reply:
         """Give a command; ControlError with words where it is refused, where it is late, where there is no link.
 
-        pressed_s: when a button was pressed, None where that does not matter.
+        pressed_s: when a button was pressed, None where that does not matter. Of commands by one `who`
+        only one is under way: the next is refused until that one is done.
         """
         if not self.is_alive:
             raise DaemonUnreachable("there is no link to the daemon, so nothing was sent")
         late_s = 0.0 if pressed_s is None else self.now_s - pressed_s
         if late_s > LATE_S:
             raise ControlError(texts.LATE.format(seconds=late_s))
+        if who in self._under_way:
+            raise ControlError(texts.STILL_BUSY.format(what=self._under_way[who]))
         limit_s = SOLVE_S if op == "solve" else COMMAND_S
         log.info("command", op=op, who=who, **arguments)
+        self._under_way[who] = op
         try:
-            reply = await self._call(op, limit_s, **arguments)
+            return await self._call(op, limit_s, **arguments)
         except ControlError as refusal:
             log.warning("command_refused", op=op, who=who, reason=str(refusal))
             raise
-        return reply
+        finally:
+            del self._under_way[who]
 
     async def ask(self, op: str, **arguments: object) -> Reply:
         """What an operation tells that changes nothing; one after the other, for they cost the cell some time."""
@@ -137,34 +205,32 @@ class Link:
                 return None
         return self.picture
 
-    async def _follow_state(self) -> None:
+    async def _follow(self, op: str, poll: Poll) -> None:
+        """Ask one operation again and again: more and more rarely while it hangs, and not while the cell does."""
+        pause_s = poll.period_s
         while True:
-            with suppress(ControlError):  # what was heard before ages, and that is shown
-                self.heard.replies["registers"] = await self._call("registers", REPLY_S)
-                self.heard.told_s = self.now_s
-            await asyncio.sleep(PERIOD_S)
+            if self._is_wanted(op, poll):
+                is_answered = await self._hear(op, poll.limit_s)
+                pause_s = poll.period_s if is_answered else min(2 * pause_s, poll.rest_s)
+            await asyncio.sleep(min(pause_s, SLOW_PERIOD_S) if op not in self.heard else pause_s)
 
-    async def _follow_slowly(self) -> None:
-        while True:
-            for op in ("status", "answers", "calibrations", "result", "trials"):
-                with suppress(ControlError):  # idem
-                    self.heard.replies[op] = await self._call(op, COMMAND_S)
-            await asyncio.sleep(SLOW_PERIOD_S)
+    def _is_wanted(self, op: str, poll: Poll) -> bool:
+        return (op == "registers" or self.is_alive) and (self._is_viewed or not poll.viewed)
 
-    async def _follow(self, op: str, period_s: float, timeout_s: float = COMMAND_S) -> None:
-        """Ask one operation again and again."""
-        while True:
-            with suppress(ControlError):  # idem
-                self.heard.replies[op] = await self._call(op, timeout_s)
-            await asyncio.sleep(period_s)
+    async def _hear(self, op: str, limit_s: float) -> bool:
+        """Ask once; False where nobody answers in time: what was heard before ages.
 
-    async def _follow_scene(self) -> None:
-        """Where things stand, while somebody looks at pictures: the drawing stands beside one."""
-        while True:
-            if self._is_viewed:
-                with suppress(ControlError):  # idem
-                    self.heard.replies["scene"] = await self._call("scene", COMMAND_S)
-            await asyncio.sleep(SCENE_PERIOD_S)
+        After a refusal it is not so any more: the words of the refusal take its place.
+        """
+        reply, words = _NOTHING, ""
+        try:
+            reply = await self._poll(op, limit_s)
+        except DaemonUnreachable:
+            return False
+        except ControlError as refusal:
+            words = str(refusal)
+        self.heard[op] = Heard(self.now_s, reply, words)
+        return True
 
     async def _follow_pictures(self) -> None:
         """Fetch pictures once for all browsers, while one of them looks."""
@@ -180,14 +246,18 @@ class Link:
 
     async def _fetch(self) -> None:
         last = None if self.picture is None else self.picture.facts["frame"]
-        reply = dict(
-            await self._call(
-                "picture", REPLY_S + PICTURE_WAIT_S, after=last, wait_s=PICTURE_WAIT_S
-            )
-        )
+        wait_s = PICTURE_WAIT_S
+        reply = dict(await self._poll("picture", REPLY_S + wait_s, after=last, wait_s=wait_s))
         if reply["frame"] != last:
-            self.picture = Picture(base64.b64decode(reply.pop("jpeg")), reply)
+            jpeg, taken_s = base64.b64decode(reply.pop("jpeg")), self.now_s - reply["age_s"]
+            self.picture = Picture(jpeg, reply, taken_s)
             self._new_picture.set()
 
+    async def _poll(self, op: str, timeout_s: float, **arguments: object) -> Reply:
+        """Ask for what is shown."""
+        call = partial(self._client.call, op, timeout_s=timeout_s, **arguments)
+        return await asyncio.get_running_loop().run_in_executor(self._threads, call)
+
     async def _call(self, op: str, timeout_s: float, **arguments: object) -> Reply:
+        """Ask for what a person wants."""
         return await asyncio.to_thread(self._client.call, op, timeout_s=timeout_s, **arguments)

@@ -14,6 +14,7 @@ from vgrd.page.visitor import Seen
 
 # What the person saw when the button was pressed, not what this process knows by now.
 _PRESSED: Final = "() => emit(window.vgrdSeen())"
+_MINUTE_S, _DAY_S = 60, 86400
 Act = Callable[[Seen], Awaitable[None]]
 
 
@@ -72,7 +73,7 @@ class Grid:
     def show(self, rows: Iterable[Mapping[str, Any]]) -> None:
         """Show these rows."""
         new = [
-            {"row": i, **{key: in_words(row.get(key)) for key in self._columns}}
+            {"row": i, **{key: _cell(key, row.get(key)) for key in self._columns}}
             for i, row in enumerate(rows)
         ]
         if new != self.table.rows:
@@ -81,7 +82,7 @@ class Grid:
 
 def redraw(chart: EChart, options: dict[str, Any]) -> None:
     """Draw a chart anew, if it shows something else."""
-    if options["series"] != chart.options["series"]:
+    if {**chart.options, **options} != chart.options:
         chart.options.update(options)
         chart.update()
 
@@ -105,20 +106,39 @@ def in_words(value: object) -> str:
     if isinstance(value, bool):
         return "yes" if value else "no"
     if isinstance(value, float):
-        return f"{value:.3f}" if abs(value) < 1e6 else clock_time(value)  # unix times are large
+        return f"{value:.3f}"
     if isinstance(value, Mapping):
         return ", ".join(f"{key} {in_words(one)}" for key, one in value.items()) or "-"
     return str(value)
 
 
-def clock_time(unix_s: float) -> str:
-    """Hour, minute and second of this computer."""
-    return time.strftime("%H:%M:%S", time.localtime(unix_s))
+def moment(unix_s: float, now_unix_s: float | None = None) -> str:
+    """Hour, minute and second of this computer, and the day where it is not that of now (None: the clock's)."""
+    then, now = time.localtime(unix_s), time.localtime(now_unix_s)
+    return day_time(unix_s) if then[:3] != now[:3] else time.strftime("%H:%M:%S", then)
 
 
 def day_time(unix_s: float) -> str:
     """Day too."""
     return time.strftime("%Y-%m-%d %H:%M:%S", time.localtime(unix_s))
+
+
+def span(seconds: float, digits: int = 1) -> str:
+    """How long something took, with its days; digits: behind the point, below a minute."""
+    if seconds < _MINUTE_S:
+        return texts.LASTED.format(seconds=f"{seconds:.{digits}f}")
+    days, rest = divmod(round(seconds), _DAY_S)
+    words = f"{rest // 3600:02d}:{rest // 60 % 60:02d}:{rest % 60:02d}"
+    return texts.DAYS.format(days=days, time=words) if days else words
+
+
+def _cell(column: str, value: object) -> str:
+    """A value as its column says it: a number alone does not tell whether it is a time."""
+    known = _BY_COLUMN.get(column)
+    return known(value) if known and isinstance(value, int | float) else in_words(value)
+
+
+_BY_COLUMN: Final[Mapping[str, Callable[[float], str]]] = {"unix_s": moment, "lasted_s": span}
 
 
 def numbers(values: Sequence[float] | None, digits: int = 1) -> str:
@@ -128,4 +148,4 @@ def numbers(values: Sequence[float] | None, digits: int = 1) -> str:
 
 def ago(seconds: float | None) -> str:
     """Since when, in words."""
-    return texts.NEVER if seconds is None else texts.AGO.format(seconds=seconds)
+    return texts.NEVER if seconds is None else texts.AGO.format(time=span(seconds, digits=0))

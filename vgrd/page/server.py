@@ -38,7 +38,8 @@ _HEADERS: Final = {
 }
 _HEAD: Final = (
     f"<script>document.documentElement.lang={json.dumps(texts.LANGUAGE)};"
-    f"document.documentElement.dataset.noLink={json.dumps(texts.NO_LINK)}</script>"
+    f"document.documentElement.dataset.noLink={json.dumps(texts.NO_LINK)};"
+    f"document.documentElement.dataset.oldPicture={json.dumps(texts.OLD_PICTURE)}</script>"
     '<link rel="stylesheet" href="/assets/page.css"><script src="/assets/watchdog.js"></script>'
 )
 
@@ -170,7 +171,7 @@ async def _work(link: Link, health: HealthReporter) -> None:
 
 def pulse(link: Link) -> Response:
     """How old is what the page shows; milliseconds."""
-    age_ms = min(MOST_AGE_MS, round(1e3 * link.age_s))
+    age_ms = round(min(MOST_AGE_MS, 1e3 * link.age_s))
     return Response(
         json.dumps({"age_ms": age_ms, "now_ms": 1e3 * link.now_s}), media_type="application/json"
     )
@@ -183,6 +184,7 @@ async def frame(link: Link, after: int) -> Response:
         return Response(status_code=204)
     facts = {key: picture.facts[key] for key in ("frame", "taken_unix_s", "width_px", "height_px")}
     facts |= {"tags": picture.facts["tags"], "words": picture_in_words(picture.facts)}
+    facts["age_ms"] = round(1e3 * (link.now_s - picture.taken_s))
     headers = {"X-Facts": json.dumps(facts), "Cache-Control": "no-store"}
     return Response(picture.jpeg, media_type="image/jpeg", headers=headers)
 

@@ -72,6 +72,9 @@ CALIBRATION: Final = "calibration"
 NEVER: Final = "never"
 NONE: Final = "none"
 NO_PICTURE: Final = "no picture"
+OLD_PICTURE: Final = (
+    "no other picture for {seconds} s: it is not so any more"  # of `assets/watchdog.js`
+)
 NO_SESSION: Final = "no session is open"
 NOT_OPEN: Final = "no session is open; the calibration in use is verified in Result"
 OLD: Final = "{value} (old)"
@@ -86,7 +89,9 @@ POSE: Final = "Flange in the robot's base: {position} mm, rotation vector {rotat
 EXPECT: Final = "95 % error {before} mm, {after} mm after it"
 DONE_OF: Final = "{done} of {of}"
 ASKED: Final = "robot program last asked {ago}, last read {read}"
-AGO: Final = "{seconds:.0f} s ago"
+LASTED: Final = "{seconds} s"
+DAYS: Final = "{days} d {time}"
+AGO: Final = "{time} ago"
 IN_USE: Final = "{id} in use, made {made}, {days:.0f} days old, 95 % error {u95}"
 BEAT: Final = "heartbeat of the daemon: {beat}"
 ROBOT_PROGRAM: Final = "Robot program"
@@ -107,6 +112,10 @@ MINUTES: Final = (
 LATE: Final = (
     "the press came {seconds:.0f} s late, and the arm may stand elsewhere by now: press again"
 )
+STILL_BUSY: Final = "still busy with {what}: wait until it is done, and press again"
+NOT_HEARD: Final = "not heard yet"
+SILENT: Final = "the daemon has not told this for {seconds:.0f} s"
+UNTOLD: Final = "Not shown: {what}"
 REFUSED: Final = "Not done: {reason}"
 RECORDED: Final = "{what}: recorded as sample {sample}"
 DID: Final = "{what}: done"
@@ -213,7 +222,7 @@ COLUMNS: Final[Mapping[str, str]] = MappingProxyType(
         "counts": "counts",
         "when": "when",
         "status": "status",
-        "lasted_s": "lasted, s",
+        "lasted_s": "lasted",
         "fails": "beyond chance",
     }
 )

@@ -14,7 +14,7 @@ from nicegui.page import page
 from fakes.testing import ManualClock
 from tests.page.daemon import registers, teaching
 from vgrd.errors import ControlError
-from vgrd.page.link import Link
+from vgrd.page.link import Heard, Link
 from vgrd.page.visitor import Visitor
 
 
@@ -24,11 +24,18 @@ class PaperLink(Link):
     def __init__(self) -> None:
         self.clock = ManualClock()
         super().__init__(Path(), self.clock)
-        self.told: dict[str, Any] = self.heard.replies  # type: ignore[assignment]
-        self.told |= {"registers": registers(), "teaching": teaching()}
-        self.heard.told_s = self.now_s
+        self.told: dict[str, Any] = {"registers": registers(), "teaching": teaching()}
+        self.heard["registers"] = Heard(self.now_s, registers())  # a press is taken
         self.given: list[tuple[str, Mapping[str, Any]]] = []
         self.answers: dict[str, Any] = {}  # to what is asked now and then; else it is refused
+
+    def reply(self, op: str) -> Mapping[str, Any]:
+        """As it is set, and not too old."""
+        return self.told.get(op, {})
+
+    def trouble(self, op: str) -> str:
+        """Nothing is refused."""
+        return ""
 
     async def _call(self, op: str, timeout_s: float, **arguments: object) -> Mapping[str, Any]:
         self.given.append((op, arguments))

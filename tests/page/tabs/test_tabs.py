@@ -12,7 +12,7 @@ pytest.importorskip("nicegui", reason="the extra `page` is not installed")
 from nicegui import ui
 
 from tests.page.tabs.paper_tab import PaperTab
-from vgrd.page.parts import clock_time
+from vgrd.page.parts import moment
 from vgrd.page.shown import offer
 from vgrd.page.tabs import ResultTab, SessionsTab, TeachTab
 from vgrd.page.visitor import Seen
@@ -267,7 +267,7 @@ def test_where_to_go_says_of_when_its_picture_is(result):
     result.link.answers["ec"] = {**WHERE, "age_s": 3600.0}
     begun = int(time.time())
     result.press("where")
-    possible = {clock_time(at - 3600) for at in range(begun, int(time.time()) + 1)}
+    possible = {moment(at - 3600) for at in range(begun, int(time.time()) + 1)}
     assert any(at in where(result) for at in possible)
 
 

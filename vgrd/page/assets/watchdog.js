@@ -3,6 +3,7 @@
 (() => {
   const STALE_MS = 800; // as STALE_S of vgrd/page/link.py
   const ASK_MS = 100;
+  const OLD_MS = 2000; // of a picture
   let freshUntil = 0;
   let serverAhead = 0; // the server's clock minus ours, ms
   const noLink = document.createElement("div");
@@ -16,7 +17,10 @@
       const reply = await fetch("pulse", { cache: "no-store", signal: AbortSignal.timeout(STALE_MS) });
       const pulse = await reply.json();
       serverAhead = pulse.now_ms - performance.now(); // by the way back too little: presses look older, never newer
-      if (reply.ok) freshUntil = Math.max(freshUntil, sent + STALE_MS - pulse.age_ms);
+      // The pulse comes by another way than all that is shown: that must have come just now, too.
+      const shown_ms = Number(document.getElementById("version")?.dataset.shown);
+      const until = sent + STALE_MS - Math.max(pulse.age_ms, pulse.now_ms - shown_ms);
+      if (reply.ok && until > freshUntil) freshUntil = until; // never where nothing was shown yet: NaN
     } catch { /* no answer is what this is made for: freshUntil passes */ }
     setTimeout(ask, ASK_MS);
   }
@@ -56,10 +60,23 @@
     image.src = URL.createObjectURL(blob);
     image.dataset.frame = facts.frame;
     image.dataset.taken = 1000 * facts.taken_unix_s;
+    image.dataset.since = performance.now() - facts.age_ms; // by our clock: that of a tablet may be wrong
+    image.dataset.words = facts.words;
     const marks = image.nextElementSibling;
     marks.setAttribute("viewBox", `0 0 ${facts.width_px} ${facts.height_px}`);
     marks.replaceChildren(...Object.entries(facts.tags).flatMap(([name, tag]) => mark(name, tag)));
-    image.parentElement.nextElementSibling.textContent = facts.words;
+    date();
+  }
+
+  // A picture that no other one follows is of then: so are its marks, and the words about it.
+  function date() {
+    for (const image of document.querySelectorAll(".live[data-since]")) {
+      const age_ms = performance.now() - image.dataset.since, isOld = age_ms > OLD_MS;
+      const words = isOld ? document.documentElement.dataset.oldPicture.replace("{seconds}", Math.round(age_ms / 1000)) : image.dataset.words;
+      const label = image.parentElement.nextElementSibling;
+      image.parentElement.classList.toggle("old", isOld);
+      if (label.textContent !== words) label.textContent = words;
+    }
   }
 
   function mark(name, tag) {
@@ -78,5 +95,5 @@
     for (const part of document.querySelectorAll(".q-table__middle:not([tabindex])")) part.tabIndex = 0;
   }
 
-  addEventListener("DOMContentLoaded", () => { ask(); look(); setInterval(show, 50); setInterval(reach, 300); });
+  addEventListener("DOMContentLoaded", () => { ask(); look(); setInterval(show, 50); setInterval(date, 200); setInterval(reach, 300); });
 })();

@@ -54,7 +54,7 @@ class CellTab:
         is_mine = registers.get("cause") in _CONFIRMED
         self._confirming.classes(add="next" if is_mine else "", remove="" if is_mine else "next")
         tell(self._coordinate, coordinate_in_words(registers))
-        tell(self._calibration, in_use(link.reply("calibrations")))
+        tell(self._calibration, link.trouble("calibrations") or in_use(link.reply("calibrations")))
         devices = f"robot {status.get('robot', '-')}; camera {status.get('camera', '-')}"
         tell(self._devices, devices)
         processes = status.get("processes", {})

@@ -8,7 +8,7 @@ from vgrd.page import texts
 from vgrd.page.charts import bars, error_map
 from vgrd.page.link import Reply
 from vgrd.page.moment import FADE_S, Moment
-from vgrd.page.parts import Grid, button, card, clock_time, plain_button, redraw, show_if, tell
+from vgrd.page.parts import Grid, button, card, moment, plain_button, redraw, show_if, tell
 from vgrd.page.shown import choice, fact, offer
 from vgrd.page.tabs.trials import TrialsCard
 from vgrd.page.visitor import Seen, Visitor
@@ -23,7 +23,8 @@ class ResultTab:
     def __init__(self, visitor: Visitor) -> None:
         self._visitor = visitor
         self._shown: object = None
-        with ui.element("div").classes("columns"):
+        self._unsolved = ui.label(texts.NOT_SOLVED).classes("what").mark("unsolved")
+        with ui.element("div").classes("columns") as self._judged:
             with card(texts.LAST_RESULT):
                 self._verdict = ui.label(texts.NOT_SOLVED).classes("what").mark("verdict")
                 self._sentence = ui.label().mark("goodness")
@@ -46,7 +47,7 @@ class ResultTab:
                 self._levels = Grid(("noise", "stated", "found", "unit"))
             with card(texts.TOUCHES):
                 self._touches = Grid(("name", "off_mm", "left_out_mm", "reason"))
-        with card(texts.FOUND):
+        with card(texts.FOUND) as self._found:
             self._findings = Grid(("code", "message"))
 
     def _activation(self) -> None:
@@ -84,7 +85,7 @@ class ResultTab:
         if told is None or self._moment.is_over:
             return
         words = texts.DIFFERENCE.format(
-            chosen=told["calibration"], active=told["with"], time=clock_time(time.time())
+            chosen=told["calibration"], active=told["with"], time=moment(time.time())
         )
         tell(self._between, words)
         rows = told["targets"].items()
@@ -100,7 +101,12 @@ class ResultTab:
         """Show what was heard."""
         link = self._visitor.link
         told = link.reply("result")
-        if told.get("result") and told != self._shown:
+        is_solved = bool(told.get("result"))
+        tell(self._unsolved, link.trouble("result") or texts.NOT_SOLVED)
+        show_if(self._unsolved, not is_solved)
+        for area in (self._judged, self._found):
+            show_if(area, is_solved)
+        if is_solved and told != self._shown:
             self._shown = told
             self._show_result(str(told["session"]), told["result"])
         show_if(self._figures, is_shown=bool((told.get("result") or {}).get("budget")))
@@ -114,9 +120,10 @@ class ResultTab:
         self._calibrations.show(rows)
         tell(self._active, told.get("active") or "")
         names = [row["id"] for row in rows]
-        newest = names[0] if names else None
-        offer(self._choice, names, newest, self._newest)
-        self._newest = newest
+        if "calibrations" in told:  # a choice outlives a moment without a reply
+            newest = names[0] if names else None
+            offer(self._choice, names, newest, self._newest)
+            self._newest = newest
         step = teaching.get("step", {})
         is_next = step.get("kind") == "activate"
         tell(self._candidate, str(step["words"]) if is_next else "")

@@ -7,7 +7,7 @@ from nicegui import ui
 from vgrd.page import texts
 from vgrd.page.charts import over_time
 from vgrd.page.link import Reply
-from vgrd.page.parts import Grid, card, clock_time, plain_button, redraw, tell
+from vgrd.page.parts import Grid, card, moment, plain_button, redraw, tell
 from vgrd.page.shown import offer
 from vgrd.page.visitor import Visitor
 
@@ -59,7 +59,7 @@ class SessionsTab:
             return
         tell(
             self._apart,
-            texts.BETWEEN.format(first=first, second=second, time=clock_time(time.time())),
+            texts.BETWEEN.format(first=first, second=second, time=moment(time.time())),
         )
         rows = told["targets"].items()
         self._difference.show({"target": name, **apart} for name, apart in rows)
@@ -73,5 +73,7 @@ class SessionsTab:
         made = [(row["made_unix_s"], row["u95_mm"]) for row in rows if "made_unix_s" in row]
         redraw(self._line, over_time(made, texts.TIMELINE))
         names = [row["id"] for row in rows]
+        if self._visitor.link.trouble("calibrations"):
+            return  # the choices stay for what comes back
         for choice, value in zip(self._pair, (names[-2:-1], names[-1:]), strict=True):
             offer(choice, names, *value)

@@ -8,7 +8,7 @@ from nicegui import ui
 from vgrd.page import texts
 from vgrd.page.link import Reply
 from vgrd.page.moment import FADE_S, Moment
-from vgrd.page.parts import Grid, button, card, clock_time, numbers, plain_button, show_if, tell
+from vgrd.page.parts import Grid, button, card, moment, numbers, plain_button, show_if, tell
 from vgrd.page.shown import choice, fact, offer
 from vgrd.page.visitor import Seen, Visitor
 
@@ -47,7 +47,7 @@ class TrialsCard:
             position=numbers(told["position_mm"], 2), rotation=numbers(told["rotvec_deg"], 2)
         )
         words = {"target": told["target"], "pose": pose, "u95": told["u95_mm"]}
-        tell(self._where, texts.WHERE_IS.format(time=clock_time(self._told_unix_s), **words))
+        tell(self._where, texts.WHERE_IS.format(time=moment(self._told_unix_s), **words))
 
     def fade(self) -> None:
         """Take the pose away when it is old, or may not be so any more."""
@@ -84,7 +84,7 @@ class TrialsCard:
         """Show what was heard."""
         link = self._visitor.link
         told, session = self._trials(), link.reply("teaching").get("session")
-        tell(self._words, _in_words(told))
+        tell(self._words, link.trouble("trials") or _in_words(told))
         tell(self._calibration, str(told.get("calibration") or ""))
         self._grid.show(reversed(told.get("verifications", ())))
         if targets := link.reply("status").get("targets"):
