@@ -68,6 +68,7 @@ class LineTalk:
             self._half_end = False
             return b"\n", 1, False
         if blanks := len(received) - len(received.lstrip(BLANKS)):
+            self._half_end = False
             return b"", blanks, False
         try:
             piece = cut(received)

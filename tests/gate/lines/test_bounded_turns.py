@@ -140,6 +140,7 @@ def test_the_registers_are_read_within_two_turns_beside_the_flood(turns, flood, 
 @pytest.fixture
 def link(turns):
     with socket.create_connection(("127.0.0.1", turns.line_port)) as made:
+        made.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)  # each piece arrives as sent
         turns.turn()
         turns.turn()
         yield made
@@ -184,6 +185,17 @@ def test_a_line_is_answered_after_a_buffer_full_of_blanks(turns, link, blank):
     assert link.recv(100).startswith(b"9,")
 
 
+def test_an_end_after_other_blanks_is_no_second_half_of_the_end_before(turns, link):
+    for piece in (b"EC,1,7\r", b" ", b"\n", b"EC,1,8\n"):
+        link.send(piece)
+        for _ in range(3):
+            turns.turn()
+    link.settimeout(0.0)
+    first, second = link.recv(1000).split(b"\r")
+    assert first.startswith(b"7,")
+    assert second.startswith(b"8,")
+
+
 @pytest.mark.parametrize("seed", range(20))
 def test_every_line_is_answered_between_whatever_gets_no_answer_and_however_it_comes(
     turns, link, seed
@@ -194,7 +206,6 @@ def test_every_line_is_answered_between_whatever_gets_no_answer_and_however_it_c
         numbers.choice(SILENT) * numbers.choice((1, 256, 511, 512, 513, 1500)) for _ in sayings
     ]
     stream = b"".join(blank + saying for blank, saying in zip(blanks, sayings, strict=True))
-    link.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)  # each piece arrives as it is sent
     while stream:
         size = numbers.randrange(1, 700)
         link.sendall(stream[:size])
