@@ -125,7 +125,7 @@ class Handshake(RuleBasedStateMachine):
     def line(self, number: int, point: int, trig: int) -> list[str]:
         """Fields of the answer."""
         request = f"EC,{point},{trig}\n".encode()
-        answer, length = self.lines[number].answer(request)
+        answer, length, _ = self.lines[number].answer(request)
         assert length == len(request)
         fields = answer.decode("ascii").rstrip("\n").split(",")
         assert fields[0] == str(trig)

@@ -13,7 +13,7 @@ from tests.robot_programs.brands.translation import (
     statements,
     without_each_check,
 )
-from tests.robot_programs.brands.world import World
+from tests.robot_programs.brands.world import LEG_S, World
 
 CHECKS = [
     (brand, name, rest)
@@ -90,6 +90,19 @@ def test_trig_goes_from_65535_to_1(brand):
     world = World(scenario.fault, first_trig=65534)
     assert program.run(program.source, world, {}).arrived
     assert [ask.trig for ask in world.asks][:2] == [65535, 1]
+
+
+@pytest.mark.parametrize("asked_before", [7, 29_999, 30_000, 30_001, 2**24 - 1, 2**24, 2**24 + 2])
+@pytest.mark.parametrize("brand", [name for name, program in PROGRAMS.items() if program.moves])
+def test_after_a_restart_it_asks_when_it_is_told_to_and_however_often_it_asked_before(
+    brand, asked_before
+):
+    """A 32-bit float, as a num of RAPID is, does not count beyond 2^24."""
+    world = World(asked_before=asked_before)
+    assert PROGRAMS[brand].run(PROGRAMS[brand].source, world, {}).arrived
+    assert [ask.trig for ask in world.asks] == [1, 2]
+    assert [way for way, _ in world.moves] == ["free", "leg", "leg"]
+    assert world.asks[0].at_s > world.began_s + LEG_S / 2, "it asked before it was where it asks"
 
 
 @pytest.mark.parametrize("brand", [name for name, program in PROGRAMS.items() if program.moves])

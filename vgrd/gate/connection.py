@@ -29,6 +29,7 @@ class GarbageError(Exception):
     """Bytes that are no request, and after which nobody knows where one begins."""
 
 
+NOT_WHOLE: Final = (b"", 0, False)  # what `Talk.answer` returns until the rest has come
 D = TypeVar("D")
 
 
@@ -38,8 +39,15 @@ class Talk(Protocol[D]):
     data: D
     requests: int
 
-    def answer(self, received: bytes) -> tuple[bytes, int]:
-        """Answers to the first whole requests, and how many bytes these were. Raises GarbageError."""
+    def is_quick(self, received: bytes) -> bool:
+        """Whether the first request costs so little that it is answered as soon as it is read."""
+        ...
+
+    def answer(self, received: bytes) -> tuple[bytes, int, bool]:
+        """Answer to the first request, how many bytes that was, and whether it started something. Raises GarbageError.
+
+        What starts something uses up the turn: it costs about as much as eight requests that only look.
+        """
         ...
 
 
@@ -57,32 +65,39 @@ class Times(Protocol):
 class Turns:
     """Bounds what all connections of a server do in one turn of the loop, so that another is not delayed.
 
-    Who has requests waits in a queue; `per_turn` of them have a turn each, then others may read.
+    Who has requests waits in a queue. In a turn `per_turn` requests are answered, one of each in the queue
+    and then again, but none after one that started something; then others may read.
     """
 
     def __init__(self, per_turn: int) -> None:
         self._per_turn = per_turn
         self._queue: deque[Callable[[], bool]] = deque()
+        self._is_called = False
 
     def enter(self, work: Callable[[], bool]) -> None:
-        """Call `work` in a later turn, again and again while it returns True."""
-        if not self._queue:
-            asyncio.get_running_loop().call_soon(self._turn)
+        """Have `work` called once, in its turn: it answers one request, and tells whether that started something."""
         self._queue.append(work)
+        self._call()
+
+    def _call(self) -> None:
+        if not self._is_called:
+            self._is_called = True
+            asyncio.get_running_loop().call_soon(self._turn)
 
     def _turn(self) -> None:
-        for _ in range(min(self._per_turn, len(self._queue))):
-            work = self._queue.popleft()
-            if work():
-                self._queue.append(work)
+        self._is_called = False
+        for _ in range(self._per_turn):
+            if not self._queue or self._queue.popleft()():
+                break
         if self._queue:
-            asyncio.get_running_loop().call_soon(self._turn)
+            self._call()
 
 
 class Connection:
     """Talks with one peer. `counters` are the server's; `forget` takes it off its list.
 
-    turns: None to answer whatever is there at once. buffer_bytes: answered before more is read.
+    turns: in which its requests are answered, but for a quick one that finds none before it.
+    buffer_bytes: read before they are answered.
     """
 
     def __init__(
@@ -93,7 +108,7 @@ class Connection:
         clock: Clock,
         counters: Counter[str],
         forget: Callable[["Connection"], None],
-        turns: Turns | None,
+        turns: Turns,
         buffer_bytes: int,
     ) -> None:
         self.peer, self.talk = peer, talk
@@ -156,37 +171,45 @@ class Connection:
         else:
             self._frame_s = self.last_read_s
         self._received = received
-        if self._turns is None:
-            self._work()
+        if self._waits or not self.talk.is_quick(received):
+            self._settle()
         else:
-            self._wait_for_turn(self._turns)
-            self._read_if_wanted()
-
-    def _wait_for_turn(self, turns: Turns) -> None:
-        if self._received and not self._waits:
-            self._waits = True
-            turns.enter(self._work)
+            self._work()
 
     def _work(self) -> bool:
-        """Answer requests; whether there may be more of them."""
+        """Answer the first request, if it is whole; whether that started something."""
         self._waits = False
         received = self._received
         if not received or self._unsent:
             return False
         try:
-            answers, length = self.talk.answer(received)
+            answer, length, starts = self.talk.answer(received)
         except GarbageError:
             self.drop("garbage")
             return False
-        if not length:
-            return False
         self._received = received[length:]
-        self._frame_s = self.last_read_s if self._turns is None else self._clock.monotonic()
-        if answers:
-            self._send(answers)
-        if self._received and not self._unsent:
+        if answer:
+            self._send(answer)
+        if not (self._received or self._unsent) and self._reads:
+            return starts  # as nearly always: one request, and nothing to settle
+        if length:
+            self._frame_s = self._clock.monotonic()
+        self._settle(may_be_more=length > 0)
+        return starts
+
+    def _settle(self, *, may_be_more: bool = True) -> None:
+        """Wait for a turn if there is something to answer, and be told what comes if there is room for it."""
+        if may_be_more and self._received and not (self._waits or self._unsent):
             self._waits = True
-        return self._waits
+            self._turns.enter(self._work)
+        wanted = not self._unsent and len(self._received) < self._buffer_bytes
+        if wanted is self._reads or self._socket.fileno() < 0:
+            return
+        self._reads = wanted
+        if wanted:
+            self._loop.add_reader(self._socket, self._read)
+        else:
+            self._loop.remove_reader(self._socket)
 
     def _send(self, answers: bytes) -> None:
         """Send what the peer takes; while it does not take all, nothing more is read."""
@@ -197,30 +220,13 @@ class Connection:
         except OSError:
             self._close()
             return
-        if sent == len(answers) and self._reads:
-            return
         if sent < len(answers) and not self._unsent:
             self._frame_s = self._clock.monotonic()
             self._loop.add_writer(self._socket, self._send_rest)
         self._unsent = answers[sent:]
-        self._read_if_wanted()
 
     def _send_rest(self) -> None:
         self._send(self._unsent)
         if not self._unsent and self._socket.fileno() >= 0:
             self._loop.remove_writer(self._socket)
-            if self._turns is None:
-                self._work()
-            else:
-                self._wait_for_turn(self._turns)
-
-    def _read_if_wanted(self) -> None:
-        """Be told what comes, unless the peer does not take its answers or the buffer is full."""
-        wanted = not self._unsent and len(self._received) < self._buffer_bytes
-        if wanted is self._reads or self._socket.fileno() < 0:
-            return
-        self._reads = wanted
-        if wanted:
-            self._loop.add_reader(self._socket, self._read)
-        else:
-            self._loop.remove_reader(self._socket)
+            self._settle()

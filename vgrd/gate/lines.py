@@ -8,7 +8,7 @@ from collections import Counter
 from typing import Final, Protocol
 
 from vgrd.clock import Clock
-from vgrd.gate.connection import GarbageError
+from vgrd.gate.connection import NOT_WHOLE, GarbageError
 from vgrd.gate.server import Language
 from vgrd.lines import (
     BLANKS,
@@ -23,7 +23,7 @@ from vgrd.lines import (
 )
 from vgrd.registers import Answer, Status
 
-_LINES_PER_TURN: Final = 8  # some 0.1 ms, as little as a read of the registers waits for another
+_LINES_PER_TURN: Final = 8  # polls, or one ask: some 0.1 ms, as long as a read of registers waits
 _BUFFER_BYTES: Final = 2 * LONGEST_DOCUMENT  # a whole request and most of the next
 
 
@@ -58,23 +58,30 @@ class LineTalk:
         self._nonce = 0
         self._half_end = False  # a CR ended the last line, and LF may follow
 
-    def answer(self, received: bytes) -> tuple[bytes, int]:
-        """Answer to the first request, if it is whole, and how many bytes it was. Raises GarbageError."""
+    def is_quick(self, received: bytes) -> bool:  # noqa: ARG002
+        """Never: registers are read before lines are answered."""
+        return False
+
+    def answer(self, received: bytes) -> tuple[bytes, int, bool]:
+        """The answer to the first request, if that is whole. Raises GarbageError."""
         if self._half_end and received[:1] == b"\n":
             self._half_end = False
-            return b"\n", 1
+            return b"\n", 1, False
         if blanks := len(received) - len(received.lstrip(BLANKS)):
-            return b"", blanks
+            self._half_end = False
+            return b"", blanks, False
         try:
             piece = cut(received)
         except UnreadableError as error:
             raise GarbageError from error
         if piece is None:
-            return b"", 0
+            return NOT_WHOLE
         self._half_end = piece.end == "\r"
         self.requests += 1
         self._counters["requests"] += 1
-        return (self._reply(piece) + piece.end).encode("ascii"), piece.length
+        nonce = self._nonce
+        reply = self._reply(piece) + piece.end
+        return reply.encode("ascii"), piece.length, self._nonce != nonce
 
     def _reply(self, piece: Piece) -> str:
         try:

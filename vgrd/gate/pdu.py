@@ -10,7 +10,7 @@ from collections.abc import Callable, Sequence
 from typing import Final, Protocol
 
 from vgrd.clock import Clock
-from vgrd.gate.connection import GarbageError
+from vgrd.gate.connection import NOT_WHOLE, GarbageError
 from vgrd.gate.server import Language
 
 # All numbers of this file: Modbus Application Protocol Specification V1.1b3, chapters 6 and 7.
@@ -28,7 +28,10 @@ _COIL_ON: Final = 0xFF00  # V1.1b3, 6.5
 _HEADER: Final = struct.Struct(">HHHB")  # transaction, protocol, length, unit id
 _ADDRESS_COUNT: Final = struct.Struct(">HH")  # of a read
 _BEFORE_LENGTH: Final = 6  # bytes that the length does not count: transaction, protocol, length
-_BUFFER_BYTES: Final = 4096  # worked off before the other connections have their turn
+_FUNCTION_AT: Final = _HEADER.size  # the byte of a frame that says what is wanted
+_READS: Final = b"\1\2\3\4"  # functions that write nothing, and so start nothing
+_PER_TURN: Final = 8  # reads, or one write: some 0.1 ms, as long as a read of another peer waits
+_BUFFER_BYTES: Final = 4096  # chosen: fifteen of the longest frames may wait for their turn
 _LONGEST: Final = 254  # unit id and the longest PDU: 253 bytes (Modbus protocol V1.1b3, 4.1)
 
 
@@ -64,36 +67,34 @@ class _RefusedError(Exception):
 
 
 class ModbusFrames:
-    """What one Modbus connection says: all whole frames are answered at once, whatever their unit id."""
+    """What one Modbus connection says: each frame is answered, whatever its unit id."""
 
     def __init__(self, data: Data, counters: Counter[str], clock: Clock) -> None:
         del clock
         self.data, self.requests = data, 0
         self._counters = counters
 
-    def answer(self, received: bytes) -> tuple[bytes, int]:
-        """Answers to all whole frames, and how many bytes these were. Raises GarbageError."""
-        answers: list[bytes] = []
-        start = 0
-        counters = self._counters
-        while len(received) - start >= _HEADER.size:
-            transaction, protocol, length, unit = _HEADER.unpack_from(received, start)
-            if protocol or not 2 <= length <= _LONGEST:
-                raise GarbageError
-            end = start + _BEFORE_LENGTH + length
-            if end > len(received):
-                break
-            answer = respond(self.data, received[start + _HEADER.size : end])
-            self.requests += 1
-            counters["requests"] += 1
-            if answer[0] >= EXCEPTION_BIT:
-                counters["exceptions"] += 1
-            framed = _HEADER.pack(transaction, 0, 1 + len(answer), unit) + answer
-            if end == len(received) and not answers:
-                return framed, end  # as nearly always: one request, and nothing to join
-            answers.append(framed)
-            start = end
-        return b"".join(answers), start
+    def is_quick(self, received: bytes) -> bool:
+        """Whether the first frame only reads, as far as it is there."""
+        return len(received) <= _FUNCTION_AT or received[_FUNCTION_AT] in _READS
+
+    def answer(self, received: bytes) -> tuple[bytes, int, bool]:
+        """The answer to the first frame, if that is whole. Raises GarbageError."""
+        if len(received) < _HEADER.size:
+            return NOT_WHOLE
+        transaction, protocol, length, unit = _HEADER.unpack_from(received)
+        if protocol or not 2 <= length <= _LONGEST:
+            raise GarbageError
+        end = _BEFORE_LENGTH + length
+        if end > len(received):
+            return NOT_WHOLE
+        answer = respond(self.data, received[_HEADER.size : end])
+        self.requests += 1
+        self._counters["requests"] += 1
+        if answer[0] >= EXCEPTION_BIT:
+            self._counters["exceptions"] += 1
+        framed = _HEADER.pack(transaction, 0, 1 + len(answer), unit) + answer
+        return framed, end, received[_FUNCTION_AT] not in _READS
 
 
 def respond(data: Data, pdu: bytes) -> bytes:
@@ -238,4 +239,4 @@ _HANDLERS: Final[dict[int, Callable[[Data, bytes], bytes]]] = {  # V1.1b3, 6: fu
     23: _read_write_registers,
 }
 
-MODBUS: Final = Language[Data]("Modbus", "port", ModbusFrames, _BUFFER_BYTES)
+MODBUS: Final = Language[Data]("Modbus", "port", ModbusFrames, _BUFFER_BYTES, _PER_TURN)

@@ -38,14 +38,14 @@ class Language(NamedTuple, Generic[D]):
     """What a server speaks. key: of the port in [serving]. buffer_bytes: of a connection.
 
     talk: begins a conversation about data. per_turn: so many requests of all connections in a turn of the
-    loop, None: all that were read.
+    loop, see `Turns`.
     """
 
     name: str
     key: str
     talk: Callable[[D, Counter[str], Clock], Talk[D]]
     buffer_bytes: int
-    per_turn: int | None = None
+    per_turn: int
 
 
 @dataclass(frozen=True, slots=True)
@@ -73,7 +73,7 @@ class Server(Generic[D]):
     ) -> None:
         self._language = language
         self.data, self.clock, self.limits = data, clock, limits
-        self._turns = None if language.per_turn is None else Turns(language.per_turn)
+        self._turns = Turns(language.per_turn)
         self.counters: Counter[str] = Counter()
         self._allow = [ipaddress.ip_network(entry) for entry in limits.allow]
         self._is_allowed = lru_cache(_PEERS)(self._is_listed)

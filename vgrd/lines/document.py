@@ -128,7 +128,7 @@ _ERRORS: Final = (
 _LIMITS = """
 Limits of connections are those of the registers: eight of a peer, one more takes the place of one that is silent. A
 peer that sends many lines at once gets all answers, some in each turn of the daemon's loop: the registers do not wait
-for it.
+for it. So it is with a peer that sends many Modbus frames.
 
 The daemon counts, beside what it counts of the registers: `line_connections`, `line_requests`, `line_exceptions`
 (answered with an error as above), `line_accepted`, `line_refused`, `line_evicted`, `line_garbage`, `line_timeouts`.

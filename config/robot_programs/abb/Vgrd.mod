@@ -188,9 +188,10 @@ MODULE Vgrd
     vgrdTry := 0;
   ENDPROC
 
-  ! Has the background task ask, and waits for what it decided.
+  ! Has the background task ask, and waits for what it decided. vgrdAsk outlives a restart, and a num holds no whole
+  ! number beyond 2^24: it begins anew long before.
   PROC VgrdAskFor()
-    vgrdAsk := vgrdAsk + 1;
+    vgrdAsk := vgrdAsk MOD 30000 + 1;
     vgrdLate := FALSE;
     WaitUntil vgrdDone = vgrdAsk\MaxTime:=VGRD_ANSWER_S + 3\TimeFlag:=vgrdLate;
     vgrdWord := vgrdDoneWord;
@@ -270,10 +271,17 @@ MODULE Vgrd
 
   ! Main entry of the background task.
   PROC VgrdWatch()
+    VgrdSetup;
     WHILE TRUE DO
       VgrdTurn;
       WaitTime VGRD_POLL_S;
     ENDWHILE
+  ENDPROC
+
+  ! What was asked before a restart is not asked again, and its answer stands no more.
+  PROC VgrdSetup()
+    vgrdLost := TRUE;
+    vgrdAsked := vgrdAsk;
   ENDPROC
 
   ! One turn: a request where one is wanted, else the question whether the answer still stands.

@@ -268,11 +268,12 @@ def run_fanuc(source: str, world: World, settings: Mapping[str, object]) -> Outc
     pendant = Pendant(pendant_source, world)
     pendant.numbers.update(dict.fromkeys(range(81, 91), 0))
     pendant.numbers[82] = 7
+    pendant.numbers[81] = pendant.numbers[83] = world.asked_before
     pendant.places.update({81: xyzwpr(TAUGHT), 83: xyzwpr(_clear_of(TAUGHT))})
     v.flag = pendant.flags
     task = load(karel, DIALECT, v, Builtins(world, v, pendant))
     task.setup()
     v.trig = world.first_trig
-    world.background = task.turn
+    world.background, world.restart = task.turn, task.setup
     assert math.isclose(v.poll_s, world.period_s)
     return run(world, pendant.run, lambda: pendant.numbers[84])

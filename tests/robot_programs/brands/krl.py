@@ -308,10 +308,11 @@ def run_krl(source: str, world: World, settings: Mapping[str, object]) -> Outcom
     v = variables(source, world)
     v.__dict__.update(settings)
     v.vgrd_trig_no = world.first_trig
+    v.vgrd_ask = v.vgrd_done = world.asked_before
     builtins = [Builtins(world, v) for _ in range(2)]
     front, back = (load(source, DIALECT, v, b) for b in builtins)
     back.vgrd_setup()
-    world.background = back.vgrd_turn
+    world.background, world.restart = back.vgrd_turn, back.vgrd_setup
     world.period_s = 0.025
     world.decides_within_s = 0.045  # it reads in the turn after the one that sends
     return run(world, lambda: front.vgrd_go(7, e6pos(TAUGHT)), lambda: v.vgrd_word)

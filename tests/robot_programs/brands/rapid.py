@@ -3,7 +3,9 @@
 import ast
 import math
 import re
+import struct
 from collections.abc import Callable, Mapping
+from contextlib import suppress
 from types import SimpleNamespace
 from typing import Any
 
@@ -78,12 +80,17 @@ def variables(source: str, shared: SimpleNamespace) -> "Task":
 
 
 class Task:
-    """The variables of one task; those declared PERS are shared with the other."""
+    """The variables of one task; those declared PERS are shared with the other, and outlive it.
+
+    A num is a float of 32 bits.
+    """
 
     def __init__(self, shared: SimpleNamespace) -> None:
         self.__dict__.update(_shared=shared, _persistent=set())
 
     def __setattr__(self, name: str, value: Any) -> None:
+        if isinstance(value, int | float) and not isinstance(value, bool):
+            value = type(value)(*struct.unpack("f", struct.pack("f", value)))
         if name in self._persistent:
             setattr(self._shared, name, value)
         else:
@@ -115,6 +122,10 @@ def _orient(roll: float, pitch: float, yaw: float) -> SimpleNamespace:
     )
 
 
+class TurnOverError(Exception):
+    """The background task waits for its next turn."""
+
+
 class Builtins(StandIns):
     """Stand-ins for the instructions of the controller."""
 
@@ -123,6 +134,7 @@ class Builtins(StandIns):
         self.server = LineServer(world)
         self.connected = False
         self.pending = ""
+        self.in_background = False
         world.closing.append(lambda: self.socketclose(""))
 
     def socketcreate(self, _socket: str) -> None:
@@ -247,6 +259,8 @@ class Builtins(StandIns):
             raise ControllerError("err_whlsearch")
 
     def waittime(self, seconds: float) -> None:
+        if self.in_background:
+            raise TurnOverError
         self.world.told.append("pause")
         self.world.advance(seconds)
 
@@ -271,10 +285,19 @@ def run_rapid(source: str, world: World, settings: Mapping[str, object]) -> Outc
     """Take the flange to point 7, in a cell of stepped time."""
     shared = SimpleNamespace()
     tasks = [variables(source, shared) for _ in range(2)]
-    front, back = (load(source, DIALECT, task, Builtins(world)) for task in tasks)
+    builtins = [Builtins(world) for _ in tasks]
+    front, back = (load(source, DIALECT, *pair) for pair in zip(tasks, builtins, strict=True))
     for task in tasks:
         task.__dict__.update(settings)
     tasks[1].vgrdtrig = world.first_trig
-    world.background = back.vgrdturn
+    tasks[0].vgrdask = tasks[0].vgrddone = world.asked_before
+    builtins[1].in_background = True
+
+    def begin() -> None:
+        with suppress(TurnOverError):
+            back.vgrdwatch()
+
+    begin()
+    world.background, world.restart = back.vgrdturn, begin
     world.period_s = tasks[1].vgrd_poll_s
     return run(world, lambda: front.vgrdgo(7, robtarget(TAUGHT)), lambda: tasks[0].vgrdword)

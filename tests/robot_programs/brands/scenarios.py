@@ -270,6 +270,15 @@ def _orphaned() -> list[Scenario]:
     ]
 
 
+def _restarted() -> list[Scenario]:
+    """The task that looks after the answer is started anew while the arm is under way."""
+    faults = {leg: Fault(since=leg, task_restarts=True) for leg in ("approach", "last")}
+    return [
+        Scenario(f"task began anew in {leg} leg", "POLL", False, fault)
+        for leg, fault in faults.items()
+    ]
+
+
 ACCEPTING = [*_accepting(), *_placing()]
 REGISTERS = [
     *ACCEPTING,
@@ -277,6 +286,6 @@ REGISTERS = [
     *(scenario for scenario in _losing() if scenario.fault.since == "approach"),
     *_ended(),
 ]
-ROBOTS = [*ACCEPTING, *_losing()[:-1], *_ended(), *_moving()]
+ROBOTS = [*ACCEPTING, *_losing()[:-1], *_ended(), *_moving(), *_restarted()]
 LINES = [*ROBOTS, *_garbled()]
 DOCUMENTS = [*ROBOTS, *_orphaned(), *_lacking()]

@@ -77,6 +77,7 @@ class Fault:
     off: tuple[float, float, float] = (0.0, 0.0, 0.0)
     link: str = ""
     task_dies: bool = False
+    task_restarts: bool = False
     garble: Callable[[str], str] = lambda line: line
 
 
@@ -84,12 +85,15 @@ class Fault:
 class World:
     """Time, the daemon, the arm. `background` is what the controller's other task does each `period_s`.
 
+    restart: what that task does first, when it is started, or started anew.
+    asked_before: how often the arm's task had the other one ask, before the controller was started anew.
     visits: how often the arm goes there, a minute of silence between. closing: what ends the connections.
     """
 
     fault: Fault = field(default_factory=Fault)
     keys: int = 0
     first_trig: int = 0
+    asked_before: int = 0
     began_s: float = 100.0
     now_s: float = 100.0
     asks: list[Ask] = field(default_factory=list)
@@ -103,8 +107,10 @@ class World:
     visits: int = 1
     closing: list[Callable[[], None]] = field(default_factory=list)
     background: Callable[[], None] = lambda: None
+    restart: Callable[[], None] = lambda: None
     period_s: float = 0.05
     decides_within_s: float = 0.03
+    _restarted: bool = False
     _next_s: float = 0.0
     _frozen_beat: int | None = None
     _answered_s: float = math.inf
@@ -115,6 +121,9 @@ class World:
         assert end_s < self.began_s + LONGEST_S, "the program goes on and on"
         while self.now_s < end_s - 1e-9:
             self.now_s = min(self.now_s + TICK_S, end_s)
+            if self.fault.task_restarts and self._faulty() and not self._restarted:
+                self._restarted, self.lost_s = True, self.now_s
+                self.restart()
             if self.fault.task_dies and self._faulty():
                 self.lost_s = min(self.lost_s, self.now_s)
             elif self.now_s >= self._next_s - 1e-9:
