@@ -2,6 +2,7 @@
 
 import asyncio
 import json
+import math
 from collections.abc import Callable, Coroutine
 from typing import Any
 
@@ -95,8 +96,9 @@ def test_a_press_that_comes_late_is_not_obeyed(daemon, tmp_path):
 
     async def work(link: Link) -> None:
         await until(lambda: link.is_alive)
-        with pytest.raises(ControlError, match="press again"):
-            await link.command("touch", "anna", link.now_s - 3.0, target="P1", version="v1")
+        for pressed_s in (link.now_s - 3.0, math.nan):
+            with pytest.raises(ControlError, match="press again"):
+                await link.command("touch", "anna", pressed_s, target="P1", version="v1")
         await link.command("touch", "anna", link.now_s - 1.0, target="P2", version="v1")
 
     followed(tmp_path, work)

@@ -168,7 +168,7 @@ class Link:
         if not self.is_alive:
             raise DaemonUnreachable("there is no link to the daemon, so nothing was sent")
         late_s = 0.0 if pressed_s is None else self.now_s - pressed_s
-        if late_s > LATE_S:
+        if not late_s <= LATE_S:  # nor what is no number
             raise ControlError(texts.LATE.format(seconds=late_s))
         if who in self._under_way:
             raise ControlError(texts.STILL_BUSY.format(what=self._under_way[who]))

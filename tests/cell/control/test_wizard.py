@@ -68,7 +68,8 @@ class ObedientCell:
         )
         self.store = CalibrationStore(folder, clock)
         limits = SimpleNamespace(max_u95_mm=TOLERANCE_MM)
-        faults = SimpleNamespace(absence=(Status.NOT_CALIBRATED, "nothing was put in use"))
+        absence = (Status.NOT_CALIBRATED, "nothing was put in use")
+        faults = SimpleNamespace(absence=absence, latched=None)
         self.serving: Any = SimpleNamespace(limits=limits, calibration=None, faults=faults)
         activation: Any = SimpleNamespace(store=self.store)
         self.wizard = Wizard(self.teaching, activation, self.serving, clock)
@@ -263,16 +264,19 @@ def test_a_version_is_of_what_people_did(cell):
         cell.trials.changes += 1
         told.append(cell.versions.now)
         cell.trials.changes -= 1
+        cell.serving.faults.latched = (Status.CALIBRATION_DRIFT, "tag B slipped")
+        told.append(cell.versions.now)
+        cell.serving.faults.latched = None
         cell.serving.calibration = None
         await cell.teaching.stop()
         return closed, told, cell.versions.now
 
-    closed, (opened, harvested, spun, undone, activated, verified), closed_again = run(
+    closed, (opened, harvested, spun, undone, activated, verified, latched), closed_again = run(
         cell, versions
     )
     assert closed == closed_again != opened
     assert opened == harvested == undone
-    assert len({opened, spun, activated, verified}) == 4
+    assert len({opened, spun, activated, verified, latched}) == 5
     other_life = Versions(cell.teaching, cell.serving, cell.trials)
     assert other_life.now != closed
 

@@ -18,7 +18,7 @@ _BOOT_BYTES = 3  # tells two lives of the cell apart
 
 
 class Versions:
-    """Names the state of session, calibration and its verifications, and lets commands through one after the other.
+    """Names the state of session, calibration, its verifications and a latched fault; lets commands through by turns.
 
     What is harvested changes no version: a rest of the arm shall not make a press of a button stale.
     """
@@ -44,7 +44,8 @@ class Versions:
             if not one.harvested
         ]
         name = None if calibration is None else calibration.id
-        state = (session, asked, name, self._trials.changes)
+        # A fault that waits for a person, too: whoever confirms has read which one it is.
+        state = (session, asked, name, self._trials.changes, self._serving.faults.latched)
         return f"{self._boot}-{zlib.crc32(repr(state).encode()):08x}"
 
     def guarded(
