@@ -254,6 +254,14 @@ def test_a_session_cut_short_is_recovered_or_left_as_it_is_whatever_fails(disk, 
         assert len(list(iterate_flanges(folder))) == expected
 
 
+def trouble_of_room(state: Path) -> str:
+    """Beside what was removed before, or alone where nothing could be begun."""
+    try:
+        return make_room(state, 1).trouble
+    except StoreError as error:
+        return str(error)
+
+
 def test_old_sessions_are_whole_or_gone_whatever_fails(disk, tmp_path):
     def filled(name: str) -> Path:
         disk.disarm()
@@ -269,8 +277,7 @@ def test_old_sessions_are_whole_or_gone_whatever_fails(disk, tmp_path):
     for n in range(total):
         state = filled(f"{n}")
         disk.arm(n, n)
-        with pytest.raises(StoreError, match="cannot remove"):
-            make_room(state, 1)
+        assert "cannot remove" in trouble_of_room(state)
         disk.disarm()
         for name in list_sessions(state):
             assert load_session(session_directory(state, name)).recording.touches
