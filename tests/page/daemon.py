@@ -182,7 +182,7 @@ class PaperDaemon:
             "scene": {"known": "", "flange": None, "tip_in_wrist": None, "tag_mm": {}},
         }
         self.frame, self._jpeg, self.taken_unix_s = 1, JPEG, time.time()
-        self.films = False
+        self.films, self.period_s = False, FILM_S
         self.refused: dict[str, str] = {}
         self.held: set[str] = set()
         self._gate_since_s: float | None = None
@@ -291,6 +291,7 @@ class PaperDaemon:
             "jpeg": base64.b64encode(self._jpeg).decode(),
             "robot_at_rest": True,
             "age_s": time.time() - self.taken_unix_s,
+            "period_s": self.period_s,
             "tags": {
                 "a": {
                     "wanted": "36h11 id 0",

@@ -222,12 +222,16 @@ def test_a_refused_command_is_under_way_no_more(daemon, tmp_path):
     followed(tmp_path, work)
 
 
-def test_a_picture_says_how_old_it_is(daemon, tmp_path):
+@pytest.mark.parametrize(("period_s", "old_ms"), [(0.1, 2000), (1.0, 3000)])
+def test_a_picture_says_how_old_it_is_and_may_be(daemon, tmp_path, period_s, old_ms):
     daemon.taken_unix_s -= 60.0
+    daemon.period_s = period_s
 
     async def work(link: Link) -> dict[str, Any]:
         await until(lambda: link.is_alive)
         reply = await frame(link, -1)
         return dict(json.loads(reply.headers["X-Facts"]))
 
-    assert 60e3 <= followed(tmp_path, work)["age_ms"] < 60e3 + 1e3 * PATIENCE_S
+    told = followed(tmp_path, work)
+    assert 60e3 <= told["age_ms"] < 60e3 + 1e3 * PATIENCE_S
+    assert told["old_ms"] == old_ms  # a cell that takes few pictures is no worse for it

@@ -84,7 +84,7 @@ def over_time(rows: Sequence[tuple[float, float | None]], title: str) -> dict[st
     points = [[1e3 * unix_s, value] for unix_s, value in rows]
     return {
         **_frame(title),
-        "xAxis": {"type": "time", "axisLabel": _GREY},
+        "xAxis": {"type": "time", "axisLabel": {**_GREY, "hideOverlap": True}},
         "series": [{"type": "line", "data": points, "symbolSize": 7}],
     }
 

@@ -23,6 +23,8 @@ from vgrd.page.visitor import Visitor
 
 ASSETS: Final = Path(__file__).with_name("assets")
 SMALL_PX: Final = 40.0  # of a tag's edge, as `vgrd detect` calls it (docs/fit.md)
+OLD_S: Final = 2.0  # of a picture: a moment ago for who looks, not now any more
+OLD_PERIODS: Final = 3.0  # of a cell that takes few pictures
 MOST_AGE_MS: Final = 10**7  # of what was never heard; JSON has no infinity
 _ANY_SCHEME: Final = ("http", "https")  # without TLS of ours there may be a proxy that has it
 _HEADERS: Final = {
@@ -185,6 +187,7 @@ async def frame(link: Link, after: int) -> Response:
     facts = {key: picture.facts[key] for key in ("frame", "taken_unix_s", "width_px", "height_px")}
     facts |= {"tags": picture.facts["tags"], "words": picture_in_words(picture.facts)}
     facts["age_ms"] = round(1e3 * (link.now_s - picture.taken_s))
+    facts["old_ms"] = round(1e3 * max(OLD_S, OLD_PERIODS * picture.facts["period_s"]))
     headers = {"X-Facts": json.dumps(facts), "Cache-Control": "no-store"}
     return Response(picture.jpeg, media_type="image/jpeg", headers=headers)
 

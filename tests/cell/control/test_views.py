@@ -106,6 +106,8 @@ def test_one_word_tells_the_whole(status, bits, word):
 class Camera:
     """Shows one picture with a bright square where tag B is."""
 
+    period_s = 0.5
+
     def __init__(self) -> None:
         pixels = np.zeros((HEIGHT, WIDTH), np.uint8)
         pixels[100:140, 200:240] = 255

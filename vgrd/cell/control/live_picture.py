@@ -45,7 +45,12 @@ class LivePicture:
             )
         shown = await self._shown(sight, width_px)
         age_s = self._clock.monotonic() - sight.stamp_s
-        return {**shown, "age_s": round(age_s, 3), "robot_at_rest": sight.unpaired is None}
+        return {
+            **shown,
+            "age_s": round(age_s, 3),
+            "period_s": self._measuring.period_s,
+            "robot_at_rest": sight.unpaired is None,
+        }
 
     async def _shown(self, sight: Sight, width_px: int) -> Mapping[str, object]:
         image = sight.image

@@ -3,7 +3,6 @@
 (() => {
   const STALE_MS = 800; // as STALE_S of vgrd/page/link.py
   const ASK_MS = 100;
-  const OLD_MS = 2000; // of a picture
   let freshUntil = 0;
   let serverAhead = 0; // the server's clock minus ours, ms
   const noLink = document.createElement("div");
@@ -61,6 +60,7 @@
     image.dataset.frame = facts.frame;
     image.dataset.taken = 1000 * facts.taken_unix_s;
     image.dataset.since = performance.now() - facts.age_ms; // by our clock: that of a tablet may be wrong
+    image.dataset.old = facts.old_ms;
     image.dataset.words = facts.words;
     const marks = image.nextElementSibling;
     marks.setAttribute("viewBox", `0 0 ${facts.width_px} ${facts.height_px}`);
@@ -71,7 +71,7 @@
   // A picture that no other one follows is of then: so are its marks, and the words about it.
   function date() {
     for (const image of document.querySelectorAll(".live[data-since]")) {
-      const age_ms = performance.now() - image.dataset.since, isOld = age_ms > OLD_MS;
+      const age_ms = performance.now() - image.dataset.since, isOld = age_ms > image.dataset.old;
       const words = isOld ? document.documentElement.dataset.oldPicture.replace("{seconds}", Math.round(age_ms / 1000)) : image.dataset.words;
       const label = image.parentElement.nextElementSibling;
       image.parentElement.classList.toggle("old", isOld);
