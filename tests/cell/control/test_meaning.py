@@ -125,6 +125,13 @@ def test_going_back_leaves_the_calibration_that_was_meant(named):
     assert Cell(active="cal-000002").ask("rollback", **named) == "cal-000001 in use"
 
 
+def test_one_that_does_not_serve_can_be_left_as_it_is_told():
+    cell = Cell(active="cal-000002")
+    # Made for another cell, for example.
+    cell.operations.serving = SimpleNamespace(calibration=None)  # type: ignore[assignment]
+    assert cell.ask("rollback", active="") == "cal-000001 in use"
+
+
 @pytest.mark.parametrize("left", ["", "cal-000001", "cal-000003"])
 def test_going_back_from_one_that_is_not_in_use_is_refused(left):
     cell = Cell(active="cal-000002")

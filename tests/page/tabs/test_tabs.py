@@ -228,6 +228,9 @@ def test_why_not_all_is_recorded_is_told_once(teach):
     teach.look()
     assert "12.3 GB free" in teach.find("disk").text
     assert "refused" not in teach.find("disk").classes
+    teach.told["status"] = {"disk": {**disk, "free_gb": None, "sessions_gb": None}}
+    teach.look()  # the cell has just begun, and has not looked yet
+    assert teach.find("disk").text == ""
     why = "0.1 GB are free"
     warning = f"poses and pictures are not recorded, samples are: {why}"
     teach.told["status"] = {"disk": {**disk, "trouble": why}}

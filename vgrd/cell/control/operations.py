@@ -56,7 +56,7 @@ from vgrd.registers.limits import LIMIT_STATUS
 from vgrd.solving.advisor import FULL_S, WAIT_S, policy_called
 from vgrd.solving.goodness import levels_in_words
 from vgrd.solving.servable import places_without_cad
-from vgrd.solving.shelf import active_calibration, former_calibration
+from vgrd.solving.shelf import former_calibration
 from vgrd.store.sessions import SampleKind, list_sessions, session_directory
 
 # What the numbers of `ec` are: people type them into a move of the TCP that is active on the pendant.
@@ -269,15 +269,14 @@ class Operations:
 
     async def _roll_back(self, arguments: Arguments) -> Mapping[str, Any]:
         """Back to the former calibration; `active`: the one that is left, StaleVersion where another is in use."""
-        store = self.activation.store
-        active = await asyncio.to_thread(active_calibration, store) or ""
+        replaced = self.serving.calibration  # as `calibrations` tells it: what serves
+        active = "" if replaced is None else replaced.id
         if (left := optional_text(arguments, "active")) not in (None, active):
             raise StaleVersion(
                 f"not rolled back: {left or 'no calibration'} was to be left, and {active or 'none'} "
                 "is in use by now: look again"
             )
-        former = await asyncio.to_thread(former_calibration, store)
-        replaced = self.serving.calibration
+        former = await asyncio.to_thread(former_calibration, self.activation.store)
         told = await self.activation.activate(former, text_argument(arguments, "by", ""))
         return {**told, "former": None if replaced is None else replaced.id}
 

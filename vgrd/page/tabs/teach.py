@@ -180,7 +180,8 @@ class TeachTab:
         self._disk.classes(
             add="refused" if trouble else "quiet", remove="quiet" if trouble else "refused"
         )
-        tell(self._disk, trouble or (texts.DISK.format(**disk) if "quota_gb" in disk else ""))
+        is_known = None not in (disk.get("free_gb"), disk.get("sessions_gb"))
+        tell(self._disk, trouble or (texts.DISK.format(**disk) if is_known else ""))
 
     async def _turn_view(self, by_deg: float) -> None:
         self._azimuth_deg = (self._azimuth_deg + by_deg) % 360.0
