@@ -116,9 +116,7 @@ def _is_same(new: Path, old: Path) -> bool:
 
 def _goes_on(new: Path, old: Path) -> bool:
     """Whether nothing of `old` is lost with `new` in its place: calibrations may have become more."""
-    if (
-        not old.exists() or old.name == DIARY
-    ):  # a spare's daemon writes one by itself; it is set aside
+    if not old.exists() or old.name == DIARY:  # every daemon writes a diary; it is set aside
         return True
     if old.name != CALIBRATIONS:
         return _is_same(new, old)

@@ -26,9 +26,8 @@ LOOP_S = 0.005  # chosen: a reading of a 125 Hz robot waits less than its period
 BEAT_S = 0.1  # HB of the registers counts each 100 ms
 RETRIGGER_S = 2.5  # longer than a device process waits for the picture (2 s)
 EVALUATION_HANG_S = 2.0  # chosen: as long as a device may take for its picture; then HB stands
-LATE_S = (
-    RETRIGGER_S + EVALUATION_HANG_S
-)  # asked for once more, and evaluated: no picture comes later
+# Of a picture beyond its period: asked for once more and evaluated, none that still comes is later.
+LATE_S = RETRIGGER_S + EVALUATION_HANG_S
 ROBOT_LOST_S = 1.0  # for the TCP that is noted in a session; chosen: five periods of 5 Hz
 HEALTH_STALE_S = 1.5  # a device whose process has been silent so long is refused without a try
 BLIND_S = 0.2  # four missed beats of a device's process: with the registers' 40 ms below 260 ms

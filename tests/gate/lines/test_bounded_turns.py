@@ -37,15 +37,11 @@ class Turns(TurnedServers):
 
     def answered(self) -> int:
         """Turn once; how many lines that answered."""
-        before = self.lines.counters["requests"]
-        self.turn()
-        return self.lines.counters["requests"] - before
+        return self.rise(self.lines.counters, "requests")
 
     def started(self) -> int:
         """Turn once; how many requests that started."""
-        before = self.bank.counters["triggers"]
-        self.turn()
-        return self.bank.counters["triggers"] - before
+        return self.rise(self.bank.counters, "triggers")
 
     def sweep_after(self, seconds: float) -> int:
         """Let time pass; how many connections the lines have then."""

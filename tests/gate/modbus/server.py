@@ -5,6 +5,7 @@ import contextlib
 import random
 import socket
 import threading
+from collections import Counter
 from collections.abc import Callable, Sequence
 
 from fakes.controllers.raw_lines import RawLines
@@ -70,6 +71,12 @@ class TurnedServers:
         """Let the loop look at its sockets once."""
         self.loop.call_soon(self.loop.stop)
         self.loop.run_forever()
+
+    def rise(self, counters: Counter[str], key: str) -> int:
+        """Turn once; by how much a counter rose."""
+        before = counters[key]
+        self.turn()
+        return counters[key] - before
 
     def do(self, work: Callable[[], object]) -> None:
         """Work that wants a running loop."""

@@ -47,9 +47,7 @@ class Turns(TurnedServers):
 
     def answered(self) -> int:
         """Turn once; how many frames that answered."""
-        before = self.server.counters["requests"]
-        self.turn()
-        return self.server.counters["requests"] - before
+        return self.rise(self.server.counters, "requests")
 
 
 @pytest.fixture

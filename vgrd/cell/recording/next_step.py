@@ -7,9 +7,7 @@ from typing import Any, Final
 from vgrd.calibration.confirmation import LEAST_ANGLES
 from vgrd.judging.findings import MISSING
 
-BESIDE: Final = (
-    "beside"  # name of what is touched beside the object: a session has one point, plane or ball
-)
+BESIDE: Final = "beside"  # name of the one point, plane or ball that a session has there
 SPINS: Final = 4  # as `first_samples.WANTED`: fewer tell the axis badly
 
 

@@ -101,16 +101,15 @@ class ResultTab:
         """Show what was heard."""
         link = self._visitor.link
         told = link.reply("result")
-        is_solved = bool(told.get("result"))
+        result = told.get("result") or {}
         tell(self._unsolved, link.trouble("result") or texts.NOT_SOLVED)
-        show_if(self._unsolved, not is_solved)
+        show_if(self._unsolved, not result)
         for area in (self._judged, self._found):
-            show_if(area, is_solved)
-        if is_solved and told != self._shown:
+            show_if(area, bool(result))
+        if result and told != self._shown:
             self._shown = told
-            self._show_result(str(told["session"]), told["result"])
-        show_if(self._figures, is_shown=bool((told.get("result") or {}).get("budget")))
-        show_if(self._report, is_shown=bool(told.get("result")))
+            self._show_result(str(told["session"]), result)
+        show_if(self._figures, bool(result.get("budget")))
         self._show_calibrations(link.reply("calibrations"), link.reply("teaching"))
         self._trials.refresh()
 
