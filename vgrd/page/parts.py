@@ -93,6 +93,11 @@ def show_if(area: ui.element, is_shown: bool) -> None:
         area.set_visibility(is_shown)
 
 
+def dress_if(area: ui.element, kind: str, is_so: bool) -> None:
+    """Give it this class of `assets/page.css`, or take that away."""
+    area.classes(add=kind if is_so else "", remove="" if is_so else kind)
+
+
 def tell(label: Label, words: str) -> None:
     """Change a text, if it is another one."""
     if label.text != words:

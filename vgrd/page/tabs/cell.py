@@ -6,7 +6,17 @@ from nicegui import ui
 
 from vgrd.page import texts
 from vgrd.page.link import Reply
-from vgrd.page.parts import Grid, ago, button, card, in_words, live_picture, numbers, tell
+from vgrd.page.parts import (
+    Grid,
+    ago,
+    button,
+    card,
+    dress_if,
+    in_words,
+    live_picture,
+    numbers,
+    tell,
+)
 from vgrd.page.visitor import Seen, Visitor
 
 _CONFIRMED = ("CALIBRATION_DRIFT", "TCP_OFFSET_CHANGED")  # stand until a person confirms
@@ -52,7 +62,7 @@ class CellTab:
         tell(self._asked, words)
         tell(self._beat, texts.BEAT.format(beat=registers.get("beat", "-")))
         is_mine = registers.get("cause") in _CONFIRMED
-        self._confirming.classes(add="next" if is_mine else "", remove="" if is_mine else "next")
+        dress_if(self._confirming, "next", is_mine)
         tell(self._coordinate, coordinate_in_words(registers))
         tell(self._calibration, link.trouble("calibrations") or in_use(link.reply("calibrations")))
         devices = f"robot {status.get('robot', '-')}; camera {status.get('camera', '-')}"

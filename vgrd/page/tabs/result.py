@@ -8,7 +8,17 @@ from vgrd.page import texts
 from vgrd.page.charts import bars, error_map
 from vgrd.page.link import Reply
 from vgrd.page.moment import FADE_S, Moment
-from vgrd.page.parts import Grid, button, card, moment, plain_button, redraw, show_if, tell
+from vgrd.page.parts import (
+    Grid,
+    button,
+    card,
+    dress_if,
+    moment,
+    plain_button,
+    redraw,
+    show_if,
+    tell,
+)
 from vgrd.page.shown import choice, fact, offer
 from vgrd.page.tabs.trials import TrialsCard
 from vgrd.page.visitor import Seen, Visitor
@@ -128,14 +138,12 @@ class ResultTab:
         tell(self._candidate, str(step["words"]) if is_next else "")
         meant = (teaching.get("candidate") or {}).get("id") if is_next else None
         is_mine = meant is not None and meant == self._choice.value
-        self.activate.classes(add="next" if is_mine else "", remove="" if is_mine else "next")
+        dress_if(self.activate, "next", is_mine)
 
     def _show_result(self, session: str, result: Reply) -> None:
         is_good = bool(result["verdict"]["ok"])
         word = f"✔ {texts.ACCEPTED}" if is_good else f"✖ {texts.REJECTED}"
-        self._verdict.classes(
-            add="" if is_good else "refused", remove="refused" if is_good else ""
-        )
+        dress_if(self._verdict, "refused", not is_good)
         name = result["calibration"]
         tell(self._verdict, f"{word}: {session}" + (f", {name}" if name else ""))
         tell(self._sentence, str(result["good"]))
@@ -143,8 +151,7 @@ class ResultTab:
         self._report.props["href"] = f"/report?session={session}"
         checked = result["verification"]
         tell(self._goes, texts.GOES[checked["verdict"]])
-        is_bad = checked["verdict"] == "no go"
-        self._goes.classes(add="refused" if is_bad else "", remove="" if is_bad else "refused")
+        dress_if(self._goes, "refused", checked["verdict"] == "no go")
         tell(self._confirms, str(checked["words"]))
         self._checks.show(checked["verifications"])
         self._findings.show(result["verdict"]["findings"])

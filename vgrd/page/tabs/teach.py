@@ -11,6 +11,7 @@ from vgrd.page.parts import (
     Grid,
     button,
     card,
+    dress_if,
     heading,
     in_words,
     live_picture,
@@ -177,9 +178,8 @@ class TeachTab:
         """What keeps poses and pictures from being recorded, else how much room there is for them."""
         disk = self._visitor.link.reply("status").get("disk", {})
         trouble = _trouble(teaching, disk)
-        self._disk.classes(
-            add="refused" if trouble else "quiet", remove="quiet" if trouble else "refused"
-        )
+        dress_if(self._disk, "refused", bool(trouble))
+        dress_if(self._disk, "quiet", not trouble)
         is_known = None not in (disk.get("free_gb"), disk.get("sessions_gb"))
         tell(self._disk, trouble or (texts.DISK.format(**disk) if is_known else ""))
 
@@ -200,7 +200,7 @@ class TeachTab:
 
     def _show_step(self, step: Reply) -> None:
         is_mine = step["kind"] not in _FREE
-        self._step.classes(add="mine" if is_mine else "", remove="" if is_mine else "mine")
+        dress_if(self._step, "mine", is_mine)
         tell(self._turn, f"➤ {texts.YOUR_TURN}" if is_mine else f"… {texts.MACHINE}")
         count = texts.DONE_OF.format(done=step["done"], of=step["of"]) if step["of"] else ""
         tell(self._count, count)
@@ -239,8 +239,7 @@ class TeachTab:
     def _light(self, meant: str) -> None:
         """The button that the step means is blue, and no other."""
         for key, shown in self._buttons.items():
-            is_meant = key == meant
-            shown.classes(add="next" if is_meant else "", remove="" if is_meant else "next")
+            dress_if(shown, "next", key == meant)
 
     def _show_targets(self, teaching: Reply) -> None:
         targets, is_old = teaching.get("targets", ()), bool(teaching.get("computing"))
